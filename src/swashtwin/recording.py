@@ -1,0 +1,111 @@
+"""One uninterrupted measurement, and what is known of it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.errors import DataError, InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Signals that were sampled together, without a gap, at one operating condition.
+
+    It is the unit of honesty: windows carry its `recording_id`, and no split puts one recording on both sides.
+    """
+
+    signal: Float[np.ndarray, "channel time"]
+    """Converter readings in `unit`, float64."""
+    sample_rate: float
+    """Readings per second and channel [Hz]."""
+    recording_id: str
+    """Unique name within a data set."""
+    channels: tuple[str, ...] = ("acceleration",)
+    """Name of each channel, in the order of `signal`."""
+    unit: str = "m/s^2"
+    """Unit of every channel; readers convert acceleration to m/s^2, and leave what they cannot convert as it was."""
+    label: str | None = None
+    """Class of the pump's condition, or None where nobody knows."""
+    condition: OperatingCondition | None = None
+    """Operating condition, or None where nobody wrote it down."""
+    specimen: str | None = None
+    """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
+    synthetic: bool = False
+    """Whether a model made it. A synthetic recording never enters a test set."""
+    attributes: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Whatever else the file said (source file, sensor, date)."""
+
+    def __post_init__(self) -> None:
+        if self.signal.ndim != 2 or self.signal.shape[1] == 0:
+            raise DataError(f"{self.recording_id}: signal has shape {self.signal.shape}; it must be (channel, time).")
+        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
+            raise DataError(f"{self.recording_id}: sample_rate ({self.sample_rate!r} Hz) must be a positive number.")
+        if len(self.channels) != self.signal.shape[0]:
+            raise DataError(
+                f"{self.recording_id}: {len(self.channels)} channel names for {self.signal.shape[0]} channels."
+            )
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels."""
+        return int(self.signal.shape[0])
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return float(self.signal.shape[1] / self.sample_rate)
+
+    @property
+    def time(self) -> Float[np.ndarray, " time"]:
+        """Time of each reading since the first [s]."""
+        return np.arange(self.signal.shape[1]) / self.sample_rate
+
+    def relabeled(self, label: str | None) -> "Recording":
+        """The same measurement under another class."""
+        return replace(self, label=label)
+
+    def picked(self, channels: Sequence[str]) -> "Recording":
+        """The same measurement with only `channels`, in that order."""
+        missing = [name for name in channels if name not in self.channels]
+        if missing:
+            raise InputError(f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}.")
+        rows = [self.channels.index(name) for name in channels]
+        return replace(self, signal=self.signal[rows], channels=tuple(channels))
+
+
+def select(
+    recordings: Iterable[Recording],
+    *,
+    label: str | None = None,
+    ids: Iterable[str] | None = None,
+    specimen: str | None = None,
+) -> list[Recording]:
+    """Recordings that meet every condition given, in their order.
+
+    Parameters
+    ----------
+    label : class to keep.
+    ids : recording ids to keep, such as ``train.recording_id``, so that nothing of the test set is used.
+    specimen : machine to keep.
+
+    Raises
+    ------
+    DataError
+        Nothing is left.
+    """
+    wanted = None if ids is None else {str(name) for name in ids}
+    kept = [
+        recording
+        for recording in recordings
+        if (label is None or recording.label == label)
+        and (wanted is None or recording.recording_id in wanted)
+        and (specimen is None or recording.specimen == specimen)
+    ]
+    if not kept:
+        raise DataError(f"no recording with label={label!r}, specimen={specimen!r} among the given ids.")
+    return kept

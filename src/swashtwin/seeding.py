@@ -1,0 +1,34 @@
+"""One seed, many independent random streams, addressed by purpose.
+
+Two parts of a program that draw from streams of different purposes never shift each other's numbers, so adding a draw
+in one place leaves every other figure as it was. Same seed and same machine: same bits.
+"""
+
+import hashlib
+
+import numpy as np
+
+
+def derive_seed(seed: int, *purpose: object) -> int:
+    """Seed in [0, 2**63) that depends on `seed` and on every word of `purpose`, and on nothing else.
+
+    Examples
+    --------
+    >>> derive_seed(0, "noise", "rec-1") == derive_seed(0, "noise", "rec-1")
+    True
+    >>> derive_seed(0, "noise", "rec-1") == derive_seed(0, "noise", "rec-2")
+    False
+    """
+    words = "\x1f".join(str(word) for word in (seed, *purpose))
+    return int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big") >> 1
+
+
+def stream(seed: int, *purpose: object) -> np.random.Generator:
+    """NumPy generator of the stream that `purpose` names.
+
+    Examples
+    --------
+    >>> bool(stream(3, "phase").random() == stream(3, "phase").random())
+    True
+    """
+    return np.random.default_rng(derive_seed(seed, *purpose))

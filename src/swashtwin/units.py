@@ -83,21 +83,24 @@ def parse(text: str, unit: str, *, name: str = "value") -> float:
     UnitError
         No unit, an unknown unit, or a unit of another dimension.
     """
-    import pint
     import tokenize
+
+    import pint
 
     if not isinstance(text, str):
         raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text} {unit}".')
     try:
         quantity = _registry().Quantity(text)
     except (pint.errors.PintError, ValueError, AssertionError, AttributeError, TypeError, tokenize.TokenError) as cause:
-        raise UnitError(f"{name} = {text!r} is not a quantity; write a number and a unit such as \"31 {unit}\".") from cause
+        raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31 {unit}".') from cause
     if quantity.unitless and unit not in ("1", "rad"):
         raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {unit}".')
     try:
         value = float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
     except (pint.errors.DimensionalityError, TypeError) as cause:
-        raise UnitError(f"{name} = {text!r} is no quantity in {unit}; write it in {unit} or a multiple of it.") from cause
+        raise UnitError(
+            f"{name} = {text!r} is no quantity in {unit}; write it in {unit} or a multiple of it."
+        ) from cause
     if not math.isfinite(value):
         raise UnitError(f"{name} = {text!r} is not finite.")
     return float(f"{value:.15g}")  # 1e-3 * 31 in binary is 0.031 again

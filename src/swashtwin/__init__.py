@@ -1,0 +1,1 @@
+"""Digital twins of axial piston pumps: calibration, synthetic faults, diagnosis."""

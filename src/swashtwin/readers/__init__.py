@@ -1,0 +1,37 @@
+"""Recordings from files: CSV, MATLAB, WAV, TDMS, UFF58 and HDF5, and one index that says what each file is.
+
+A folder of measurements becomes a data set by one file, ``recordings.toml``::
+
+    format = 1
+    classes = ["normal", "swash_plate"]
+
+    [defaults]                        # any key of an entry, for every entry that lacks it
+    sample_rate = "25.6 kHz"
+    unit = "g"
+
+    [[recording]]
+    file = "A01/normal_1.mat"
+    label = "normal"
+    specimen = "A"
+    speed = "860 rpm"
+    discharge_pressure = "15 MPa"
+    channels = ["X105_DE_time"]       # names, patterns such as "*_DE_time", or numbers from 0
+    names = ["drive_end"]
+"""
+
+from swashtwin.readers.entry import Entry, read_recording
+from swashtwin.readers.formats import SUFFIXES, write_recording
+from swashtwin.readers.index import read_recordings, save_index, write_index
+from swashtwin.readers.proposal import IndexProposal, propose_index
+
+__all__ = [
+    "SUFFIXES",
+    "Entry",
+    "IndexProposal",
+    "propose_index",
+    "read_recording",
+    "read_recordings",
+    "save_index",
+    "write_index",
+    "write_recording",
+]

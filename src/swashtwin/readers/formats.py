@@ -1,0 +1,105 @@
+"""Which module reads and writes which suffix, and what every file must pass before and after."""
+
+import warnings
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from swashtwin.errors import DataError, InputError, MissingFileError, SwashTwinError
+from swashtwin.files import replacing
+from swashtwin.readers.raw import Options, RawFile
+from swashtwin.recording import Recording
+
+_FORMATS = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".dat": "csv",
+    ".tsv": "csv",
+    ".asc": "csv",
+    ".csv.gz": "csv",
+    ".txt.gz": "csv",
+    ".dat.gz": "csv",
+    ".tsv.gz": "csv",
+    ".mat": "mat",
+    ".wav": "wav",
+    ".tdms": "tdms",
+    ".uff": "uff",
+    ".unv": "uff",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+}
+SUFFIXES = tuple(_FORMATS)
+"""Suffixes that can be read."""
+_WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms")
+
+
+def suffix_of(path: Path) -> str:
+    """Suffix in small letters, with the one before it where the file is gzipped."""
+    parts = [part.lower() for part in path.suffixes]
+    return "".join(parts[-2:]) if parts[-1:] == [".gz"] else "".join(parts[-1:])
+
+
+def stem_of(path: Path) -> str:
+    """File name without its suffix, or both suffixes where it is gzipped."""
+    suffix = suffix_of(path)
+    return path.name[: -len(suffix)] if suffix else path.name
+
+
+def read_raw(path: Path, options: Options) -> RawFile:
+    """Columns of the file and what it says of them.
+
+    Raises
+    ------
+    MissingFileError
+        No such file.
+    DataError
+        The file is empty, of an unknown format, damaged or cut off.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"{path} does not exist, or is no file.")
+    module = _module(path, SUFFIXES, "read")
+    try:
+        empty = path.stat().st_size == 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here
+            raw: RawFile = module.read(path, options) if not empty else RawFile({})
+    except (SwashTwinError, PermissionError):
+        raise
+    except Exception as cause:  # what a damaged file makes a parser raise has no bounds
+        reason = (str(cause).splitlines() or [""])[0][:160]
+        raise DataError(
+            f"{path} is damaged, cut off, or no {suffix_of(path)} file ({type(cause).__name__}: {reason})."
+        ) from cause
+    if empty:
+        raise DataError(f"{path} is empty (0 bytes).")
+    if not raw.columns:
+        raise DataError(f"{path} holds no vector of numbers.")
+    if raw.sample_rate is not None and not 0 < raw.sample_rate < 1e10:
+        raise DataError(f"{path} states a sample rate of {raw.sample_rate!r} Hz; the file is damaged.")
+    return raw
+
+
+def write_recording(recording: Recording, path: str | Path) -> Path:
+    """Path of the file that now holds the recording.
+
+    ``.h5`` holds the whole recording; ``.mat``, ``.csv`` and ``.tdms`` lack label, condition and specimen and ``.wav``
+    also the unit, which `write_index` adds. The old file stays as it is until the new one is complete.
+
+    Raises
+    ------
+    InputError
+        The suffix cannot be written, or the recording does not fit the format.
+    """
+    path = Path(path)
+    module = _module(path, _WRITABLE, "written")
+    with replacing(path) as partial:
+        module.write(recording, partial)
+    return path
+
+
+def _module(path: Path, suffixes: tuple[str, ...], verb: str) -> Any:
+    suffix = suffix_of(path)
+    if suffix not in suffixes:
+        kind = DataError if verb == "read" else InputError
+        raise kind(f"{path}: {suffix or 'no suffix'!r} cannot be {verb}; supported are {', '.join(suffixes)}.")
+    return import_module(f"swashtwin.readers.{_FORMATS[suffix]}")

@@ -1,0 +1,53 @@
+"""TDMS files of National Instruments."""
+
+from pathlib import Path
+
+import numpy as np
+
+from swashtwin.errors import DataError
+from swashtwin.readers.raw import Options, RawFile, known_unit, load_extra, snapped_rate
+from swashtwin.recording import Recording
+
+_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
+
+
+def read(path: Path, options: Options) -> RawFile:
+    """Channels of a TDMS file, called ``group/channel`` where it has several groups."""
+    nptdms = load_extra("nptdms")
+    with nptdms.TdmsFile.open(str(path)) as file:
+        if file.file_status.incomplete_final_segment:
+            raise DataError(f"{path} is cut off: its last segment is incomplete.")
+        groups = file.groups()
+        columns: dict[str, np.ndarray] = {}
+        units: dict[str, str] = {}
+        steps: set[float] = set()
+        for group in groups:
+            for channel in group.channels():
+                if len(channel) < 2 or channel.dtype.kind not in "fiu":
+                    continue
+                name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
+                columns[name] = np.asarray(channel[:], dtype=np.float64)
+                unit = next(
+                    filter(None, (known_unit(channel.properties.get(key, "")) for key in _UNIT_PROPERTIES)), None
+                )
+                if unit:
+                    units[name] = unit
+                steps.add(float(channel.properties.get("wf_increment", 0.0)))
+        facts = {name: str(value) for name, value in file.properties.items()}
+    steps.discard(0.0)
+    if len(steps) > 1:
+        rates = ", ".join(f"{1 / step:g} Hz" for step in sorted(steps))
+        raise DataError(f"{path} holds channels of several rates ({rates}); one recording has one rate.")
+    return RawFile(columns, snapped_rate(steps.pop(), 1e-9) if steps else None, units, facts)
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write one group of double channels with rate and unit."""
+    nptdms = load_extra("nptdms")
+    properties = {"wf_increment": 1 / recording.sample_rate, "wf_start_offset": 0.0, "unit_string": recording.unit}
+    channels = [
+        nptdms.ChannelObject("recording", name, np.ascontiguousarray(row), properties=properties)
+        for name, row in zip(recording.channels, recording.signal, strict=True)
+    ]
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(channels)

@@ -104,6 +104,8 @@ class SwashPlateDefect(_Fault):
     the paper's formula as printed), or only inertia, volume and leakage, for a film cannot pull (``physical``)."""
     gain: float = 1.0
     """Factor on the excitation; a nuisance that calibration may free."""
+    off_axis: bool = True
+    """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,0 +1,195 @@
+"""What can be done to a sampled signal without knowing what a pump is.
+
+Spectra are one-sided and give peak amplitudes: a sine of amplitude 1 reads 1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+from jaxtyping import Complex, Float, Int
+
+from swashtwin.errors import InputError
+from swashtwin.seeding import stream
+
+
+def amplitude_spectrum(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, resolution: float | None = None
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"]]:
+    """Frequencies [Hz] and one-sided peak amplitudes, Hann taper, averaged over half-overlapping segments.
+
+    Parameters
+    ----------
+    signal : readings, any unit.
+    sample_rate : [Hz].
+    resolution : spacing of the lines [Hz]; None takes one segment over the whole signal.
+
+    Examples
+    --------
+    >>> time = np.arange(1000) / 1000
+    >>> frequency, amplitude = amplitude_spectrum(np.sin(2 * np.pi * 50 * time)[None], 1000.0)
+    >>> print(f"{amplitude[0, 50]:.3f}")
+    1.000
+    """
+    length = signal.shape[-1] if resolution is None else min(signal.shape[-1], round(sample_rate / resolution))
+    frequency, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, scaling="spectrum")
+    return frequency, np.sqrt(2 * power)
+
+
+@dataclass(frozen=True, eq=False)
+class OrderSpectrum:
+    """Amplitudes of a signal at multiples of the shaft frequency."""
+
+    orders: Int[np.ndarray, " order"]
+    """Multiples of the shaft frequency."""
+    shaft_frequency: float
+    """Shaft frequency [Hz]."""
+    amplitude: Float[np.ndarray, "channel order"]
+    """Peak amplitude of each line, the noise under it taken away."""
+    deviation: Float[np.ndarray, "channel order"]
+    """Standard deviation of that amplitude, from noise and from the scatter between segments."""
+
+    @property
+    def frequency(self) -> Float[np.ndarray, " order"]:
+        """Frequency of each line [Hz]."""
+        return self.orders * self.shaft_frequency
+
+
+def order_spectrum(
+    signal: Float[np.ndarray, "channel time"],
+    sample_rate: float,
+    shaft_frequency: float,
+    orders: Int[np.ndarray, " order"],
+    *,
+    jitter: float = 0.006,
+    segments: int = 4,
+) -> OrderSpectrum:
+    """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
+
+    The power within the band, less the noise floor beside it, is that of one sine. A smear of `jitter` (relative) is
+    expected; the band never reaches half way to the next order asked for.
+
+    Parameters
+    ----------
+    signal : at least `segments` x 4 revolutions.
+    jitter : half-width of the speed's variation, relative.
+    segments : the scatter of the amplitudes between so many parts of the signal gives `deviation`.
+
+    Raises
+    ------
+    InputError
+        The signal is too short, or an order lies above half the sample rate.
+    """
+    length = signal.shape[-1] // segments
+    if length / sample_rate * shaft_frequency < 4:
+        raise InputError(
+            f"the signal covers {signal.shape[-1] / sample_rate * shaft_frequency:.1f} revolutions; its orders need at "
+            f"least {4 * segments}."
+        )
+    if orders.max() * shaft_frequency * (1 + jitter) > sample_rate / 2:
+        raise InputError(
+            f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the sample rate "
+            f"({sample_rate / 2:.0f} Hz)."
+        )
+    parts = signal[:, : segments * length].reshape(signal.shape[0], segments, length)
+    frequency, density = scipy.signal.periodogram(parts, sample_rate, "hann", detrend="constant")
+    spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], orders]))))) * shaft_frequency
+    line_width = frequency[1]
+    power = np.empty((signal.shape[0], segments, len(orders)))
+    floor = np.empty_like(power)
+    for i, order in enumerate(orders):
+        center = order * shaft_frequency
+        half = min(2.5 * line_width + jitter * center, 0.45 * spacing)
+        distance = np.abs(frequency - center)
+        inside = distance <= half
+        beside = (distance > half) & (distance <= max(2 * half, half + 6 * line_width))
+        level = np.median(density[..., beside], axis=-1) / math.log(2)  # a periodogram's median is ln 2 of its mean
+        floor[..., i] = level * inside.sum() * line_width
+        power[..., i] = density[..., inside].sum(axis=-1) * line_width - floor[..., i]
+    mean_power = power.mean(axis=1)
+    amplitude = np.sqrt(2 * np.clip(mean_power, 0, None))
+    noise = floor.mean(axis=1)
+    spread = power.std(axis=1, ddof=1) / math.sqrt(segments)
+    power_deviation = np.sqrt(spread**2 + (noise**2) / (4 * segments))
+    deviation = power_deviation / np.maximum(amplitude, np.sqrt(np.maximum(power_deviation, 1e-300)))
+    return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
+
+
+def synchronous_signal(
+    lines: Complex[np.ndarray, "channel line"], orders: Int[np.ndarray, " line"], angle: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "channel time"]:
+    """Signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad], which may advance unevenly.
+
+    One revolution is tabulated on a grid of at least 32 points per shortest period and read off by interpolation; its
+    error is below 0.5 % of the highest line.
+    """
+    n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
+    spectrum = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
+    spectrum[:, orders] = lines * (n_grid / 2)
+    if orders[0] == 0:
+        spectrum[:, 0] *= 2
+    revolution = np.fft.irfft(spectrum, n_grid, axis=-1)
+    position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
+    left = position.astype(np.int64) % n_grid
+    weight = position - np.floor(position)
+    return revolution[:, left] * (1 - weight) + revolution[:, (left + 1) % n_grid] * weight
+
+
+def add_noise(
+    signal: Float[np.ndarray, "channel time"], snr_db: float, seed: int, *purpose: object
+) -> Float[np.ndarray, "channel time"]:
+    """Signal with white Gaussian noise of a stated signal-to-noise ratio [dB] added.
+
+    The signal's power is its variance over the whole of `signal`, per channel (docs/protocol.md, "Noise").
+
+    Parameters
+    ----------
+    purpose : names the random stream, usually the recording's id and the repeat.
+    """
+    power = signal.var(axis=-1, keepdims=True)
+    scale = np.sqrt(power * 10 ** (-snr_db / 10))
+    return signal + scale * stream(seed, "noise", snr_db, *purpose).standard_normal(signal.shape)
+
+
+def band_limited(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, low: float, high: float
+) -> Float[np.ndarray, "channel time"]:
+    """Signal between `low` and `high` [Hz], zero-phase Butterworth of order 4 in each direction."""
+    nyquist = sample_rate / 2
+    if high >= 0.98 * nyquist:
+        sos = scipy.signal.butter(4, low / nyquist, "highpass", output="sos")
+    else:
+        sos = scipy.signal.butter(4, [low / nyquist, high / nyquist], "bandpass", output="sos")
+    return scipy.signal.sosfiltfilt(sos, signal, axis=-1)
+
+
+def aligned(
+    measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
+) -> Float[np.ndarray, "channel time"]:
+    """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels together.
+
+    `simulated` must be longer than `measured`; with one period more, every phase is tried.
+    """
+    length = measured.shape[-1]
+    score = sum(scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True))
+    start = int(np.argmax(score))
+    return simulated[:, start : start + length]
+
+
+def waveform_rmse(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
+    """Root mean square of the difference, in the signals' unit (the paper's RMSE)."""
+    return float(np.sqrt(np.mean((measured - simulated) ** 2)))
+
+
+def peak_error(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
+    """Mean over channels of the difference of the largest magnitudes, relative to the measured (the paper's PE)."""
+    peaks = np.abs(measured).max(axis=-1)
+    return float(np.mean(np.abs(np.abs(simulated).max(axis=-1) - peaks) / peaks))
+
+
+def spectrum_value_error(
+    measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
+) -> float:
+    """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE; our reading)."""
+    return float(np.abs(measured - simulated).sum() / measured.sum())

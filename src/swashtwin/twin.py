@@ -1,0 +1,292 @@
+"""A pump, under a condition, with a fault: what its accelerometers would read."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.dynamics import Structure, Topology, assemble, off_axis_vector
+from swashtwin.errors import InputError
+from swashtwin.excitation import bore_lines, displacement_lines, film_scaling, impact_lines
+from swashtwin.faults import BoreDefect, Fault, LooseSlipper, SwashPlateDefect, TiltedBlockFace
+from swashtwin.integrators import (
+    HarmonicBalance,
+    PeriodicTerm,
+    SteadySolver,
+    periodic_steady_state,
+)
+from swashtwin.loads import LoadCase, pressure_lines
+from swashtwin.pump import Interfaces, Pump
+from swashtwin.recording import Recording
+from swashtwin.signals import synchronous_signal
+
+CONTACT_CUTOFF = 4000.0
+"""Frequency [Hz] above which a slipper's contact no longer follows a recess (``contact="physical"``); an estimate."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Factors on constants that nobody measured; 1 where the pump file is right."""
+
+    mount: float = 1.0
+    """On the mounting's stiffness."""
+    bearing: float = 1.0
+    """On the bearings' stiffness."""
+    excitation: float = 1.0
+    """On the forces of a fault."""
+    sensor: float = 1.0
+    """On what the sensors read."""
+
+    def values(self) -> tuple[float, float, float, float]:
+        """The four factors in the order of the fields."""
+        return (self.mount, self.bearing, self.excitation, self.sensor)
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """Model of one pump at one operating condition.
+
+    Linear and in steady state: acceleration at the multiples of the shaft frequency up to `bandwidth`. A defect with
+    half-sine edges excites all of them, so a level means little without the band it was taken in.
+    """
+
+    pump: Pump
+    condition: OperatingCondition
+    fault: Fault | None = None
+    """None is a healthy pump."""
+    interfaces: Interfaces | None = None
+    """Interface values; None takes the pump's nominal ones."""
+    topology: Topology = "T1"
+    """How the bodies are joined (`dynamics.Topology`)."""
+    bandwidth: float = 5000.0
+    """Highest frequency [Hz] that is computed."""
+    scales: Scales = Scales()
+    """Factors on mounting, bearings, excitation and sensors."""
+
+    def __post_init__(self) -> None:
+        if self.bandwidth < self.pump.rotating_group.piston_count * self.condition.shaft_frequency:
+            raise InputError(
+                f"bandwidth ({self.bandwidth:g} Hz) lies below the piston-pass frequency "
+                f"({self.pump.rotating_group.piston_count * self.condition.shaft_frequency:.1f} Hz)."
+            )
+
+    @property
+    def label(self) -> str:
+        """Class of the fault, ``"normal"`` without one."""
+        return "normal" if self.fault is None else self.fault.label
+
+    @property
+    def values(self) -> Float[Tensor, " 6"]:
+        """Interface values in the order of `pump.PARAMETERS`, float64."""
+        return torch.tensor((self.interfaces or self.pump.interfaces).values(), dtype=torch.float64)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of shaft orders within `bandwidth`."""
+        return int(self.bandwidth / self.condition.shaft_frequency)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """Constant matrices."""
+        return assemble(self.pump, self.topology)
+
+    @cached_property
+    def pressure(self) -> Complex[np.ndarray, "line 13"]:
+        """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`; the interface values do not matter."""
+        return pressure_lines([self.load_case], self.n_lines, topology=self.topology)[0]
+
+    @property
+    def load_case(self) -> LoadCase:
+        """What decides the chamber pressures."""
+        return LoadCase(self.pump, self.condition, self.fault)
+
+    @cached_property
+    def orders(self) -> Int[np.ndarray, " line"]:
+        """Shaft orders at which there is anything to compute.
+
+        A pump with equal pistons and a swash plate defect answers at multiples of the piston count only (and at 1, from
+        unbalance); the others are left out.
+        """
+        if isinstance(self.fault, TiltedBlockFace):
+            return np.arange(1, self.n_lines + 1)
+        strength = np.abs(self.pressure[1:]).max(axis=1) + np.abs(self._displacement[1:]) * 1e12
+        return 1 + np.flatnonzero(strength > 1e-6 * strength.max())
+
+    @cached_property
+    def _displacement(self) -> Complex[np.ndarray, " line"]:
+        """Lines 0... of the fault's displacement [m] or impact [N], zero where the fault has none."""
+        lines = np.zeros(self.n_lines + 1, dtype=complex)
+        if isinstance(self.fault, SwashPlateDefect):
+            lines[1:] = displacement_lines(self.pump, self.condition, self.fault, self.n_lines)
+        elif isinstance(self.fault, BoreDefect):
+            lines[1:] = bore_lines(self.pump, self.condition, self.fault, self.n_lines)
+        elif isinstance(self.fault, LooseSlipper):
+            lines[1:] = impact_lines(self.pump, self.condition, self.fault, self.n_lines)
+        return lines
+
+    def at(self, condition: OperatingCondition) -> "Twin":
+        """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""
+        return replace(self, condition=condition)
+
+    def with_fault(self, fault: Fault | None) -> "Twin":
+        """The same pump with another fault."""
+        return replace(self, fault=fault)
+
+    def with_interfaces(self, interfaces: Interfaces) -> "Twin":
+        """The same pump with other interface values."""
+        return replace(self, interfaces=interfaces)
+
+    def forces(
+        self, values: Float[Tensor, "*batch 6"], excitation: Float[Tensor, "*batch"] | float | None = None
+    ) -> Complex[Tensor, "*batch line 13"]:
+        """Force lines [N, N m] at `orders`; those of a defect depend on the interface values.
+
+        Parameters
+        ----------
+        excitation : factor on the defect's forces; None takes `scales`.
+        """
+        gain = self.scales.excitation if excitation is None else excitation
+        pressure = torch.as_tensor(self.pressure[self.orders])
+        return pressure + _gained(self._fault_forces(values, self.orders), gain)
+
+    def _fault_forces(self, values: Tensor, orders: np.ndarray) -> Tensor:
+        structure, fault, pump = self.structure, self.fault, self.pump
+        share = 1 / pump.rotating_group.piston_count
+        frequency = 2 * math.pi * self.condition.shaft_frequency * orders
+        jw = torch.as_tensor(1j * frequency)
+        motion = torch.as_tensor(self._displacement[orders])
+        slope = math.cos(pump.rotating_group.swash_angle)
+        if isinstance(fault, SwashPlateDefect):
+            if fault.contact == "physical":
+                inertia = pump.masses.piston_slipper / slope * jw**2 * motion
+                fade = torch.as_tensor(np.exp(-((frequency / (2 * np.pi * CONTACT_CUTOFF)) ** 2)))
+                return -fault.gain * (inertia * fade)[:, None] * structure.slipper_vector
+            taken = share if fault.contact == "shared" else 1.0
+            film = (values[..., 1, None] + jw * values[..., 0, None]) * motion
+            force = -taken * film[..., None] * structure.slipper_vector
+            if fault.off_axis:
+                arm = torch.as_tensor(off_axis_vector(pump, self.topology, fault.angle))
+                if self.topology == "T1":
+                    bore = (values[..., 5, None] + jw * values[..., 4, None]) * motion / slope
+                    force = force + share * bore[..., None] * arm
+                else:
+                    force = force - taken * film[..., None] * arm
+            return fault.gain * force
+        if isinstance(fault, BoreDefect):
+            bore = (values[..., 5, None] + jw * values[..., 4, None]) * motion
+            return pump.coupling.lateral_ratio * share * bore[..., None] * structure.lateral_vector
+        return -motion[:, None] * structure.slipper_vector  # impacts of a loose slipper; zero for every other fault
+
+    def _periodic_terms(self, values: Tensor) -> list[PeriodicTerm]:
+        if not isinstance(self.fault, TiltedBlockFace):
+            return []
+        axial, tilt_a, tilt_b = (torch.zeros(13, dtype=torch.complex128) for _ in range(3))
+        axial[7], axial[2] = 1, -1
+        tilt_a[8], tilt_a[3] = 1, -1
+        tilt_b[9], tilt_b[4] = 1, -1
+        tilt = tilt_a + 1j * tilt_b  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
+        pair = torch.outer(axial, tilt) + torch.outer(tilt, axial)
+        scale = values[..., 3, None, None] * self.fault.variation * self.pump.valve_plate.film_radius / 2
+        return [PeriodicTerm(1, scale * pair)]
+
+    def acceleration(
+        self,
+        values: Float[Tensor, "*batch 6"] | None = None,
+        *,
+        scales: Float[Tensor, "*batch 4"] | None = None,
+        solver: SteadySolver | None = None,
+    ) -> Complex[Tensor, "*batch sensor line"]:
+        """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with respect to `values`.
+
+        Parameters
+        ----------
+        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own.
+        scales : factors on mount, bearing, excitation and sensor; None takes the twin's own.
+        solver : `HarmonicBalance` by default, `RK4` for the paper's.
+        """
+        solver = solver or HarmonicBalance()
+        values = self.values if values is None else values
+        own = torch.tensor(self.scales.values(), dtype=torch.float64)
+        mount, bearing, excitation, sensor = (own if scales is None else scales).unbind(-1)
+        film = film_scaling(self.pump, self.fault)
+        factors = torch.ones(6, dtype=torch.float64)
+        factors[2], factors[3] = film.damping, film.stiffness
+        worn = values * factors
+        stiffness, damping = self.structure.stiffness(worn, mount, bearing), self.structure.damping(worn)
+        terms = self._periodic_terms(worn)
+        orders = np.arange(self.n_lines + 1) if terms else self.orders
+        frequency = torch.as_tensor(orders * self.condition.speed)
+        pressure = torch.as_tensor(self.pressure[orders])
+        force = pressure + _gained(self._fault_forces(worn, orders), excitation)
+        force = force.expand(*worn.shape[:-1], *force.shape[-2:])
+        mass = self.structure.mass
+        if terms:
+            motion = periodic_steady_state(solver, mass, damping, stiffness, self.condition.speed, force, terms)
+            motion, frequency = motion[..., 1:, :], frequency[1:]
+        else:
+            motion = solver.steady_state(mass, damping, stiffness, frequency, force)
+        rows = self.structure.sensor_rows.to(motion.dtype)
+        read = torch.einsum("...kd,sd->...sk", motion, rows) * -(frequency**2)
+        return _gained(read, sensor)
+
+    def simulate(
+        self,
+        duration: float,
+        sample_rate: float,
+        *,
+        solver: SteadySolver | None = None,
+        phase: float = 0.0,
+        recording_id: str = "simulated",
+    ) -> Recording:
+        """Steady acceleration as a synthetic recording.
+
+        Parameters
+        ----------
+        duration : length [s].
+        sample_rate : readings per second [Hz], above twice the `bandwidth`.
+        phase : shaft angle at the first reading [rad].
+
+        Raises
+        ------
+        InputError
+            The sample rate is below twice the bandwidth.
+        """
+        if sample_rate < 2 * self.bandwidth:
+            raise InputError(
+                f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
+                f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
+            )
+        with torch.no_grad():
+            lines = self.acceleration(solver=solver).numpy()
+        angle = phase + self.condition.speed * np.arange(round(duration * sample_rate)) / sample_rate
+        return Recording(
+            signal=synchronous_signal(lines, self.orders, angle),
+            sample_rate=sample_rate,
+            recording_id=recording_id,
+            channels=self.pump.channels,
+            label=self.label,
+            condition=self.condition,
+            specimen=self.pump.name,
+            synthetic=True,
+        )
+
+
+def _gained(lines: Tensor, gain: Tensor | float) -> Tensor:
+    return lines * (gain[..., None, None] if isinstance(gain, Tensor) else gain)
+
+
+def prepare(twins: Sequence[Twin]) -> None:
+    """Compute the chamber pressures of many twins in one batch, much faster than one by one.
+
+    The twins must share the topology; each keeps its own lines as `Twin.pressure`.
+    """
+    most = max(twin.n_lines for twin in twins)
+    lines = pressure_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
+    for twin, row in zip(twins, lines, strict=True):
+        twin.__dict__["pressure"] = row[: twin.n_lines + 1]  # where cached_property keeps it

@@ -1,0 +1,37 @@
+"""Fixtures that several test modules share."""
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import pytest
+import torch
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.pump import Pump
+from swashtwin.pump_files import load_pump
+from swashtwin.units import MPa, rpm
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def pump() -> Pump:
+    """The paper's pump."""
+    return load_pump("25scy14-1b")
+
+
+@pytest.fixture(scope="session")
+def at_15() -> OperatingCondition:
+    """The paper's operating point at 15 MPa."""
+    return OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+
+
+@pytest.fixture(scope="session")
+def public_data() -> Path:
+    """Folder of the public data sets, or a skip where it is absent."""
+    folder = Path(os.environ.get("SWASHTWIN_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no public data sets at {folder.name}: set SWASHTWIN_DATA to their folder")
+    return folder

@@ -1,0 +1,281 @@
+"""Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13 degrees of freedom.
+
+These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
+expected effects of each fault: docs/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper and valve
+plate faults; a swash plate defect acts on them only with ``contact="physical"``; the other faults leave them as in a
+healthy pump.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from swashtwin.chambers import Chambers, NotConverged, solve
+from swashtwin.condition import OperatingCondition
+from swashtwin.errors import InputError, SwashTwinError
+from swashtwin.faults import (
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    PistonWear,
+    SealingLandScratch,
+    SwashPlateDefect,
+    ValvePlateWear,
+)
+from swashtwin.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
+from swashtwin.pump import Pump
+from swashtwin.recess import slipper_profile
+
+CRACKING_SHARE = 0.95
+"""Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """One pump at one operating point with at most one fault: a row of a batch."""
+
+    pump: Pump
+    """What turns."""
+    condition: OperatingCondition
+    """Under which speed, pressures and temperature."""
+    fault: Fault | None = None
+    """What is wrong with it."""
+    piston_clearances: tuple[float, ...] | None = None
+    """Radial clearance of each piston [m]; None: all as in the pump file."""
+
+    def __post_init__(self) -> None:
+        count = self.pump.rotating_group.piston_count
+        if self.piston_clearances is not None and len(self.piston_clearances) != count:
+            raise InputError(f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons.")
+        for kind, name in ((PistonWear, "piston"), (SealingLandScratch, "bore")):
+            if isinstance(self.fault, kind) and getattr(self.fault, name) >= count:
+                index = getattr(self.fault, name)
+                raise InputError(f"{kind.__name__}.{name} ({index}) is none of the {count} pistons; count from 0.")
+
+
+@dataclass(frozen=True, eq=False)
+class ChamberPressures:
+    """Pressures over one revolution, once they repeat."""
+
+    angle: Float[np.ndarray, " step"]
+    """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at 2 pi."""
+    chamber: Float[np.ndarray, "case piston step"]
+    """Pressure in each chamber [Pa]."""
+    discharge: Float[np.ndarray, "case step"]
+    """Pressure in the outlet line [Pa]."""
+    flow: Float[np.ndarray, " case"]
+    """Mean flow out of the pump [m^3/s]."""
+
+
+def port_openings(
+    pump: Pump, fault: Fault | None, angle: Float[np.ndarray, " angle"]
+) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
+    """Areas [m^2] by which a bore at shaft `angle` [rad] opens onto the suction and the discharge port.
+
+    A kidney opens and closes linearly. Ahead of it lies a triangular relief groove of depth s tan(slope), s from its
+    tip.
+    """
+    plate = pump.valve_plate
+    advance, widening = (fault.advance, fault.area_factor) if isinstance(fault, GrooveErosion) else (0.0, 1.0)
+
+    def port(opens: float, closes: float) -> np.ndarray:
+        length = closes - opens + advance
+        turned = np.mod(angle - opens + advance + plate.groove_angle, 2 * math.pi) - plate.groove_angle
+        ramp = np.clip(np.minimum(turned, length - turned) / plate.port_ramp, 0, 1)
+        kidney = plate.port_area_ratio * pump.rotating_group.piston_area * ramp
+        along = pump.rotating_group.pitch_radius * np.clip(turned + plate.groove_angle, 0, plate.groove_angle)
+        groove = widening * (along * math.tan(plate.groove_slope)) ** 2 * math.tan(plate.groove_flank / 2)
+        return np.where(turned < length / 2, np.maximum(kidney, groove), kidney)
+
+    suction = port(plate.suction_open, plate.suction_close)
+    discharge = port(plate.discharge_open, plate.discharge_close)
+    if isinstance(fault, DamScratch):
+        from_bottom = np.mod(angle, 2 * math.pi) - math.pi
+        discharge = discharge + fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
+    return suction, discharge
+
+
+def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
+    """Coefficients of one case that depend on where a piston stands."""
+    pump, condition, fault = case.pump, case.condition, case.fault
+    group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
+    lift = group.pitch_radius * math.tan(group.swash_angle)
+    volume = group.dead_volume + group.piston_area * lift * (1 - np.cos(angle))
+    swept = group.piston_area * lift * np.sin(angle)
+    slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
+    if isinstance(fault, SwashPlateDefect) and fault.contact == "physical" and fault.depth > 0:
+        height, slope = slipper_profile(pump, fault, angle)
+        volume = volume + group.piston_area * height / math.cos(group.swash_angle)
+        swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
+        film = group.slipper_film + float(height.max())
+        lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
+        slipper = slipper + max(0.0, lifted - float(slipper[0])) * height / height.max()
+    film = pump.valve_plate.film + (fault.film_increase if isinstance(fault, ValvePlateWear) else 0.0)
+    guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
+    orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
+    suction, discharge = port_openings(pump, fault, angle)
+    return {
+        "volume": volume,
+        "swept": swept,
+        "suction_opening": orifice * suction,
+        "discharge_opening": orifice * discharge,
+        "leakage": slipper + valve_plate_leakage(pump, film, viscosity),
+        "piston_leakage": piston_leakage(pump, viscosity) / guide,
+    }
+
+
+def _over_pistons(case: LoadCase) -> dict[str, np.ndarray]:
+    """Coefficients of one case that differ from piston to piston."""
+    group, fault = case.pump.rotating_group, case.fault
+    clearance = np.full(group.piston_count, group.piston_clearance)
+    if case.piston_clearances is not None:
+        clearance = np.array(case.piston_clearances, dtype=float)
+    scratch = np.zeros(group.piston_count)
+    if isinstance(fault, PistonWear):
+        clearance[fault.piston] += fault.clearance
+    if isinstance(fault, SealingLandScratch):
+        scratch[fault.bore] = fault.conductance
+    return {"cubed_clearance": clearance**3, "scratch_leakage": scratch}
+
+
+def _relief_slope(case: LoadCase) -> float:
+    """Flow of the relief valve per pressure [m^3/(s Pa)]: all of the pump's at full override."""
+    displaced = case.pump.rotating_group.displacement * case.condition.shaft_frequency
+    return displaced / case.pump.line.relief_override
+
+
+def _cracking_pressure(case: LoadCase) -> float:
+    return case.condition.discharge_pressure - CRACKING_SHARE * case.pump.line.relief_override
+
+
+def _tabulate(cases: Sequence[LoadCase], angle: np.ndarray) -> Chambers:
+    columns = [{**_over_angle(case, angle), **_over_pistons(case)} for case in cases]
+
+    def each(value: Callable[[LoadCase], float]) -> np.ndarray:
+        return np.array([value(case) for case in cases], dtype=float)
+
+    return Chambers(
+        **{name: np.stack([column[name] for column in columns], axis=-1) for name in columns[0]},
+        speed=each(lambda case: case.condition.speed),
+        bulk_modulus=each(lambda case: case.pump.oil.bulk_modulus),
+        air_fraction=each(lambda case: case.pump.oil.air_fraction),
+        suction_pressure=each(lambda case: case.condition.suction_pressure),
+        discharge_pressure=each(lambda case: case.condition.discharge_pressure),
+        case_pressure=each(lambda case: case.condition.case_pressure),
+        line_volume=each(lambda case: case.pump.line.volume),
+        relief_slope=each(_relief_slope),
+        cracking_pressure=each(_cracking_pressure),
+    )
+
+
+def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
+    """Periodic pressures of all `cases`, integrated together.
+
+    Parameters
+    ----------
+    cases : pumps with the same number of pistons; all else may differ.
+    steps : steps per revolution, rounded up to a multiple of the number of pistons.
+    revolutions : how many to integrate; the last is returned, and the second already repeats.
+
+    Raises
+    ------
+    InputError
+        No case, or different numbers of pistons.
+    SwashTwinError
+        The pressures of a case cannot be solved for.
+    """
+    counts = {case.pump.rotating_group.piston_count for case in cases}
+    if len(counts) != 1:
+        raise InputError(f"a batch needs pumps of one number of pistons, not {sorted(counts)}; call once for each.")
+    if steps < 180 or revolutions < 1:
+        raise InputError(f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1.")
+    count = counts.pop()
+    steps = -(-steps // count) * count
+    grid = 2 * math.pi * np.arange(steps) / steps
+    try:
+        chamber, discharge = solve(_tabulate(cases, grid), revolutions)
+    except NotConverged as failure:
+        case = cases[failure.case]
+        raise SwashTwinError(
+            f"chamber pressures of case {failure.case} ({case.pump.name}, "
+            f"{case.condition.speed * 30 / math.pi:.4g} rev/min, "
+            f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault}) do not converge at shaft angle "
+            f"{math.degrees(failure.angle):.4g} deg; more steps than {steps} per revolution may help."
+        ) from failure
+    excess = np.maximum(discharge - np.array([[_cracking_pressure(case)] for case in cases]), 0.0)
+    return ChamberPressures(
+        angle=2 * math.pi * np.arange(1, steps + 1) / steps,
+        chamber=chamber,
+        discharge=discharge,
+        flow=np.array([_relief_slope(case) for case in cases]) * excess.mean(axis=1),
+    )
+
+
+def generalized_forces(
+    pump: Pump, force: Float[np.ndarray, "piston step"], angle: Float[np.ndarray, "piston step"]
+) -> Float[np.ndarray, "step 13"]:
+    """Forces of the chamber pressures on the 13 degrees of freedom, for topology T1 [N, N m].
+
+    Parameters
+    ----------
+    force : axial force A (p - p_case) on each piston [N].
+    angle : shaft angle phi_j of each piston [rad].
+    """
+    group, balance = pump.rotating_group, pump.valve_plate.balance_ratio
+    tangent = math.tan(group.swash_angle)
+    total = force.sum(axis=0)
+    upward = group.pitch_radius * (force * np.cos(angle)).sum(axis=0)
+    sideward = group.pitch_radius * (force * np.sin(angle)).sum(axis=0)
+    loads = np.zeros((total.size, 13))
+    loads[:, 2] = balance * total
+    loads[:, 3] = (balance - 1 - tangent**2) * upward
+    loads[:, 4] = (1 - balance) * sideward
+    loads[:, 7] = (1 - balance) * total
+    loads[:, 8] = (1 - balance + tangent**2) * upward
+    loads[:, 9] = -(1 - balance) * sideward
+    loads[:, 12] = -total
+    return loads
+
+
+def pressure_lines(
+    cases: Sequence[LoadCase], n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
+) -> Complex[np.ndarray, "case line 13"]:
+    """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
+
+    Line k - 1 holds the complex amplitude at k times the shaft frequency: x(t) = Re sum_k X_k exp(i k theta), where
+    theta is 0 at top dead center of piston 0. The mean is left out.
+
+    Parameters
+    ----------
+    n_lines : how many; below half of `steps`.
+    topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then takes the piston force.
+
+    Raises
+    ------
+    InputError
+        Too many lines for the steps; see also `chamber_pressures`.
+    """
+    if not 1 <= n_lines < steps / 2:
+        raise InputError(
+            f"n_lines ({n_lines}) must lie in 1...{(steps - 1) // 2}; ask for more than {2 * n_lines} steps."
+        )
+    pressures = chamber_pressures(cases, steps=steps)
+    to_zero = np.exp(-1j * np.arange(1, n_lines + 1) * pressures.angle[0])[:, None]
+    lines = np.empty((len(cases), n_lines, 13), dtype=complex)
+    for index, case in enumerate(cases):
+        group = case.pump.rotating_group
+        around = 2 * math.pi * np.arange(group.piston_count) / group.piston_count
+        force = group.piston_area * (pressures.chamber[index] - case.condition.case_pressure)
+        loads = generalized_forces(case.pump, force, pressures.angle + around[:, None])
+        lines[index] = np.fft.rfft(loads, axis=0)[1 : n_lines + 1] * (2 / len(loads)) * to_zero
+        unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
+        lines[index, 0, 5] += unbalance
+        lines[index, 0, 6] -= 1j * unbalance
+    if topology == "T2":
+        lines[:, :, 7] += lines[:, :, 12]
+        lines[:, :, 12] = 0
+    return lines

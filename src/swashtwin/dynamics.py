@@ -1,13 +1,13 @@
 """The 13 degrees of freedom: M, C and K, affine in the six interface values.
 
 Three rigid bodies, after the paper (DOI 10.1177/00202940261419020); the equations are our own derivation
-(docs/physics.md, section 2), for the paper prints its own only as pictures. Degrees of freedom, in this order::
+(docs/physics.md, section 2), for the paper's are not public as text. Degrees of freedom, in this order::
 
     x_F y_F z_F a_F b_F | x_C y_C z_C a_C b_C | x_P y_P z_P
 
-F is the shell, C the rotor, P the retainer; a and b are small rotations about x and y. The frame has z along the shaft from
-the swash plate toward the valve plate, and y in the direction in which the swash plate rises. The retainer is kept parallel
-to the swash plate (it takes the shell's rotations), which keeps every interface blind to rigid motion.
+F is the shell, C the rotor, P the retainer; a and b are small rotations about x and y. z runs along the shaft
+from the swash plate toward the valve plate, and y in the direction in which the swash plate rises. The retainer is kept
+parallel to the swash plate (it takes the shell's rotations), which keeps every interface blind to rigid motion.
 
 Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2, so it enters K as k g g^T.
 Because the pistons are equal and equally spaced, their sum does not depend on the shaft angle: K and C are constant.
@@ -35,7 +35,8 @@ DEGREES_OF_FREEDOM = (
 N_DOF = len(DEGREES_OF_FREEDOM)
 
 Topology = Literal["T1", "T2"]
-"""T1 (default): slippers ride on the retainer, swash plate - retainer - rotor in series. T2: slippers rigid with the rotor."""
+"""T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in series.
+T2: slippers are rigid with the rotor."""
 
 _AXES = np.eye(3)
 
@@ -47,7 +48,7 @@ class Structure:
     mass: Float[Tensor, "13 13"]
     """Masses and inertias [kg, kg m^2]."""
     interface_shapes: Float[Tensor, "3 13 13"]
-    """Outer products of the slipper-swash, block-valve and piston-bore interfaces; times a stiffness they are part of K."""
+    """Outer products of the slipper-swash, block-valve and piston-bore interfaces; times a stiffness, part of K."""
     mount_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the mounting [N/m]."""
     bearing_stiffness: Float[Tensor, "13 13"]
@@ -93,7 +94,7 @@ def _column(factor: Tensor | float) -> Tensor | float:
 
 
 def displacement_rows(pump: Pump, body: str, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 13"]:
-    """Displacement of the material point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each coordinate."""
+    """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each coordinate."""
     first = {"F": 0, "C": 5, "P": 10}[body]
     center = {"F": pump.positions.shell, "C": pump.positions.rotor, "P": 0.0}[body]
     rotation = {"F": 3, "C": 8, "P": 3}[body]  # the retainer turns with the swash plate
@@ -130,7 +131,8 @@ def slipper_swash_shape(pump: Pump, topology: str, angle: float = 0.0) -> tuple[
     """Outer-product matrix (13, 13) of the slippers' normal contact, and its mean coefficient vector (13,)."""
     body = "P" if topology == "T1" else "C"
     rows = [_between(pump, swash_normal(pump), body, "F", point) for point in piston_points(pump, angle)]
-    return sum(np.outer(row, row) for row in rows) / len(rows), np.mean(rows, axis=0)
+    stacked = np.array(rows)
+    return stacked.T @ stacked / len(rows), stacked.mean(axis=0)
 
 
 def block_valve_shape(pump: Pump) -> np.ndarray:
@@ -148,7 +150,7 @@ def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
     """Outer-product matrix (13, 13) of the pistons in their bores, axial at each piston and lateral in the mean."""
     points = piston_points(pump, angle)
     rows = [_between(pump, _AXES[2], "P", "C", point) for point in points]
-    shape = sum(np.outer(row, row) for row in rows) / len(rows)
+    shape = np.transpose(rows) @ np.array(rows) / len(rows)
     for axis in (0, 1):
         row = _between(pump, _AXES[axis], "P", "C", np.zeros(3))
         shape = shape + pump.coupling.lateral_ratio * np.outer(row, row)
@@ -217,7 +219,7 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
 
 
 def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray, " 13"]:
-    """Coefficients of the moment with which a slipper at shaft angle `angle` [rad] loads more than the mean contact.
+    """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a moment.
 
     T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact at the defect, less its mean.
     """

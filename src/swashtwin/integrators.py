@@ -144,9 +144,9 @@ def stable_step(state: Float[Tensor, "*batch 26 26"], step: float | None) -> flo
 
 
 def rk4_map(state: Float[Tensor, "*batch 26 26"], step: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Phi, G0, G1, G2 of one RK4 step: x+ = Phi x + G0 u(t) + G1 u(t + h/2) + G2 u(t + h), with x' = A x + u.
+    """Phi, G0, G1, G2 of one RK4 step of x' = A x + u: x+ = Phi x + G0 u(t) + G1 u(t + h/2) + G2 u(t + h).
 
-    Phi = I + Z + Z^2/2 + Z^3/6 + Z^4/24 with Z = h A. All are (*batch, 26, 26); accelerations meet columns 13: of the G.
+    Phi = I + Z + Z^2/2 + Z^3/6 + Z^4/24 with Z = h A. All are (*batch, 26, 26).
     """
     eye = torch.eye(state.shape[-1], dtype=state.dtype)
     z = step * state
@@ -232,8 +232,8 @@ def periodic_steady_state(
 ) -> Complex[Tensor, "*batch line 13"]:
     """Displacement lines ``k = 0, 1, ...`` of a system whose K and C turn with the shaft.
 
-    Fixed-point iteration: the periodic part acts as a force that is updated until it no longer changes. It converges where
-    that part is a minor share of the constant one, and says so where it does not.
+    Fixed-point iteration: the periodic part acts as a force that is updated until it no longer changes. It converges
+    where that part is a minor share of the constant one, and says so where it does not.
 
     Parameters
     ----------

@@ -98,8 +98,8 @@ class Twin:
 
     @cached_property
     def pressure(self) -> Complex[np.ndarray, "line 13"]:
-        """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`; the interface values do not matter."""
-        return pressure_lines([self.load_case], self.n_lines, topology=self.topology)[0]
+        """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
+        return _with_mean(pressure_lines([self.load_case], self.n_lines, topology=self.topology)[0])
 
     @property
     def load_case(self) -> LoadCase:
@@ -115,8 +115,8 @@ class Twin:
         """
         if isinstance(self.fault, TiltedBlockFace):
             return np.arange(1, self.n_lines + 1)
-        strength = np.abs(self.pressure[1:]).max(axis=1) + np.abs(self._displacement[1:]) * 1e12
-        return 1 + np.flatnonzero(strength > 1e-6 * strength.max())
+        push, motion = np.abs(self.pressure[1:]).max(axis=1), np.abs(self._displacement[1:])
+        return 1 + np.flatnonzero((push > 1e-7 * push.max()) | (motion > 1e-7 * motion.max()))
 
     @cached_property
     def _displacement(self) -> Complex[np.ndarray, " line"]:
@@ -289,4 +289,8 @@ def prepare(twins: Sequence[Twin]) -> None:
     most = max(twin.n_lines for twin in twins)
     lines = pressure_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
     for twin, row in zip(twins, lines, strict=True):
-        twin.__dict__["pressure"] = row[: twin.n_lines + 1]  # where cached_property keeps it
+        twin.__dict__["pressure"] = _with_mean(row[: twin.n_lines])  # where cached_property keeps it
+
+
+def _with_mean(lines: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.zeros((1, lines.shape[1]), complex), lines])

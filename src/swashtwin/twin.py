@@ -1,6 +1,5 @@
 """A pump, under a condition, with a fault: what its accelerometers would read."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,23 +10,15 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.dynamics import Structure, Topology, assemble, off_axis_vector
+from swashtwin.dynamics import Structure, Topology, assemble
 from swashtwin.errors import InputError
-from swashtwin.excitation import bore_lines, displacement_lines, film_scaling, impact_lines
-from swashtwin.faults import BoreDefect, Fault, LooseSlipper, SwashPlateDefect, TiltedBlockFace
-from swashtwin.integrators import (
-    HarmonicBalance,
-    PeriodicTerm,
-    SteadySolver,
-    periodic_steady_state,
-)
+from swashtwin.faults import Fault, TiltedBlockFace
+from swashtwin.forces import active_orders, excitation_lines, fault_forces, periodic_terms, worn_values
+from swashtwin.integrators import HarmonicBalance, SteadySolver, periodic_steady_state
 from swashtwin.loads import LoadCase, pressure_lines
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.recording import Recording
 from swashtwin.signals import synchronous_signal
-
-CONTACT_CUTOFF = 4000.0
-"""Frequency [Hz] above which a slipper's contact no longer follows a recess (``contact="physical"``); an estimate."""
 
 
 @dataclass(frozen=True)
@@ -108,27 +99,14 @@ class Twin:
 
     @cached_property
     def orders(self) -> Int[np.ndarray, " line"]:
-        """Shaft orders at which there is anything to compute.
-
-        A pump with equal pistons and a swash plate defect answers at multiples of the piston count only (and at 1, from
-        unbalance); the others are left out.
-        """
+        """Shaft orders at which there is anything to compute (`forces.active_orders`)."""
         if isinstance(self.fault, TiltedBlockFace):
             return np.arange(1, self.n_lines + 1)
-        push, motion = np.abs(self.pressure[1:]).max(axis=1), np.abs(self._displacement[1:])
-        return 1 + np.flatnonzero((push > 1e-7 * push.max()) | (motion > 1e-7 * motion.max()))
+        return active_orders(self.pressure, self._excitation)
 
     @cached_property
-    def _displacement(self) -> Complex[np.ndarray, " line"]:
-        """Lines 0... of the fault's displacement [m] or impact [N], zero where the fault has none."""
-        lines = np.zeros(self.n_lines + 1, dtype=complex)
-        if isinstance(self.fault, SwashPlateDefect):
-            lines[1:] = displacement_lines(self.pump, self.condition, self.fault, self.n_lines)
-        elif isinstance(self.fault, BoreDefect):
-            lines[1:] = bore_lines(self.pump, self.condition, self.fault, self.n_lines)
-        elif isinstance(self.fault, LooseSlipper):
-            lines[1:] = impact_lines(self.pump, self.condition, self.fault, self.n_lines)
-        return lines
+    def _excitation(self) -> Complex[np.ndarray, " line"]:
+        return excitation_lines(self.pump, self.condition, self.fault, self.n_lines)
 
     def at(self, condition: OperatingCondition) -> "Twin":
         """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""
@@ -141,59 +119,6 @@ class Twin:
     def with_interfaces(self, interfaces: Interfaces) -> "Twin":
         """The same pump with other interface values."""
         return replace(self, interfaces=interfaces)
-
-    def forces(
-        self, values: Float[Tensor, "*batch 6"], excitation: Float[Tensor, "*batch"] | float | None = None
-    ) -> Complex[Tensor, "*batch line 13"]:
-        """Force lines [N, N m] at `orders`; those of a defect depend on the interface values.
-
-        Parameters
-        ----------
-        excitation : factor on the defect's forces; None takes `scales`.
-        """
-        gain = self.scales.excitation if excitation is None else excitation
-        pressure = torch.as_tensor(self.pressure[self.orders])
-        return pressure + _gained(self._fault_forces(values, self.orders), gain)
-
-    def _fault_forces(self, values: Tensor, orders: np.ndarray) -> Tensor:
-        structure, fault, pump = self.structure, self.fault, self.pump
-        share = 1 / pump.rotating_group.piston_count
-        frequency = 2 * math.pi * self.condition.shaft_frequency * orders
-        jw = torch.as_tensor(1j * frequency)
-        motion = torch.as_tensor(self._displacement[orders])
-        slope = math.cos(pump.rotating_group.swash_angle)
-        if isinstance(fault, SwashPlateDefect):
-            if fault.contact == "physical":
-                inertia = pump.masses.piston_slipper / slope * jw**2 * motion
-                fade = torch.as_tensor(np.exp(-((frequency / (2 * np.pi * CONTACT_CUTOFF)) ** 2)))
-                return -fault.gain * (inertia * fade)[:, None] * structure.slipper_vector
-            taken = share if fault.contact == "shared" else 1.0
-            film = (values[..., 1, None] + jw * values[..., 0, None]) * motion
-            force = -taken * film[..., None] * structure.slipper_vector
-            if fault.off_axis:
-                arm = torch.as_tensor(off_axis_vector(pump, self.topology, fault.angle))
-                if self.topology == "T1":
-                    bore = (values[..., 5, None] + jw * values[..., 4, None]) * motion / slope
-                    force = force + share * bore[..., None] * arm
-                else:
-                    force = force - taken * film[..., None] * arm
-            return fault.gain * force
-        if isinstance(fault, BoreDefect):
-            bore = (values[..., 5, None] + jw * values[..., 4, None]) * motion
-            return pump.coupling.lateral_ratio * share * bore[..., None] * structure.lateral_vector
-        return -motion[:, None] * structure.slipper_vector  # impacts of a loose slipper; zero for every other fault
-
-    def _periodic_terms(self, values: Tensor) -> list[PeriodicTerm]:
-        if not isinstance(self.fault, TiltedBlockFace):
-            return []
-        axial, tilt_a, tilt_b = (torch.zeros(13, dtype=torch.complex128) for _ in range(3))
-        axial[7], axial[2] = 1, -1
-        tilt_a[8], tilt_a[3] = 1, -1
-        tilt_b[9], tilt_b[4] = 1, -1
-        tilt = tilt_a + 1j * tilt_b  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
-        pair = torch.outer(axial, tilt) + torch.outer(tilt, axial)
-        scale = values[..., 3, None, None] * self.fault.variation * self.pump.valve_plate.film_radius / 2
-        return [PeriodicTerm(1, scale * pair)]
 
     def acceleration(
         self,
@@ -214,16 +139,16 @@ class Twin:
         values = self.values if values is None else values
         own = torch.tensor(self.scales.values(), dtype=torch.float64)
         mount, bearing, excitation, sensor = (own if scales is None else scales).unbind(-1)
-        film = film_scaling(self.pump, self.fault)
-        factors = torch.ones(6, dtype=torch.float64)
-        factors[2], factors[3] = film.damping, film.stiffness
-        worn = values * factors
+        worn = worn_values(self.pump, self.fault, values)
         stiffness, damping = self.structure.stiffness(worn, mount, bearing), self.structure.damping(worn)
-        terms = self._periodic_terms(worn)
+        terms = periodic_terms(self.pump, self.fault, worn)
         orders = np.arange(self.n_lines + 1) if terms else self.orders
-        frequency = torch.as_tensor(orders * self.condition.speed)
-        pressure = torch.as_tensor(self.pressure[orders])
-        force = pressure + _gained(self._fault_forces(worn, orders), excitation)
+        radians = orders * self.condition.speed
+        frequency = torch.as_tensor(radians)
+        defect = fault_forces(
+            self.pump, self.structure, self.topology, self.fault, worn, radians, self._excitation[orders]
+        )
+        force = torch.as_tensor(self.pressure[orders]) + _gained(defect, excitation)
         force = force.expand(*worn.shape[:-1], *force.shape[-2:])
         mass = self.structure.mass
         if terms:

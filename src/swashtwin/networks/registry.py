@@ -1,0 +1,29 @@
+"""Networks by name."""
+
+import difflib
+from typing import Any
+
+from swashtwin.errors import InputError
+from swashtwin.networks.bitcn import BiTCN
+from swashtwin.networks.network import Network
+
+NETWORKS: dict[str, type[Network]] = {network.name: network for network in (BiTCN,)}
+"""Class of each network; a saved model is built again by its name here."""
+
+
+def build_network(name: str, n_channels: int, n_classes: int, **settings: Any) -> Network:
+    """The network of that name with untrained weights.
+
+    Raises
+    ------
+    InputError
+        No network has this name (the nearest is offered), or none of its settings is called so.
+    """
+    if name not in NETWORKS:
+        near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
+    try:
+        return NETWORKS[name](n_channels=n_channels, n_classes=n_classes, **settings)
+    except TypeError as cause:
+        raise InputError(f"network {name} cannot be built with {', '.join(settings)}: {cause}.") from cause

@@ -1,0 +1,235 @@
+"""The training loop."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from swashtwin.errors import DataError, InputError
+from swashtwin.networks import Network
+from swashtwin.seeding import derive_seed, stream
+from swashtwin.training.checkpoint import load_checkpoint, save_checkpoint
+from swashtwin.training.classifier import FittedClassifier
+from swashtwin.training.normalization import Normalization
+from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
+from swashtwin.windows import WindowSet, check_disjoint
+
+
+def fit(
+    network: Network,
+    windows: WindowSet,
+    *,
+    settings: TrainingSettings = PAPER_TRAINING,
+    seed: int = 0,
+    validation: WindowSet | None = None,
+    manifest: Iterable[str] = (),
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    progress: Callable[[Epoch], None] | None = None,
+    device: str = "cpu",
+) -> FittedClassifier:
+    """Classifier trained on `windows`, as it stands after the last epoch.
+
+    `network` gives the architecture only and stays as it is: a network of the same settings with weights drawn from
+    `seed` is trained. Same seed, windows, settings and machine, with as many threads: same bits.
+
+    Parameters
+    ----------
+    network : untrained network, such as ``BiTCN(train.n_channels, len(train.classes))``.
+    windows : training windows with labels, measured and synthetic.
+    settings : epochs, batch, learning rate, normalization; the paper's by default.
+    seed : seed of weights, order and dropout.
+    validation : windows whose loss and accuracy are noted after each epoch; they change nothing else.
+    manifest : ids of further recordings that had a part in the training windows, such as those a twin was calibrated
+        on. They join the training and validation recordings in the classifier's manifest, which no test set may meet.
+    checkpoint : file that the run is saved to after each epoch.
+    resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
+    progress : called after each epoch.
+    device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
+
+    Raises
+    ------
+    DataError
+        A class has no window, or a window has no label.
+    LeakError
+        Training and validation share a recording.
+    InputError
+        Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
+    """
+    _require_fitting(network, windows, validation)
+    used = {*windows.recording_id.tolist(), *([] if validation is None else validation.recording_id.tolist())}
+    used |= {str(name) for name in manifest}
+    run = _description(network, windows, settings, seed, validation, sorted(used), device)
+    normalization = Normalization.fitted(settings.normalization, windows)
+    with _random_state_kept(device), _deterministic(settings.deterministic):
+        trained = network.fresh(derive_seed(seed, "weights")).to(device)
+        optimizer = torch.optim.Adam(
+            trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        history = _start(checkpoint, resume, run, trained, optimizer)
+        data = _tensors(windows, normalization, device)
+        held = None if validation is None else _tensors(validation, normalization, device)
+        weights = _class_weights(windows, device) if settings.class_weights else None
+        for number in range(len(history) + 1, settings.epochs + 1):
+            loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings.batch_size, seed, number)
+            history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
+            if checkpoint is not None:
+                save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
+            if progress is not None:
+                progress(history[-1])
+    return FittedClassifier(
+        network=trained.cpu().eval(),
+        classes=windows.classes,
+        layout=windows.layout,
+        normalization=normalization,
+        settings=settings,
+        seed=seed,
+        history=history,
+        manifest=tuple(sorted(used)),
+        pressures=_known(windows.cell_pressure),
+        speeds=_known(windows.speed),
+    )
+
+
+def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet | None) -> None:
+    if len(windows) == 0:
+        raise DataError("no window to train on.")
+    windows.require_labels("training")
+    if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
+        raise InputError(
+            f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
+            f"{windows.n_channels} and {len(windows.classes)}; build it with (train.n_channels, len(train.classes))."
+        )
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not counts.all():
+        raise DataError(
+            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
+            "cut the windows without this class."
+        )
+    if validation is None:
+        return
+    validation.require_labels("validation")
+    if validation.classes != windows.classes:
+        raise InputError("training and validation windows have other classes; cut the second with like= the first.")
+    if difference := windows.layout.difference(validation.layout):
+        raise InputError(f"training and validation windows differ: {difference}.")
+    check_disjoint(windows, validation)
+
+
+def _description(
+    network: Network,
+    windows: WindowSet,
+    settings: TrainingSettings,
+    seed: int,
+    validation: WindowSet | None,
+    manifest: list[str],
+    device: str,
+) -> dict[str, Any]:
+    """What makes a run this run and no other, in words and numbers that JSON can hold."""
+    return {
+        "network": network.name,
+        **{f"network's {name}": value for name, value in network.settings.items()},
+        **asdict(settings),
+        "seed": seed,
+        "device": device,
+        "training data (SHA-256)": windows.fingerprint(),
+        "validation data (SHA-256)": None if validation is None else validation.fingerprint(),
+        "manifest": manifest,
+    }
+
+
+@contextmanager
+def _random_state_kept(device: str) -> Iterator[None]:
+    """Within it, seeding torch leaves the caller's random numbers as they were."""
+    place = torch.device(device)
+    with torch.random.fork_rng(devices=[place.index or 0] if place.type == "cuda" else []):
+        yield
+
+
+@contextmanager
+def _deterministic(wanted: bool) -> Iterator[None]:
+    cudnn = torch.backends.cudnn
+    before = cudnn.deterministic, cudnn.benchmark
+    if wanted:
+        cudnn.deterministic, cudnn.benchmark = True, False
+    try:
+        yield
+    finally:
+        cudnn.deterministic, cudnn.benchmark = before
+
+
+def _start(
+    checkpoint: Path | None, resume: bool, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer
+) -> tuple[Epoch, ...]:
+    if checkpoint is None:
+        if resume:
+            raise InputError("resume=True needs checkpoint=, the file to continue from.")
+        return ()
+    if not Path(checkpoint).exists():
+        return ()
+    if not resume:
+        raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
+    return load_checkpoint(Path(checkpoint), run, network, optimizer)
+
+
+def _tensors(windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
+    signal = torch.from_numpy(normalization.applied(windows)).to(device)
+    return signal, torch.from_numpy(windows.target).to(device)
+
+
+def _class_weights(windows: WindowSet, device: str) -> Tensor:
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    return torch.tensor(len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device)
+
+
+def _train_epoch(
+    network: Network,
+    optimizer: torch.optim.Optimizer,
+    data: tuple[Tensor, Tensor],
+    weights: Tensor | None,
+    batch_size: int,
+    seed: int,
+    number: int,
+) -> tuple[float, float]:
+    """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide."""
+    signal, target = data
+    torch.manual_seed(derive_seed(seed, "dropout", number))
+    order = torch.from_numpy(stream(seed, "order", number).permutation(len(target))).to(signal.device)
+    network.train()
+    total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
+    for batch in order.split(batch_size):
+        scores = network(signal[batch])
+        loss = functional.cross_entropy(scores, target[batch], weight=weights)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        total += loss.detach() * len(batch)
+        right += (scores.argmax(dim=1) == target[batch]).sum()
+    mean = float(total) / len(target)
+    if not math.isfinite(mean):
+        raise InputError(
+            f"the loss is {mean} in epoch {number}; the learning rate is too high, or a reading too large."
+        )
+    return mean, float(right) / len(target)
+
+
+def _validated(network: Network, held: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
+    """(mean loss, accuracy) on the validation windows, or nothing where there are none."""
+    if held is None:
+        return ()
+    network.eval()
+    with torch.no_grad():
+        scores = torch.cat([network(batch) for batch in held[0].split(256)])
+    loss = functional.cross_entropy(scores, held[1])
+    return float(loss), float((scores.argmax(dim=1) == held[1]).float().mean())
+
+
+def _known(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.unique(values[~np.isnan(values)]))

@@ -1,0 +1,65 @@
+"""How a network is trained, and what each epoch came to."""
+
+import math
+from dataclasses import dataclass
+
+from swashtwin.errors import InputError
+
+NORMALIZATIONS = ("window", "recording", "set", "none")
+"""Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Settings of one training run with Adam and the cross-entropy of the classes.
+
+    Epochs, batch and learning rate default to the paper's (DOI 10.1177/00202940261419020); the rest is our reading,
+    since the paper does not say.
+    """
+
+    epochs: int = 200
+    """Passes over the training windows. The last one is what comes back, never the one best on test data."""
+    batch_size: int = 30
+    """Windows per step."""
+    learning_rate: float = 1e-3
+    """Step size of Adam."""
+    weight_decay: float = 0.0
+    """Factor of the squared weights in Adam's gradient."""
+    class_weights: bool = False
+    """Whether each class counts the same in the loss: a window of class c weighs n / (C n_c)."""
+    normalization: str = "window"
+    """``"window"``, ``"recording"``, ``"set"`` or ``"none"``. Per window is the default because gain and mounting
+    differ between machines, and between twin and machine; it hides what a fault does to the overall level."""
+    deterministic: bool = True
+    """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch_size"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} ({getattr(self, name)}) must be at least 1.")
+        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
+            raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
+        if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
+            raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
+        if self.normalization not in NORMALIZATIONS:
+            raise InputError(f"normalization {self.normalization!r} is none of {', '.join(NORMALIZATIONS)}.")
+
+
+PAPER_TRAINING = TrainingSettings()
+"""The paper's training: 200 epochs, batches of 30, learning rate 1e-3."""
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """What one pass over the training windows came to."""
+
+    number: int
+    """First epoch is 1."""
+    loss: float
+    """Mean cross-entropy over the training windows, while the weights move."""
+    accuracy: float
+    """Share of the training windows told right, while the weights move."""
+    validation_loss: float | None = None
+    """Mean cross-entropy over the validation windows after the epoch, where there are any."""
+    validation_accuracy: float | None = None
+    """Share of the validation windows told right after the epoch, where there are any."""

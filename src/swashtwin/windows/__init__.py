@@ -1,0 +1,15 @@
+"""Windows that are learnt from: cut from recordings, and split by recording, never by window."""
+
+from swashtwin.windows.cutting import cut_windows
+from swashtwin.windows.splitting import check_disjoint, hold_out, hold_out_specimens, split_by_recording
+from swashtwin.windows.window_set import WindowLayout, WindowSet
+
+__all__ = [
+    "WindowLayout",
+    "WindowSet",
+    "check_disjoint",
+    "cut_windows",
+    "hold_out",
+    "hold_out_specimens",
+    "split_by_recording",
+]

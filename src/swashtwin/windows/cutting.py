@@ -1,0 +1,169 @@
+"""Recordings to windows."""
+
+import difflib
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float32
+
+from swashtwin.errors import DataError, InputError
+from swashtwin.inspection import refuse_unfit
+from swashtwin.recording import Recording
+from swashtwin.windows.window_set import WindowLayout, WindowSet
+
+
+def cut_windows(
+    recordings: Iterable[Recording],
+    *,
+    length: int | None = None,
+    duration: float | None = None,
+    stride: int | None = None,
+    like: WindowSet | None = None,
+    classes: Sequence[str] | None = None,
+    allow_partial_revolution: bool = False,
+) -> WindowSet:
+    """Windows of equal length, in the recordings' order; readings left over at a recording's end are dropped.
+
+    Give exactly one of `length`, `duration` and `like`. Cut first and split afterwards: the split keeps each recording
+    on one side, however the windows overlap.
+
+    Parameters
+    ----------
+    length : readings per window.
+    duration : seconds per window [s].
+    stride : readings from one window's start to the next one's; the default, `length`, lets none overlap.
+    like : windows whose length and classes are taken over, and whose sample rate, channels and unit must be met.
+    classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels found, sorted.
+    allow_partial_revolution : accept windows shorter than one turn of the shaft. Not advised: such a window sees
+        some pistons only, and its label may rest on a part of the turn where the fault is silent.
+
+    Raises
+    ------
+    InputError
+        Lengths, classes or labels that cannot be, or a window shorter than one revolution.
+    DataError
+        Recordings that do not fit together, are too short for one window, or are unfit (NaN, a constant channel).
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(1, 1000))
+    >>> windows = cut_windows([Recording(noise, 1000.0, "a", label="normal")], length=300)
+    >>> windows.signal.shape, windows.start.tolist()
+    ((3, 1, 300), [0, 300, 600])
+    """
+    recordings = list(recordings)
+    _require_distinct(recordings)
+    length = _window_length(recordings[0].sample_rate, length, duration, like)
+    stride = length if stride is None else stride
+    if stride < 1:
+        raise InputError(f"stride ({stride} readings) must be at least 1; {length} lets no window overlap.")
+    _require_one_layout(recordings, length, like)
+    classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
+    for recording in recordings:
+        refuse_unfit(recording)
+        _require_long_enough(recording, length, allow_partial_revolution)
+    return _assembled(recordings, length, stride, classes)
+
+
+def _require_distinct(recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise DataError("no recording to cut windows from; check the folder or the selection.")
+    seen: set[str] = set()
+    for recording in recordings:
+        if recording.recording_id in seen:
+            raise DataError(
+                f"two recordings have the id {recording.recording_id}; ids tell training from test: make each unique."
+            )
+        seen.add(recording.recording_id)
+
+
+def _window_length(sample_rate: float, length: int | None, duration: float | None, like: WindowSet | None) -> int:
+    if sum(value is not None for value in (length, duration, like)) != 1:
+        raise InputError("give exactly one of length (readings), duration (seconds) and like (a window set).")
+    if like is not None:
+        return like.length
+    wanted = length if length is not None else round((duration or 0.0) * sample_rate)
+    if wanted < 2:
+        raise InputError(
+            f"a window of {wanted} reading(s) is too short to learn from; length counts readings, duration seconds "
+            f"(0.1 s is {round(0.1 * sample_rate)} readings at {sample_rate:g} Hz)."
+        )
+    return wanted
+
+
+def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
+    first, first_name = _layout(recordings[0], length), recordings[0].recording_id
+    if like is not None:
+        first, first_name = like.layout, "the windows given as like="
+    for recording in recordings:
+        if difference := first.difference(_layout(recording, length)):
+            raise DataError(
+                f"{first_name} and {recording.recording_id} do not fit together: {difference}; resample, or pick the "
+                "channels with recording.picked(...)."
+            )
+
+
+def _layout(recording: Recording, length: int) -> WindowLayout:
+    return WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, length)
+
+
+def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:
+    if classes is None:
+        return tuple(sorted({recording.label for recording in recordings if recording.label is not None}))
+    for recording in recordings:
+        if recording.label is not None and recording.label not in classes:
+            near = difflib.get_close_matches(recording.label, classes, n=1, cutoff=0.3)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise InputError(
+                f"{recording.recording_id} has the label {recording.label!r}; the classes are "
+                f"{', '.join(classes)}.{hint}"
+            )
+    return tuple(classes)
+
+
+def _require_long_enough(recording: Recording, length: int, allow_partial_revolution: bool) -> None:
+    readings = recording.signal.shape[1]
+    if readings < length:
+        raise DataError(
+            f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
+            f"{length}; shorten the window or leave the recording out."
+        )
+    if recording.condition is None or allow_partial_revolution:
+        return
+    least = math.ceil(recording.sample_rate * recording.condition.period * (1 - 1e-9))
+    if length < least:
+        raise InputError(
+            f"a window of {length} readings is shorter than one revolution of {recording.recording_id} "
+            f"({recording.condition.shaft_frequency * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
+            f"{least} or more, or allow_partial_revolution=True."
+        )
+
+
+def _slices(recording: Recording, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
+    views = np.lib.stride_tricks.sliding_window_view(recording.signal, length, axis=1)[:, ::stride]
+    return np.ascontiguousarray(views.transpose(1, 0, 2), dtype=np.float32)
+
+
+def _assembled(recordings: Sequence[Recording], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
+    slices = [_slices(recording, length, stride) for recording in recordings]
+    repeats = [len(part) for part in slices]
+    index = {name: position for position, name in enumerate(classes)}
+    conditions = [recording.condition for recording in recordings]
+    pressure = [math.nan if condition is None else condition.discharge_pressure for condition in conditions]
+    speed = [math.nan if condition is None else condition.speed for condition in conditions]
+    target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
+    return WindowSet(
+        signal=np.concatenate(slices),
+        target=np.repeat(np.array(target, dtype=np.int64), repeats),
+        classes=classes,
+        recording_id=np.repeat(np.array([recording.recording_id for recording in recordings], dtype=np.str_), repeats),
+        specimen=np.repeat(np.array([recording.specimen or "" for recording in recordings], dtype=np.str_), repeats),
+        discharge_pressure=np.repeat(np.array(pressure, dtype=np.float64), repeats),
+        speed=np.repeat(np.array(speed, dtype=np.float64), repeats),
+        start=np.concatenate([np.arange(count, dtype=np.int64) * stride for count in repeats]),
+        synthetic=np.repeat(np.array([recording.synthetic for recording in recordings], dtype=np.bool_), repeats),
+        sample_rate=float(recordings[0].sample_rate),
+        channels=recordings[0].channels,
+        unit=recordings[0].unit,
+    )

@@ -117,7 +117,7 @@ def _dialect(path: Path, lines: list[str], options: Options) -> tuple[str, str, 
             if decimal == separator:
                 continue
             start, n_columns = _first_row(lines, separator, decimal, options.header_lines)
-            if n_columns and (best is None or n_columns > best[0]):
+            if n_columns and (best is None or (n_columns, -start) > (best[0], -best[3])):
                 best = (n_columns, separator, decimal, start)
     if best is None:
         raise DataError(

@@ -1,5 +1,6 @@
 """TDMS files of National Instruments."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
 def read(path: Path, options: Options) -> RawFile:
     """Channels of a TDMS file, called ``group/channel`` where it has several groups."""
     nptdms = load_extra("nptdms")
-    with nptdms.TdmsFile.open(str(path)) as file:
+    for name in ("reader", "types", "tdms_segment", "base_segment", "tdms"):
+        logging.getLogger(f"nptdms.{name}").setLevel(logging.CRITICAL)  # what it warns of is refused below
+    with path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
         if file.file_status.incomplete_final_segment:
             raise DataError(f"{path} is cut off: its last segment is incomplete.")
         groups = file.groups()

@@ -1,5 +1,6 @@
 """Universal files, data set 58 (functions at nodal degrees of freedom)."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from swashtwin.errors import DataError
 from swashtwin.readers.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 
 _TIME_RESPONSE = 1
+_DELIMITER = re.compile(rb"^    -1\s*$", re.MULTILINE)
 _STEP_DIGITS = 5e-6
 """Largest relative error of a step written with six digits."""
 _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
@@ -16,6 +18,8 @@ _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 def read(path: Path, options: Options) -> RawFile:
     """Time responses of a universal file; their step has six digits, so the rate is snapped to a sensible one."""
+    if len(_DELIMITER.findall(path.read_bytes())) % 2:
+        raise DataError(f"{path} is cut off: its last data set has no end.")
     content = load_extra("pyuff").UFF(str(path)).read_sets()
     sets = content if isinstance(content, list) else [content]
     responses = [one for one in sets if one.get("type") == 58 and one.get("func_type") == _TIME_RESPONSE]

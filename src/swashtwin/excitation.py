@@ -146,7 +146,7 @@ class Impact:
     speed: float
     """Speed of the impact [m/s]."""
     impulse: float
-    """Impulse [N s] on the plate of slippers; negative where the slipper is pulled off the swash plate."""
+    """Impulse [N s]; positive where it presses the slipper onto the swash plate, negative where it pulls it off."""
 
 
 def impacts(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[Impact, Impact]:
@@ -161,11 +161,11 @@ def impacts(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> t
     pull = lift * condition.speed**2 + FRICTION / mass
     trapped = group.dead_volume + 2 * group.piston_area * lift
     rate = group.piston_area * math.sqrt(pump.oil.bulk_modulus / (trapped * mass))
-    speeds = (math.sqrt(2 * pull * fault.clearance), rate * fault.clearance)
-    crossing = (math.sqrt(2 * fault.clearance / pull), math.pi / (2 * rate))
-    return tuple(  # type: ignore[return-value]
-        Impact(angle=start + condition.speed * time, speed=speed, impulse=sign * mass * speed * (1 + fault.restitution))
-        for start, time, speed, sign in zip((PULL_ANGLE, PRESS_ANGLE), crossing, speeds, (-1, 1), strict=True)
+    pull_speed, press_speed = math.sqrt(2 * pull * fault.clearance), rate * fault.clearance
+    rebound = mass * (1 + fault.restitution)
+    return (
+        Impact(PULL_ANGLE + condition.speed * pull_speed / pull, pull_speed, -rebound * pull_speed),
+        Impact(PRESS_ANGLE + condition.speed * math.pi / (2 * rate), press_speed, rebound * press_speed),
     )
 
 

@@ -172,6 +172,14 @@ def _tabulate(cases: Sequence[LoadCase], angle: np.ndarray) -> Chambers:
     )
 
 
+def _named(cases: Sequence[LoadCase], index: int) -> str:
+    case = cases[index]
+    return (
+        f"case {index} ({case.pump.name}, {case.condition.speed * 30 / math.pi:.4g} rev/min, "
+        f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault})"
+    )
+
+
 def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
     """Periodic pressures of all `cases`, integrated together.
 
@@ -179,12 +187,12 @@ def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutio
     ----------
     cases : pumps with the same number of pistons; all else may differ.
     steps : steps per revolution, rounded up to a multiple of the number of pistons.
-    revolutions : how many to integrate; the last is returned, and the second already repeats.
+    revolutions : how many to integrate; the last is returned, and the second already repeats to 3e-4.
 
     Raises
     ------
     InputError
-        No case, or different numbers of pistons.
+        No case, different numbers of pistons, or a pump that leaks more than it displaces.
     SwashTwinError
         The pressures of a case cannot be solved for.
     """
@@ -199,19 +207,22 @@ def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutio
     try:
         chamber, discharge = solve(_tabulate(cases, grid), revolutions)
     except NotConverged as failure:
-        case = cases[failure.case]
         raise SwashTwinError(
-            f"chamber pressures of case {failure.case} ({case.pump.name}, "
-            f"{case.condition.speed * 30 / math.pi:.4g} rev/min, "
-            f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault}) do not converge at shaft angle "
+            f"chamber pressures of {_named(cases, failure.case)} do not converge at shaft angle "
             f"{math.degrees(failure.angle):.4g} deg; more steps than {steps} per revolution may help."
         ) from failure
     excess = np.maximum(discharge - np.array([[_cracking_pressure(case)] for case in cases]), 0.0)
+    flow = np.array([_relief_slope(case) for case in cases]) * excess.mean(axis=1)
+    if flow.min() <= 0:
+        raise InputError(
+            f"{_named(cases, int(flow.argmin()))} leaks all it displaces and cannot hold its discharge pressure; "
+            "raise the speed, or lower discharge_pressure or oil_temperature."
+        )
     return ChamberPressures(
         angle=2 * math.pi * np.arange(1, steps + 1) / steps,
         chamber=chamber,
         discharge=discharge,
-        flow=np.array([_relief_slope(case) for case in cases]) * excess.mean(axis=1),
+        flow=flow,
     )
 
 
@@ -251,19 +262,19 @@ def pressure_lines(
 
     Parameters
     ----------
-    n_lines : how many; below half of `steps`.
+    n_lines : how many.
     topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then takes the piston force.
+    steps : steps per revolution, at least; as many more as the lines need. Euler's method is of first order: with 1792
+        steps the lines up to 5 n are off by 1 % of their sum (7 % of the smallest), with 896 by twice that.
 
     Raises
     ------
     InputError
-        Too many lines for the steps; see also `chamber_pressures`.
+        No line is asked for; see also `chamber_pressures`.
     """
-    if not 1 <= n_lines < steps / 2:
-        raise InputError(
-            f"n_lines ({n_lines}) must lie in 1...{(steps - 1) // 2}; ask for more than {2 * n_lines} steps."
-        )
-    pressures = chamber_pressures(cases, steps=steps)
+    if n_lines < 1:
+        raise InputError(f"n_lines ({n_lines}) must be at least 1.")
+    pressures = chamber_pressures(cases, steps=max(steps, 2 * n_lines + 2))
     to_zero = np.exp(-1j * np.arange(1, n_lines + 1) * pressures.angle[0])[:, None]
     lines = np.empty((len(cases), n_lines, 13), dtype=complex)
     for index, case in enumerate(cases):

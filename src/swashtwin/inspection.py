@@ -189,7 +189,7 @@ def _channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Rec
             f"readings touch the converter's full scale ({row.min():.4g} to {row.max():.4g}): peaks may be cut off."
         )
         yield Finding("clipping", "warning", name, message)
-    starts, lengths = _runs(np.diff(row) == 0)
+    starts, lengths = _runs(row[1:] == row[:-1])
     interior = [not np.isclose(row[start], (np.nanmin(row), np.nanmax(row))).any() for start in starts]
     least = max(_FLAT_READINGS, _FLAT_TIME * recording.sample_rate)
     flat = (lengths + 1 >= least) & (np.array(interior, dtype=bool) | (clipped == 0))
@@ -279,7 +279,11 @@ def _line_family(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> 
     near = np.abs(candidates / shaft - 1) <= _SPEED_TOLERANCE
     best = int(np.argmax(hits))
     clear = hits[best] >= _HARMONICS // 2 and hit[best, :3].sum() >= 2 and len(lines) <= 4 * _HARMONICS
-    return float(candidates[best]) if clear and hits[near].max() <= 2 else None
+    if not clear or hits[near].max() > 2:
+        return None
+    matched = orders[hit[best]]
+    nearest = lines[np.argmin(distance[best][hit[best]], axis=1)]
+    return float(matched @ nearest / (matched @ matched))
 
 
 def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np.ndarray, " line"]:

@@ -102,6 +102,16 @@ class Entry:
         for key, kind in expected.items():
             if cleaned.get(key) is not None and not isinstance(cleaned[key], kind):
                 raise DataError(f"{where}: {key} = {cleaned[key]!r} must be {_KINDS[kind]}.")
+        for key, unit in QUANTITIES.items():
+            value = cleaned.get(key)
+            if value is not None and not isinstance(value, str):
+                raise UnitError(
+                    f'{where}: {key} is the bare number {value!r}; write it with its unit: "{value} {unit}".'
+                )
+        if not all(isinstance(item, str) for item in cleaned.get("names") or ()):
+            raise DataError(f"{where}: names = {values['names']!r} must be a list of texts.")
+        if not all(isinstance(item, (str, int)) for item in cleaned.get("channels") or ()):
+            raise DataError(f"{where}: channels = {values['channels']!r} must be a list of texts or whole numbers.")
         if not cleaned.get("file"):
             raise DataError(f'{where}: an entry needs file = "...".')
         return cls(**dict[str, Any](cleaned))

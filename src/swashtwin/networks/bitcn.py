@@ -1,5 +1,6 @@
 """The paper's bidirectional temporal convolutional network."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
@@ -141,8 +142,8 @@ class BiTCN(Network):
         n_classes: int,
         *,
         kernel_size: int = 5,
-        channels: tuple[int, ...] = (32, 32, 32, 64, 64, 64),
-        dilations: tuple[int, ...] | None = None,
+        channels: Sequence[int] = (32, 32, 32, 64, 64, 64),
+        dilations: Sequence[int] | None = None,
         dropout: float = 0.1,
         reduction: int = 4,
         stride: int = 1,

@@ -1,0 +1,68 @@
+"""Classifiers without a network, the rivals that a network must beat: extra trees on vibration features."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from sklearn.ensemble import ExtraTreesClassifier
+
+from swashtwin.errors import DataError, InputError
+from swashtwin.features import extract_features
+from swashtwin.seeding import derive_seed
+from swashtwin.windows import WindowLayout, WindowSet
+
+
+@dataclass(frozen=True, eq=False)
+class FittedBaseline:
+    """Fitted trees that answer as a fitted network does, so that `evaluate` takes either."""
+
+    estimator: ExtraTreesClassifier
+    """The trees, fitted on the columns of `extract_features`."""
+    classes: tuple[str, ...]
+    """Class names, in the order of the probabilities."""
+    layout: WindowLayout
+    """Sample rate, channels, unit and length that windows must have."""
+    manifest: tuple[str, ...]
+    """Every recording that had a part in it, sorted; none may be tested on."""
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window: the share of the trees' votes."""
+        if difference := self.layout.difference(windows.layout):
+            raise InputError(f"the trees were fitted on other windows: {difference}.")
+        probability: np.ndarray = self.estimator.predict_proba(extract_features(windows).values)
+        return probability
+
+    def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
+        """Name of the likeliest class of each window."""
+        return np.array(self.classes, dtype=np.str_)[self.predict_proba(windows).argmax(axis=1)]
+
+
+def fit_extra_trees(
+    windows: WindowSet, *, seed: int = 0, n_trees: int = 300, manifest: Iterable[str] = ()
+) -> FittedBaseline:
+    """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1) on the features.
+
+    Trees need no scaling, no selection and hardly a setting, which makes them the first rival to any network.
+
+    Parameters
+    ----------
+    windows : training windows with labels.
+    seed : seed of the trees.
+    n_trees : number of trees.
+    manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+
+    Raises
+    ------
+    DataError
+        A class has no window, or a window has no label.
+    """
+    windows.require_labels("training")
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not (counts.size and counts.all()):
+        missing = windows.classes[int(counts.argmin())] if counts.size else "any"
+        raise DataError(f"class {missing} has no training window; add some, or cut the windows without this class.")
+    estimator = ExtraTreesClassifier(n_trees, random_state=derive_seed(seed, "extra trees") % 2**32, n_jobs=1)
+    estimator.fit(extract_features(windows).values, windows.target)
+    used = {*windows.recording_id.tolist(), *(str(name) for name in manifest)}
+    return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)))

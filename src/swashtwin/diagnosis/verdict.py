@@ -1,0 +1,117 @@
+"""What a fitted classifier says of one recording."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from swashtwin.errors import DataError
+from swashtwin.evaluation import pooled_probabilities
+from swashtwin.recording import Recording
+from swashtwin.training import FittedClassifier
+from swashtwin.windows import WindowLayout, cut_windows
+
+CLOSE = 0.05
+"""Relative difference up to which a pressure or speed counts as one that was trained at."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The class of one recording, and how sure the classifier is of it."""
+
+    recording_id: str
+    """The recording that was diagnosed."""
+    label: str
+    """Likeliest class of the whole recording."""
+    probabilities: Mapping[str, float]
+    """Probability of each class, from the mean log-probability over the windows. The windows of one recording are not
+    independent, so it is a score between classes rather than a calibrated chance."""
+    window_labels: tuple[str, ...]
+    """Likeliest class of each window, in order of time."""
+    agreement: float
+    """Share of the windows that say the same as `label`."""
+    notes: tuple[str, ...]
+    """What a reader should know before trusting it, such as a condition that was never trained."""
+
+    @property
+    def n_windows(self) -> int:
+        """Windows that the recording gave."""
+        return len(self.window_labels)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, words and lists that JSON can hold."""
+        return {
+            "recording_id": self.recording_id,
+            "label": self.label,
+            "probabilities": dict(self.probabilities),
+            "window_labels": list(self.window_labels),
+            "n_windows": self.n_windows,
+            "agreement": self.agreement,
+            "notes": list(self.notes),
+        }
+
+
+def diagnose(classifier: FittedClassifier, recording: Recording) -> Diagnosis:
+    """The class of a recording, labeled or not, from windows cut as in training and without overlap.
+
+    Raises
+    ------
+    DataError
+        The recording has another sample rate, other channels or another unit, is too short for one window, or is unfit.
+    """
+    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.length)
+    if difference := classifier.layout.difference(layout):
+        raise DataError(
+            f"{recording.recording_id} does not fit the classifier: {difference}; resample it, or pick its channels "
+            "with recording.picked(...)."
+        )
+    windows = cut_windows(
+        [recording.relabeled(None)],
+        length=classifier.length,
+        classes=classifier.classes,
+        allow_partial_revolution=True,
+    )
+    probability = classifier.predict_proba(windows)
+    pooled = pooled_probabilities(probability)
+    label = classifier.classes[int(pooled.argmax())]
+    window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
+    return Diagnosis(
+        recording_id=recording.recording_id,
+        label=label,
+        probabilities=MappingProxyType(dict(zip(classifier.classes, pooled.tolist(), strict=True))),
+        window_labels=window_labels,
+        agreement=float(np.mean([name == label for name in window_labels])),
+        notes=tuple(_notes(classifier, recording)),
+    )
+
+
+def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
+    notes = []
+    if recording.recording_id in classifier.manifest:
+        notes.append("The classifier was made with this very recording; the answer proves nothing about new ones.")
+    condition = recording.condition
+    if condition is None:
+        return notes
+    if _is_new(condition.discharge_pressure, classifier.pressures):
+        trained = _listed([pressure / 1e6 for pressure in classifier.pressures])
+        notes.append(
+            f"Discharge pressure {condition.discharge_pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
+        )
+    if _is_new(condition.speed, classifier.speeds):
+        trained = _listed([speed * 30 / math.pi for speed in classifier.speeds])
+        notes.append(f"Speed {condition.speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
+    if classifier.length / classifier.sample_rate < condition.period * (1 - 1e-9):
+        notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
+    return notes
+
+
+def _is_new(value: float, trained: tuple[float, ...]) -> bool:
+    return bool(trained) and all(not math.isclose(value, known, rel_tol=CLOSE) for known in trained)
+
+
+def _listed(values: list[float]) -> str:
+    words = [f"{value:.4g}" for value in values]
+    return ", ".join(words) if len(words) <= 6 else f"{len(words)} values from {words[0]} to {words[-1]}"

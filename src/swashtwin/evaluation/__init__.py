@@ -1,0 +1,6 @@
+"""Scores of a classifier on recordings it has never seen, with the level of generalization beside them."""
+
+from swashtwin.evaluation.levels import LEVELS
+from swashtwin.evaluation.scores import CellScore, Classifier, Scores, evaluate, pooled_probabilities
+
+__all__ = ["LEVELS", "CellScore", "Classifier", "Scores", "evaluate", "pooled_probabilities"]

@@ -19,7 +19,8 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
     names = ["drive_end"]
 """
 
-from swashtwin.readers.entry import Entry, read_recording
+from swashtwin.readers.assembly import read_recording
+from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, write_recording
 from swashtwin.readers.index import read_recordings, save_index, write_index
 from swashtwin.readers.proposal import IndexProposal, propose_index

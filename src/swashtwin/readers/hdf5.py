@@ -13,6 +13,8 @@ from swashtwin.readers.raw import Options, RawFile, known_unit
 from swashtwin.recording import Recording
 
 _FORMAT = "swashtwin recording 1"
+_LAYOUT = ("v110", "v110")
+"""A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless loop."""
 _RATE_NAMES = ("sample_rate", "fs", "sampling_rate", "sampling_frequency")
 _CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 
@@ -20,7 +22,7 @@ _CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure"
 def read(path: Path, options: Options) -> RawFile:
     """A recording that `write` wrote, whole; or every numeric vector of another HDF5 file."""
     with h5py.File(path, "r") as file:
-        if file.attrs.get("format") == _FORMAT:
+        if _text(file.attrs.get("format")) == _FORMAT:
             recording = _recording(file)
             columns = dict(zip(recording.channels, recording.signal, strict=True))
             units = dict.fromkeys(recording.channels, recording.unit)
@@ -30,7 +32,7 @@ def read(path: Path, options: Options) -> RawFile:
 
 def write(recording: Recording, path: Path) -> None:
     """Write the whole recording: ``signal`` in double precision, everything else as attributes (SI units)."""
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", libver=_LAYOUT) as file:
         file.create_dataset("signal", data=np.asarray(recording.signal, dtype=np.float64), fletcher32=True)
         facts: dict[str, Any] = {
             "format": _FORMAT,
@@ -45,7 +47,8 @@ def write(recording: Recording, path: Path) -> None:
         facts |= {name: text for name, text in texts.items() if text is not None}
         if recording.condition is not None:
             facts |= {f"condition.{name}": float(getattr(recording.condition, name)) for name in _CONDITION}
-        file.attrs.update(facts)
+        for name, value in facts.items():  # texts of fixed length: the library checks no others
+            file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _recording(file: h5py.File) -> Recording:
@@ -56,15 +59,19 @@ def _recording(file: h5py.File) -> Recording:
     return Recording(
         signal=file["signal"][()],
         sample_rate=float(facts["sample_rate"]),
-        recording_id=str(facts["recording_id"]),
+        recording_id=str(_text(facts["recording_id"])),
         channels=tuple(json.loads(facts["channels"])),
-        unit=str(facts["unit"]),
-        label=facts.get("label"),
+        unit=str(_text(facts["unit"])),
+        label=_text(facts.get("label")),
         condition=condition,
-        specimen=facts.get("specimen"),
+        specimen=_text(facts.get("specimen")),
         synthetic=bool(facts["synthetic"]),
         attributes=MappingProxyType(json.loads(facts["attributes"])),
     )
+
+
+def _text(value: Any) -> str | None:
+    return value.decode() if isinstance(value, bytes) else value if isinstance(value, str) else None
 
 
 def _foreign(file: h5py.File) -> RawFile:
@@ -81,7 +88,7 @@ def _foreign(file: h5py.File) -> RawFile:
         for number, row in enumerate(rows if array.ndim <= 2 else ()):
             key = name if array.ndim == 1 else f"{name}/{number}"
             columns[key] = row
-            unit = known_unit(item.attrs.get("unit", file.attrs.get("unit", "")))
+            unit = known_unit(_text(item.attrs.get("unit", file.attrs.get("unit"))))
             if unit:
                 units[key] = unit
 

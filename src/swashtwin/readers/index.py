@@ -10,7 +10,8 @@ from typing import Any
 
 from swashtwin.errors import DataError, InputError, MissingFileError
 from swashtwin.files import sha256_of, write_text
-from swashtwin.readers.entry import QUANTITIES, Entry, recording_from
+from swashtwin.readers.assembly import recording_from
+from swashtwin.readers.entry import QUANTITIES, Entry
 from swashtwin.readers.formats import stem_of, suffix_of
 from swashtwin.recording import Recording
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.errors import DataError, InputError, MissingFileError
-from swashtwin.readers.entry import Entry, choose_columns
+from swashtwin.readers.assembly import choose_columns
+from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, read_raw, stem_of, suffix_of
 from swashtwin.readers.raw import Options, RawFile
 

@@ -1,0 +1,38 @@
+"""Calibration: six interface values from measured vibration, and how far to trust them.
+
+`calibrate` takes a twin and recordings, searches with a `Calibrator` (`IPINN`, the paper's, or `GaussNewton`), and
+gives a `Calibration`.
+"""
+
+from swashtwin.calibration.agreement import Agreement, Spectra, Waveforms
+from swashtwin.calibration.gauss_newton import GaussNewton
+from swashtwin.calibration.identifiability import Estimate
+from swashtwin.calibration.ipinn import IPINN
+from swashtwin.calibration.loading import load_calibration
+from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
+from swashtwin.calibration.objective import Objective, SearchSpace, objective_of, search_space
+from swashtwin.calibration.procedure import calibrate
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.search import Calibrator, History, Search
+
+__all__ = [
+    "DEFAULT_BAND",
+    "IPINN",
+    "Agreement",
+    "Calibration",
+    "Calibrator",
+    "Estimate",
+    "GaussNewton",
+    "History",
+    "Measurement",
+    "Objective",
+    "Search",
+    "SearchSpace",
+    "Spectra",
+    "Waveforms",
+    "calibrate",
+    "load_calibration",
+    "measure",
+    "objective_of",
+    "search_space",
+]

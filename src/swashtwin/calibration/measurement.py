@@ -1,0 +1,188 @@
+"""What a calibration takes from recordings: the amplitudes of the piston-pass lines."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from swashtwin.errors import DataError, InputError, UnitError
+from swashtwin.inspection import refuse_unfit
+from swashtwin.recording import Recording
+from swashtwin.signals import OrderSpectrum, order_spectrum
+from swashtwin.twin import Twin
+
+DEFAULT_BAND = (0.0, 2500.0)
+"""Band [Hz] whose lines are compared.
+
+The upper end lies just above the highest mode of the model (2376 Hz for the paper's pump): beyond it the model's shell
+is a free mass, which says little of the interfaces (up to 5 kHz, only C_sw becomes more than a tenth more certain). A
+real housing bends from 1 to 2 kHz on, which rigid bodies cannot follow: where measured lines above 1 kHz are far off
+for any values, ``band=(0, 1000)`` is the honest choice, at the price of C_v and C_Hz three times less certain.
+"""
+
+SPEED_TOLERANCE = 0.01
+"""Relative difference of speed up to which a recording agrees with a twin."""
+PRESSURE_TOLERANCE = 0.06
+"""Relative difference of discharge pressure up to which a recording agrees with a twin."""
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Measured amplitudes of the lines at multiples of the piston count, averaged over recordings."""
+
+    channels: tuple[str, ...]
+    """Channels, each a sensor of the twin's pump."""
+    orders: Int[np.ndarray, " order"]
+    """Multiples of the shaft frequency."""
+    amplitude: Float[np.ndarray, "channel order"]
+    """Mean peak amplitude [m/s^2]."""
+    deviation: Float[np.ndarray, "channel order"]
+    """Standard deviation of that mean [m/s^2]: within recordings or between them, whichever is larger."""
+    recordings: tuple[Recording, ...]
+    """What was measured."""
+    left_out: tuple[tuple[str, str], ...]
+    """Id of each recording that does not agree with the twin, and why."""
+    band: tuple[float, float]
+    """Frequencies [Hz] within which the orders lie."""
+
+    @property
+    def recording_ids(self) -> tuple[str, ...]:
+        """Ids of the recordings used."""
+        return tuple(recording.recording_id for recording in self.recordings)
+
+
+def measure(twin: Twin, recordings: Iterable[Recording], band: tuple[float, float] = DEFAULT_BAND) -> Measurement:
+    """Line amplitudes of those `recordings` that agree with the twin in label, speed (1 %) and pressure (6 %).
+
+    Raises
+    ------
+    DataError
+        None agrees; a recording is unfit, or has a channel for which the pump has no sensor.
+    UnitError
+        A recording is not in m/s^2.
+    InputError
+        The band holds no piston-pass line.
+    """
+    used, left_out = agreeing(twin, recordings)
+    for recording in used:
+        refuse_unfit(recording)
+        _require_channels(twin, recording, used[0])
+    orders = _orders_within(twin, band, used)
+    spectra = [order_spectrum(r.signal, r.sample_rate, _shaft_frequency(r), orders) for r in used]
+    for recording, spectrum in zip(used, spectra, strict=True):
+        _require_acceleration(twin, recording, spectrum)
+    amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
+    within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
+    between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
+    return Measurement(
+        channels=used[0].channels,
+        orders=orders,
+        amplitude=amplitudes.mean(axis=0),
+        deviation=np.maximum(within, between),
+        recordings=tuple(used),
+        left_out=tuple(left_out),
+        band=(float(band[0]), float(band[1])),
+    )
+
+
+def agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
+    """Recordings that show what the twin models, and the ids of the others, each with the reason.
+
+    Raises
+    ------
+    DataError
+        None is left; both numbers that differ are named.
+    """
+    used, left_out = [], []
+    for recording in recordings:
+        reason = _disagreement(twin, recording)
+        if reason is None:
+            used.append(recording)
+        else:
+            left_out.append((recording.recording_id, reason))
+    if not used:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
+        more = f"; and {len(left_out) - 3} more" if len(left_out) > 3 else ""
+        raise DataError(
+            f"no recording agrees with the twin ({reasons}{more}); give others, or a twin of their fault at their "
+            "condition: twin.at(condition)."
+        )
+    return used, left_out
+
+
+def _disagreement(twin: Twin, recording: Recording) -> str | None:
+    if recording.label != twin.label:
+        return f"the recording's label is {recording.label}, the twin's {twin.label}"
+    if recording.condition is None:
+        return "the recording has no operating condition"
+    own, wanted = recording.condition, twin.condition
+    if abs(own.speed / wanted.speed - 1) > SPEED_TOLERANCE:
+        return f"the recording is at {_rpm(own.speed)} rev/min, the twin at {_rpm(wanted.speed)} rev/min"
+    if abs(own.discharge_pressure / wanted.discharge_pressure - 1) > PRESSURE_TOLERANCE:
+        pressures = own.discharge_pressure / 1e6, wanted.discharge_pressure / 1e6
+        return f"the recording is at {pressures[0]:.4g} MPa, the twin at {pressures[1]:.4g} MPa"
+    return None
+
+
+def _rpm(speed: float) -> str:
+    return f"{speed * 30 / math.pi:.4g}"
+
+
+def _shaft_frequency(recording: Recording) -> float:
+    assert recording.condition is not None  # `agreeing` lets none pass
+    return recording.condition.shaft_frequency
+
+
+def _require_channels(twin: Twin, recording: Recording, first: Recording) -> None:
+    for name in recording.channels:
+        if name not in twin.pump.channels:
+            raise DataError(
+                f"{recording.recording_id}: the pump {twin.pump.name} has no sensor for channel {name!r}; it has "
+                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or take recording.picked([...])."
+            )
+    if recording.channels != first.channels:
+        raise DataError(
+            f"{recording.recording_id} has the channels {', '.join(recording.channels)}, {first.recording_id} has "
+            f"{', '.join(first.channels)}; pick the same from both with recording.picked([...])."
+        )
+
+
+def _orders_within(twin: Twin, band: tuple[float, float], used: Sequence[Recording]) -> Int[np.ndarray, " order"]:
+    low, high = band
+    count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
+    if not 0 <= low < high:
+        raise InputError(f"band ({low:g}, {high:g}) must be two frequencies [Hz], the lower first.")
+    for recording in used:
+        if high > 0.49 * recording.sample_rate:
+            raise InputError(
+                f"band ends at {high:g} Hz, above what {recording.recording_id} holds at {recording.sample_rate:g} "
+                f"readings per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
+            )
+    orders = count * np.arange(1, int(high / (count * shaft)) + 1)
+    orders = orders[orders * shaft >= low]
+    if not len(orders):
+        raise InputError(
+            f"band ({low:g}, {high:g}) Hz holds no multiple of the piston-pass frequency ({count * shaft:.1f} Hz)."
+        )
+    return orders
+
+
+def gravity_ratio(twin: Twin, spectrum: OrderSpectrum, channels: Sequence[str]) -> bool:
+    """Whether the twin's lines exceed the measured ones about as much as m/s^2 exceed g (within a fifth)."""
+    simulated = twin.acceleration().abs().detach().numpy()
+    kept = np.isin(twin.orders, spectrum.orders)
+    rows = [twin.pump.channels.index(name) for name in channels]
+    ratio = float(np.sqrt(np.sum(simulated[rows][:, kept] ** 2) / max(np.sum(spectrum.amplitude**2), 1e-300)))
+    return abs(ratio / GRAVITY - 1) <= 0.2
+
+
+def _require_acceleration(twin: Twin, recording: Recording, spectrum: OrderSpectrum) -> None:
+    if recording.unit == "m/s^2":
+        return
+    hint = ""
+    if gravity_ratio(twin, spectrum, recording.channels):
+        hint = f" Its lines are {GRAVITY:.3g} times lower than the twin's: readings in g? Then multiply by {GRAVITY}."
+    raise UnitError(f"{recording.recording_id} is in {recording.unit!r}; a calibration needs m/s^2.{hint}")

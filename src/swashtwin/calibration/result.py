@@ -1,0 +1,127 @@
+"""What a calibration found."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.calibration.agreement import Agreement, Spectra, Waveforms
+from swashtwin.calibration.archive import twin_to_dict
+from swashtwin.calibration.identifiability import Estimate
+from swashtwin.calibration.search import History
+from swashtwin.files import write_text
+from swashtwin.pump import PARAMETERS
+from swashtwin.twin import Twin
+
+FORMAT = "swashtwin calibration 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A twin that was brought near to recordings, and everything one needs to judge it."""
+
+    twin: Twin
+    """The calibrated twin."""
+    nominal: Twin
+    """The twin before."""
+    estimates: tuple[Estimate, ...]
+    """The six values, in the order of `pump.PARAMETERS`."""
+    covariance: Float[np.ndarray, "6 6"]
+    """Covariance of the logarithms of the values; synthesis may draw from it."""
+    fit_before: Agreement
+    """How near the nominal twin is to the recordings."""
+    fit_after: Agreement
+    """How near the calibrated twin is to the same recordings; no test of either."""
+    history: History
+    """How the search went."""
+    spectra: Spectra
+    """Lines before and after."""
+    waveforms: Waveforms
+    """One revolution before and after."""
+    recording_ids: tuple[str, ...]
+    """Recordings it was calibrated on. They are training data: hand them to ``fit`` as ``manifest=``, and no test set
+    may hold them."""
+    left_out: tuple[tuple[str, str], ...]
+    """Id of each recording given but not used, and why."""
+    notes: tuple[str, ...]
+    """What the user should look at, in words."""
+    method: str
+    """Name of the method."""
+    settings: Mapping[str, Any]
+    """Its settings, the band and the seed, as JSON can hold them."""
+    simulations: int
+    """How many parameter sets were simulated."""
+    wall_s: float
+    """How long it took [s]."""
+    version: str
+    """Version of swashtwin that made it."""
+
+    def estimate(self, name: str) -> Estimate:
+        """Estimate of the parameter with that name or letter."""
+        return next(estimate for estimate in self.estimates if name in (estimate.name, estimate.letter))
+
+    @property
+    def improvement(self) -> dict[str, float]:
+        """By what share each figure of `fit_before` fell; negative where it rose."""
+        before, after = asdict(self.fit_before), asdict(self.fit_after)
+        return {name: 1 - after[name] / before[name] for name in before}
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it; `load_calibration` reads it back."""
+        return {
+            "format": FORMAT,
+            "version": self.version,
+            "method": self.method,
+            "settings": dict(self.settings),
+            "twin": twin_to_dict(self.twin),
+            "nominal": twin_to_dict(self.nominal),
+            "estimates": [asdict(estimate) for estimate in self.estimates],
+            "covariance": self.covariance.tolist(),
+            "fit_before": asdict(self.fit_before),
+            "fit_after": asdict(self.fit_after),
+            "history": _arrays(self.history),
+            "spectra": _arrays(self.spectra),
+            "waveforms": _arrays(self.waveforms),
+            "recording_ids": list(self.recording_ids),
+            "left_out": [list(pair) for pair in self.left_out],
+            "notes": list(self.notes),
+            "simulations": self.simulations,
+            "wall_s": self.wall_s,
+        }
+
+    def save(self, path: Path | str) -> Path:
+        """`path`, after the calibration was written to it as JSON."""
+        return write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+    def interfaces_toml(self) -> str:
+        """The calibrated values as the ``[interfaces]`` of a pump file, each with its source."""
+        recordings = ", ".join(self.recording_ids[:3])
+        more = f" and {len(self.recording_ids) - 3} more" if len(self.recording_ids) > 3 else ""
+        lines = []
+        for place, name in enumerate(PARAMETERS):
+            section, entry = name.split(".")
+            estimate = self.estimates[place]
+            if entry == "damping":
+                lines += ["", f"[interfaces.{section}]"]
+            width = math.exp(estimate.log_std)
+            source = (
+                f"calibrated with {self.method} on {recordings}{more}: {estimate.verdict}, "
+                f"standard deviation a factor of {width:.3g} (swashtwin {self.version})"
+            )
+            quoted = json.dumps(source, ensure_ascii=False)
+            lines.append(f'{entry} = {{ value = "{estimate.value:.8g} {estimate.unit}", source = {quoted} }}')
+        return "\n".join(lines[1:]) + "\n"
+
+    def save_interfaces(self, path: Path | str) -> Path:
+        """`path`, after `interfaces_toml` was written to it."""
+        return write_text(Path(path), self.interfaces_toml())
+
+
+def _arrays(record: Any) -> dict[str, Any]:
+    items = vars(record).items()
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in items}

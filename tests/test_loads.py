@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +22,15 @@ from swashtwin.faults import (
     TiltedBlockFace,
     ValvePlateWear,
 )
-from swashtwin.loads import LoadCase, chamber_pressures, generalized_forces, port_openings, pressure_lines
+from swashtwin.loads import LoadCase, chamber_pressures, force_lines, generalized_forces, port_openings
 from swashtwin.pump import Pump
 from swashtwin.units import MPa, celsius, deg, mm, rpm, um
+
+
+def pressure_lines(cases: list[LoadCase], n_lines: int, **choices: Any) -> np.ndarray:
+    """Lines 1... alone, entry k - 1 for order k."""
+    return force_lines(cases, n_lines, **choices)[:, 1:]
+
 
 RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), contact="physical")
 
@@ -285,3 +292,9 @@ def test_a_case_that_does_not_fit_its_pump_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         LoadCase(pump, at_15, **arguments)
+
+
+def test_order_zero_is_the_mean_force(pump: Pump, at_15: OperatingCondition) -> None:
+    mean = force_lines([LoadCase(pump, at_15)], 7)[0, 0]
+    assert mean[12].real == pytest.approx(-11378, rel=1e-3)
+    assert np.all(mean.imag == 0)

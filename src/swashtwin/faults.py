@@ -9,7 +9,7 @@ derivation, `docs/physics.md`, and the anchors cited there; the swash plate defe
 import difflib
 import math
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, TypeVar
 
 from swashtwin.errors import InputError
 
@@ -56,6 +56,9 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 
 
+_F = TypeVar("_F", bound="_Fault")
+
+
 @dataclass(frozen=True)
 class _Fault:
     """Shared validation and scaling of severities."""
@@ -73,7 +76,7 @@ class _Fault:
         """Value of the first field, in its unit."""
         return float(getattr(self, fields(self)[0].name))
 
-    def scaled(self, factor: float) -> Self:
+    def scaled(self: _F, factor: float) -> _F:
         """The same fault with its severity times `factor`."""
         return replace(self, **{fields(self)[0].name: self.severity * factor})
 
@@ -208,6 +211,11 @@ class DamScratch(_Fault):
     """Largest opening [m^2]; around 1e-6."""
     width: float = math.radians(5)
     """Standard deviation of the opening over the shaft angle [rad]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width == 0:
+            raise InputError("DamScratch.width must be positive.")
 
 
 @dataclass(frozen=True)

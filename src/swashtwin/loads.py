@@ -252,17 +252,17 @@ def generalized_forces(
     return loads
 
 
-def pressure_lines(
+def force_lines(
     cases: Sequence[LoadCase], n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
-) -> Complex[np.ndarray, "case line 13"]:
+) -> Complex[np.ndarray, "case order 13"]:
     """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
 
-    Line k - 1 holds the complex amplitude at k times the shaft frequency: x(t) = Re sum_k X_k exp(i k theta), where
-    theta is 0 at top dead center of piston 0. The mean is left out.
+    Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
+    exp(i k theta), where theta is 0 at top dead center of piston 0.
 
     Parameters
     ----------
-    n_lines : how many.
+    n_lines : highest order.
     topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then takes the piston force.
     steps : steps per revolution, at least; as many more as the lines need. Euler's method is of first order: with 1792
         steps the lines up to 5 n are off by 1 % of their sum (7 % of the smallest), with 896 by twice that.
@@ -275,17 +275,18 @@ def pressure_lines(
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
     pressures = chamber_pressures(cases, steps=max(steps, 2 * n_lines + 2))
-    to_zero = np.exp(-1j * np.arange(1, n_lines + 1) * pressures.angle[0])[:, None]
-    lines = np.empty((len(cases), n_lines, 13), dtype=complex)
+    to_zero = np.exp(-1j * np.arange(n_lines + 1) * pressures.angle[0])[:, None]
+    lines = np.empty((len(cases), n_lines + 1, 13), dtype=complex)
     for index, case in enumerate(cases):
         group = case.pump.rotating_group
         around = 2 * math.pi * np.arange(group.piston_count) / group.piston_count
         force = group.piston_area * (pressures.chamber[index] - case.condition.case_pressure)
         loads = generalized_forces(case.pump, force, pressures.angle + around[:, None])
-        lines[index] = np.fft.rfft(loads, axis=0)[1 : n_lines + 1] * (2 / len(loads)) * to_zero
+        lines[index] = np.fft.rfft(loads, axis=0)[: n_lines + 1] * (2 / len(loads)) * to_zero
+        lines[index, 0] /= 2
         unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
-        lines[index, 0, 5] += unbalance
-        lines[index, 0, 6] -= 1j * unbalance
+        lines[index, 1, 5] += unbalance
+        lines[index, 1, 6] -= 1j * unbalance
     if topology == "T2":
         lines[:, :, 7] += lines[:, :, 12]
         lines[:, :, 12] = 0

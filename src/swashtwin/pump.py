@@ -326,7 +326,7 @@ class Pump:
     """Nominal (the paper's *empirical*) values."""
     sensors: tuple[Sensor, ...]
     """Accelerometers, one channel each."""
-    sources: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     """Where each number comes from, by its path such as ``masses.shell``."""
 
     @property

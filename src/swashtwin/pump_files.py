@@ -9,7 +9,6 @@ import tomllib
 from dataclasses import MISSING, fields
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from swashtwin.errors import DataError, InputError, MissingFileError, UnitError
@@ -153,7 +152,7 @@ def load_pump(name: str | Path) -> Pump:
         return Pump(
             name=str(table.get("name", Path(origin).stem)),
             sensors=_sensors(table.get("sensors"), sources),
-            sources=MappingProxyType(sources),
+            sources=sources,
             **parts,
         )
     except tomllib.TOMLDecodeError as cause:

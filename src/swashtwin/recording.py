@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -36,7 +35,7 @@ class Recording:
     """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
     synthetic: bool = False
     """Whether a model made it. A synthetic recording never enters a test set."""
-    attributes: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    attributes: Mapping[str, str] = field(default_factory=dict)
     """Whatever else the file said (source file, sensor, date)."""
 
     def __post_init__(self) -> None:

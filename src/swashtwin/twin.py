@@ -15,7 +15,7 @@ from swashtwin.errors import InputError
 from swashtwin.faults import Fault, TiltedBlockFace
 from swashtwin.forces import active_orders, excitation_lines, fault_forces, periodic_terms, worn_values
 from swashtwin.integrators import HarmonicBalance, SteadySolver, periodic_steady_state
-from swashtwin.loads import LoadCase, pressure_lines
+from swashtwin.loads import LoadCase, force_lines
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.recording import Recording
 from swashtwin.signals import synchronous_signal
@@ -90,7 +90,7 @@ class Twin:
     @cached_property
     def pressure(self) -> Complex[np.ndarray, "line 13"]:
         """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
-        return _with_mean(pressure_lines([self.load_case], self.n_lines, topology=self.topology)[0])
+        return force_lines([self.load_case], self.n_lines, topology=self.topology)[0]
 
     @property
     def load_case(self) -> LoadCase:
@@ -212,10 +212,6 @@ def prepare(twins: Sequence[Twin]) -> None:
     The twins must share the topology; each keeps its own lines as `Twin.pressure`.
     """
     most = max(twin.n_lines for twin in twins)
-    lines = pressure_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
+    lines = force_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
     for twin, row in zip(twins, lines, strict=True):
-        twin.__dict__["pressure"] = _with_mean(row[: twin.n_lines])  # where cached_property keeps it
-
-
-def _with_mean(lines: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros((1, lines.shape[1]), complex), lines])
+        twin.__dict__["pressure"] = row[: twin.n_lines + 1]  # where cached_property keeps it

@@ -1,0 +1,178 @@
+"""Windows that nobody measured, made with a twin.
+
+The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies from
+one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which `evaluate`
+refuses.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from swashtwin.errors import InputError
+from swashtwin.seeding import stream
+from swashtwin.signals import synchronous_signal
+from swashtwin.twin import Twin, prepare
+from swashtwin.units import celsius
+from swashtwin.windows import WindowSet
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What is drawn anew for each synthetic window; the shaft's phase always is.
+
+    Widths follow physics.md, section 5, last paragraph. Zero switches one off.
+    """
+
+    speed: float = 0.005
+    """Half-width of the uniform spread of the speed, relative."""
+    pressure: float = 0.03
+    """Half-width of the uniform spread of the discharge pressure, relative."""
+    severity: float = 0.15
+    """Standard deviation of the logarithm of the fault's severity."""
+    angle: float = math.radians(4)
+    """Standard deviation of the place of a swash plate defect [rad]."""
+    temperature: tuple[float, float] = (celsius(30), celsius(60))
+    """Range of the oil temperature [K]; it acts on leakage."""
+    interfaces: float = 0.1
+    """Standard deviation of the logarithm of each interface value."""
+    sensor: float = 0.04
+    """Standard deviation of each channel's gain, relative."""
+
+
+PAPER_VARIATION = Variation()
+"""The spread around the twin that is taken where nothing else is said."""
+
+
+def synthesize(
+    twin: Twin | Sequence[Twin],
+    *,
+    label: str,
+    count: int,
+    like: WindowSet,
+    seed: int,
+    variation: Variation = PAPER_VARIATION,
+    background: bool = True,
+) -> WindowSet:
+    """Synthetic windows of one class, of the layout and the classes of `like`.
+
+    Parameters
+    ----------
+    twin : calibrated twin, or several (one for each pump) that take turns.
+    label : class of the windows, which must be the twin's.
+    count : how many.
+    like : measured training windows; they give layout, classes and noise, and must not be test windows.
+    seed : addresses every draw.
+    variation : what differs from window to window.
+    background : lay the windows over noise with the spectrum of the measured windows between the piston-pass lines;
+        without, they are the bare model, as the paper simulates them.
+
+    Raises
+    ------
+    InputError
+        The label is not the twin's, the channels differ, or there is nothing to take noise from.
+    """
+    twins = [twin] if isinstance(twin, Twin) else list(twin)
+    _require_agreement(twins, label, count, like)
+    drawn = [_draw(twins[i % len(twins)], variation, seed, i) for i in range(count)]
+    prepare(drawn)
+    duration = like.length / like.sample_rate
+    rows, pressures, speeds, names, specimens = [], [], [], [], []
+    for i, one in enumerate(drawn):
+        source = twins[i % len(twins)]
+        rng = stream(seed, "window", label, i)
+        with torch.no_grad():
+            lines = one.acceleration().numpy()
+        time = np.arange(like.length) * duration / like.length
+        signal = synchronous_signal(lines, one.orders, rng.uniform(0, 2 * np.pi) + one.condition.speed * time)
+        signal = signal * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
+        if background:
+            signal = signal + _noise(like, source, rng)
+        rows.append(signal)
+        pressures.append(source.condition.discharge_pressure)
+        speeds.append(source.condition.speed)
+        names.append(f"synthetic_{label}_{source.condition.discharge_pressure / 1e6:.4g}MPa_{seed}_{i}")
+        specimens.append(f"twin of {source.pump.name}")
+    return WindowSet(
+        signal=np.stack(rows).astype(np.float32),
+        target=np.full(count, like.classes.index(label), dtype=np.int64),
+        classes=like.classes,
+        recording_id=np.array(names),
+        specimen=np.array(specimens),
+        discharge_pressure=np.array(pressures),
+        speed=np.array(speeds),
+        start=np.zeros(count, dtype=np.int64),
+        synthetic=np.ones(count, dtype=bool),
+        sample_rate=like.sample_rate,
+        channels=like.channels,
+        unit=like.unit,
+    )
+
+
+def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: WindowSet) -> None:
+    if count < 1:
+        raise InputError(f"count ({count}) must be at least 1.")
+    if label not in like.classes:
+        raise InputError(f"class {label!r} is not among the windows' classes ({', '.join(like.classes)}).")
+    for one in twins:
+        if one.label != label:
+            raise InputError(f"the twin simulates {one.label!r}, not {label!r}; give it a fault of that class.")
+        if one.pump.channels != like.channels:
+            raise InputError(
+                f"the twin's sensors ({', '.join(one.pump.channels)}) are not the windows' channels "
+                f"({', '.join(like.channels)}); edit [[sensors]] in the pump file."
+            )
+        if like.sample_rate < 2 * one.bandwidth:
+            raise InputError(
+                f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
+                f"bandwidth={like.sample_rate / 2.56:g}."
+            )
+
+
+def _draw(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
+    rng = stream(seed, "variation", twin.label, index)
+    condition = replace(
+        twin.condition,
+        speed=twin.condition.speed * (1 + variation.speed * rng.uniform(-1, 1)),
+        discharge_pressure=twin.condition.discharge_pressure * (1 + variation.pressure * rng.uniform(-1, 1)),
+        oil_temperature=rng.uniform(*variation.temperature),
+    )
+    fault = twin.fault
+    if fault is not None:
+        fault = fault.scaled(float(np.exp(rng.normal(0, variation.severity))))
+        if hasattr(fault, "angle"):
+            fault = replace(fault, angle=abs(fault.angle + rng.normal(0, variation.angle)))
+    values = twin.values.numpy() * np.exp(rng.normal(0, variation.interfaces, 6))
+    interfaces = type(twin.pump.interfaces).from_values(values)
+    return replace(twin, condition=condition, fault=fault, interfaces=interfaces)
+
+
+def _noise(like: WindowSet, twin: Twin, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+    """Noise with the spectrum of one measured window between its piston-pass lines, in random phase."""
+    window = like.signal[rng.choice(_quiet_windows(like, twin.condition.discharge_pressure))].astype(float)
+    spectrum = np.abs(np.fft.rfft(window - window.mean(axis=1, keepdims=True), axis=-1))
+    frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
+    pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
+    distance = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
+    clear = distance > 2.5 * frequency[1]
+    for row in spectrum:
+        row[~clear] = np.interp(frequency[~clear], frequency[clear], row[clear])
+    phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
+    return np.fft.irfft(spectrum * phase, like.length, axis=-1)
+
+
+def _quiet_windows(like: WindowSet, pressure: float) -> np.ndarray:
+    """Indices of measured normal windows (any class where there is none) at the pressure nearest to `pressure`."""
+    candidates = ~like.synthetic
+    if "normal" in like.classes and np.any(candidates & (like.label == "normal")):
+        candidates &= like.label == "normal"
+    if not candidates.any():
+        raise InputError("no measured window to take noise from; pass background=False.")
+    distance = np.abs(like.discharge_pressure - pressure)
+    if np.isfinite(distance[candidates]).any():
+        candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
+    return np.flatnonzero(candidates)

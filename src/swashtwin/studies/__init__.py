@@ -1,0 +1,14 @@
+"""The paper's questions as functions of recordings and seeds."""
+
+from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
+from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+
+__all__ = [
+    "CASE_ONE_SIZES",
+    "CaseOneSettings",
+    "Embedding",
+    "Outcome",
+    "StudyResult",
+    "TrainingCurve",
+    "run_case_one",
+]

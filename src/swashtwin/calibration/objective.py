@@ -163,14 +163,16 @@ class Objective:
         ----------
         free : which logarithms: 0...5 are the values, 6...9 the scales.
         """
-        point = torch.cat([log_values, log_scales])
+        point = torch.cat([log_values, log_scales]).detach()
         directions = torch.eye(10, dtype=point.dtype)[list(free)]
-        with torch.autograd.forward_ad.dual_level():
-            dual = torch.autograd.forward_ad.make_dual(point.expand(len(free), 10).clone(), directions)
-            logs = dual.exp()
-            both = self.amplitude(logs[..., :6], scales=logs[..., 6:], solver=solver)
-            amplitude, slope = torch.autograd.forward_ad.unpack_dual(both)
-        return amplitude[0], slope.movedim(0, -1)
+        logs = point.repeat(len(free), 1).requires_grad_()
+        amplitude = self.amplitude(logs[:, :6].exp(), scales=logs[:, 6:].exp(), solver=solver)
+        # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
+        # forward derivative along that direction. One batch holds all directions.
+        weights = torch.zeros_like(amplitude, requires_grad=True)
+        (backward,) = torch.autograd.grad(amplitude, logs, weights, create_graph=True)
+        (slope,) = torch.autograd.grad((backward * directions).sum(), weights)
+        return amplitude[0].detach(), slope.movedim(0, -1)
 
 
 def _root(square: Tensor) -> Tensor:

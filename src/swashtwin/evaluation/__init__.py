@@ -2,5 +2,6 @@
 
 from swashtwin.evaluation.levels import LEVELS
 from swashtwin.evaluation.scores import CellScore, Classifier, Scores, evaluate, pooled_probabilities
+from swashtwin.evaluation.unseen import unseen_recordings
 
-__all__ = ["LEVELS", "CellScore", "Classifier", "Scores", "evaluate", "pooled_probabilities"]
+__all__ = ["LEVELS", "CellScore", "Classifier", "Scores", "evaluate", "pooled_probabilities", "unseen_recordings"]

@@ -23,12 +23,14 @@ from swashtwin.readers.assembly import read_recording
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, write_recording
 from swashtwin.readers.index import read_recordings, save_index, write_index
+from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
 
 __all__ = [
     "SUFFIXES",
     "Entry",
     "IndexProposal",
+    "narrow_index",
     "propose_index",
     "read_recording",
     "read_recordings",

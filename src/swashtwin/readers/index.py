@@ -31,7 +31,7 @@ def read_recordings(path: str | Path) -> list[Recording]:
     DataError
         The index or a file is missing, damaged, or one contradicts the other.
     """
-    index = _index_path(Path(path))
+    index = index_path(Path(path))
     table = _load(index)
     root = index.parent / str(table.get("root", ""))
     entries = _entries(table, index)
@@ -84,7 +84,8 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     return write_text(Path(path), tomli_w.dumps(dict(index)))
 
 
-def _index_path(path: Path) -> Path:
+def index_path(path: Path) -> Path:
+    """The index file: `path` itself, or ``recordings.toml`` in the folder `path`."""
     if path.is_dir():
         path = path / INDEX_NAME
     if not path.is_file():

@@ -1,6 +1,7 @@
 """Windows that are learnt from: cut from recordings, and split by recording, never by window."""
 
 from swashtwin.windows.cutting import cut_windows
+from swashtwin.windows.saving import load_windows, save_windows
 from swashtwin.windows.splitting import check_disjoint, hold_out, hold_out_specimens, split_by_recording
 from swashtwin.windows.window_set import WindowLayout, WindowSet
 
@@ -11,5 +12,7 @@ __all__ = [
     "cut_windows",
     "hold_out",
     "hold_out_specimens",
+    "load_windows",
+    "save_windows",
     "split_by_recording",
 ]

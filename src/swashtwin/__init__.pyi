@@ -1,0 +1,195 @@
+"""Public names, and where each lives."""
+
+from .augmentation import PAPER_VARIATION as PAPER_VARIATION
+from .augmentation import Variation as Variation
+from .augmentation import synthesize as synthesize
+from .baselines import FittedBaseline as FittedBaseline
+from .baselines import fit_extra_trees as fit_extra_trees
+from .calibration import IPINN as IPINN
+from .calibration import Calibration as Calibration
+from .calibration import GaussNewton as GaussNewton
+from .calibration import calibrate as calibrate
+from .calibration import load_calibration as load_calibration
+from .condition import OperatingCondition as OperatingCondition
+from .diagnosis import Diagnosis as Diagnosis
+from .diagnosis import diagnose as diagnose
+from .diagnosis import load_classifier as load_classifier
+from .diagnosis import save_classifier as save_classifier
+from .errors import ArtifactError as ArtifactError
+from .errors import DataError as DataError
+from .errors import InputError as InputError
+from .errors import LeakError as LeakError
+from .errors import MissingExtraError as MissingExtraError
+from .errors import MissingFileError as MissingFileError
+from .errors import StabilityError as StabilityError
+from .errors import SwashTwinError as SwashTwinError
+from .errors import UnitError as UnitError
+from .evaluation import LEVELS as LEVELS
+from .evaluation import Scores as Scores
+from .evaluation import evaluate as evaluate
+from .evaluation import unseen_recordings as unseen_recordings
+from .faults import CLASSES as CLASSES
+from .faults import BoreDefect as BoreDefect
+from .faults import DamScratch as DamScratch
+from .faults import GrooveErosion as GrooveErosion
+from .faults import LooseSlipper as LooseSlipper
+from .faults import PistonWear as PistonWear
+from .faults import SealingLandScratch as SealingLandScratch
+from .faults import SwashPlateDefect as SwashPlateDefect
+from .faults import TiltedBlockFace as TiltedBlockFace
+from .faults import ValvePlateWear as ValvePlateWear
+from .faults import canonical_label as canonical_label
+from .features import extract_features as extract_features
+from .inspection import InspectionReport as InspectionReport
+from .inspection import inspect_recording as inspect_recording
+from .inspection import inspect_recordings as inspect_recordings
+from .integrators import RK4 as RK4
+from .integrators import HarmonicBalance as HarmonicBalance
+from .networks import NETWORKS as NETWORKS
+from .networks import BiTCN as BiTCN
+from .networks import Network as Network
+from .networks import build_network as build_network
+from .pump import Interface as Interface
+from .pump import Interfaces as Interfaces
+from .pump import Pump as Pump
+from .pump_files import available_pumps as available_pumps
+from .pump_files import load_pump as load_pump
+from .pump_files import new_pump as new_pump
+from .quantities import read_condition as read_condition
+from .quantities import read_fault as read_fault
+from .readers import narrow_index as narrow_index
+from .readers import propose_index as propose_index
+from .readers import read_recording as read_recording
+from .readers import read_recordings as read_recordings
+from .readers import save_index as save_index
+from .readers import write_index as write_index
+from .readers import write_recording as write_recording
+from .recording import Recording as Recording
+from .recording import select as select
+from .report import write_report as write_report
+from .rig import build_rig as build_rig
+from .rig import rig_recordings as rig_recordings
+from .signals import add_noise as add_noise
+from .studies import StudyResult as StudyResult
+from .studies import run_case_one as run_case_one
+from .training import PAPER_TRAINING as PAPER_TRAINING
+from .training import FittedClassifier as FittedClassifier
+from .training import TrainingSettings as TrainingSettings
+from .training import fit as fit
+from .twin import Scales as Scales
+from .twin import Twin as Twin
+from .units import MPa as MPa
+from .units import bar as bar
+from .units import celsius as celsius
+from .units import deg as deg
+from .units import hertz as hertz
+from .units import mm as mm
+from .units import parse as parse
+from .units import rpm as rpm
+from .units import um as um
+from .version import VERSION as __version__
+from .windows import WindowSet as WindowSet
+from .windows import cut_windows as cut_windows
+from .windows import hold_out as hold_out
+from .windows import hold_out_specimens as hold_out_specimens
+from .windows import load_windows as load_windows
+from .windows import save_windows as save_windows
+from .windows import split_by_recording as split_by_recording
+
+__all__ = [
+    "CLASSES",
+    "IPINN",
+    "LEVELS",
+    "NETWORKS",
+    "PAPER_TRAINING",
+    "PAPER_VARIATION",
+    "RK4",
+    "ArtifactError",
+    "BiTCN",
+    "BoreDefect",
+    "Calibration",
+    "DamScratch",
+    "DataError",
+    "Diagnosis",
+    "FittedBaseline",
+    "FittedClassifier",
+    "GaussNewton",
+    "GrooveErosion",
+    "HarmonicBalance",
+    "InputError",
+    "InspectionReport",
+    "Interface",
+    "Interfaces",
+    "LeakError",
+    "LooseSlipper",
+    "MPa",
+    "MissingExtraError",
+    "MissingFileError",
+    "Network",
+    "OperatingCondition",
+    "PistonWear",
+    "Pump",
+    "Recording",
+    "Scales",
+    "Scores",
+    "SealingLandScratch",
+    "StabilityError",
+    "StudyResult",
+    "SwashPlateDefect",
+    "SwashTwinError",
+    "TiltedBlockFace",
+    "TrainingSettings",
+    "Twin",
+    "UnitError",
+    "ValvePlateWear",
+    "Variation",
+    "WindowSet",
+    "__version__",
+    "add_noise",
+    "available_pumps",
+    "bar",
+    "build_network",
+    "build_rig",
+    "calibrate",
+    "canonical_label",
+    "celsius",
+    "cut_windows",
+    "deg",
+    "diagnose",
+    "evaluate",
+    "extract_features",
+    "fit",
+    "fit_extra_trees",
+    "hertz",
+    "hold_out",
+    "hold_out_specimens",
+    "inspect_recording",
+    "inspect_recordings",
+    "load_calibration",
+    "load_classifier",
+    "load_pump",
+    "load_windows",
+    "mm",
+    "narrow_index",
+    "new_pump",
+    "parse",
+    "propose_index",
+    "read_condition",
+    "read_fault",
+    "read_recording",
+    "read_recordings",
+    "rig_recordings",
+    "rpm",
+    "run_case_one",
+    "save_classifier",
+    "save_index",
+    "save_windows",
+    "select",
+    "split_by_recording",
+    "synthesize",
+    "um",
+    "unseen_recordings",
+    "write_index",
+    "write_recording",
+    "write_report",
+]

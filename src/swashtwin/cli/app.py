@@ -1,0 +1,61 @@
+"""The application: every command by name, and what is the same for all of them."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from swashtwin.cli import diagnosing, learning, physics, pumps, recordings, studying
+from swashtwin.cli.exits import GuardedGroup
+
+app = typer.Typer(
+    name="swashtwin",
+    cls=GuardedGroup,
+    help="Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it.",
+    epilog="Exit codes: 0 done, 1 a bug, 2 wrong command line, 3 bad data or value, 130 interrupted.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+_DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
+app.command("demo", rich_help_panel=_DEMO)(studying.demo)
+app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
+app.command("rig", rich_help_panel=_DATA)(recordings.rig)
+app.command("index", rich_help_panel=_DATA)(recordings.index)
+app.command("inspect", rich_help_panel=_DATA)(recordings.inspect)
+app.command("split", rich_help_panel=_DATA)(recordings.split)
+app.add_typer(pumps.pumps, name="pump", rich_help_panel=_PHYSICS)
+app.command("simulate", rich_help_panel=_PHYSICS)(physics.simulate)
+app.command("calibrate", rich_help_panel=_PHYSICS)(physics.calibrate)
+app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)
+app.command("train", rich_help_panel=_LEARNING)(learning.train)
+app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)
+app.command("diagnose", rich_help_panel=_LEARNING)(diagnosing.diagnose)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from swashtwin.version import VERSION
+
+        typer.echo(VERSION)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and leave.")
+    ] = False,
+) -> None:
+    """Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it."""
+
+
+def main() -> None:
+    """Run the command line and leave with its exit code."""
+    # Before torch loads: its kernels are small here, and threads that spin between them slow everything down. Who wants
+    # more threads sets OMP_NUM_THREADS.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    app()

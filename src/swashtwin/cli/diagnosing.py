@@ -1,0 +1,86 @@
+"""Commands that use a classifier: evaluate, diagnose."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swashtwin.cli.console import note, say, table, tell
+from swashtwin.cli.options import Channels, Index, Json, Names, SampleRate, Seed, Unit, given
+from swashtwin.cli.recordings import read_all
+
+if TYPE_CHECKING:
+    from swashtwin.evaluation import Scores
+
+Model = Annotated[Path, typer.Argument(help="Model file that train wrote.")]
+
+
+def evaluate(
+    model: Model,
+    source: Index,
+    level: Annotated[str | None, typer.Option(help="How far the test lies from the training: L0 to L5.")] = None,
+    ids: Annotated[
+        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Score a classifier on the recordings of an index that had no part in it."""
+    from swashtwin import evaluation
+    from swashtwin.diagnosis import load_classifier
+    from swashtwin.readers import read_recordings
+    from swashtwin.recording import select
+    from swashtwin.windows import cut_windows
+
+    classifier = load_classifier(model)
+    recordings = read_recordings(source)
+    chosen = select(recordings, ids=ids) if ids else evaluation.unseen_recordings(classifier, recordings)
+    test = cut_windows(chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
+    scores = evaluation.evaluate(classifier, test, level=level, seed=seed)
+    names = [one.recording_id for one in chosen]
+    if not ids and len(names) < len(recordings):
+        note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
+    tell({"model": model, "recordings": names, **scores.to_dict()}, as_json, lambda: _show_scores(scores))
+
+
+def diagnose(
+    model: Model,
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    channels: Channels = None,
+    names: Names = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Name the class of each recording, and what a reader should know before trusting it."""
+    from swashtwin import diagnosis
+    from swashtwin.report import write_report
+
+    classifier = diagnosis.load_classifier(model)
+    facts = given(sample_rate=sample_rate, unit=unit, channels=channels, names=names)
+    verdicts = [diagnosis.diagnose(classifier, recording) for recording in read_all(paths, **facts)]
+    page = None if report is None else write_report(*verdicts, folder=report)
+
+    def show() -> None:
+        rows = [(one.recording_id, one.label, max(one.probabilities.values()), one.agreement) for one in verdicts]
+        table(f"{len(rows)} recordings", ("recording", "class", "probability", "windows that agree"), rows)
+        for one in verdicts:
+            for text in one.notes:
+                note(f"note: {one.recording_id}: {text}")
+        if page is not None:
+            say(str(page))
+
+    tell({"model": model, "diagnoses": [one.to_dict() for one in verdicts], "report": page}, as_json, show)
+
+
+def _show_scores(scores: "Scores") -> None:
+    names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
+             "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
+    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
+    title = f"{scores.n_windows} windows of {scores.n_recordings} recordings, level {scores.level or 'not stated'}"
+    table(title, ("score", "value", ""), rows)
+    low, high = scores.accuracy_interval
+    say(f"95 % interval of the accuracy, by bootstrap over the recordings: {low:.3f} to {high:.3f}")
+    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
+    table("Windows of each class (row) given each class (column)", ("", *scores.classes), counts)

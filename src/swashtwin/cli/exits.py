@@ -1,0 +1,78 @@
+"""How a command ends: its exit code, and one line for whoever waits."""
+
+import errno
+import shutil
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from swashtwin.errors import SwashTwinError
+
+BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
+"""Exit codes; 0 is done and 2 a wrong command line."""
+
+_CLICK_ERROR = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C where there is something to say about going on."""
+
+
+class GuardedGroup(TyperGroup):
+    """Commands whose errors become one line on standard error and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """What the command gives; errors that are not the command line's end it here."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as cause:
+            hint = str(cause) or "nothing is half-written"
+            raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
+        except SwashTwinError as cause:
+            raise self._exit(f"error: {_line(cause)}", BAD_DATA) from cause
+        except OSError as cause:
+            if cause.errno == errno.EPIPE:
+                raise
+            raise self._exit(f"error: {_line(cause)}", BAD_DATA) from cause
+        except Exception as cause:
+            if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
+                raise
+            if ctx.params.get("debug"):
+                typer.echo(traceback.format_exc(), err=True)
+            line = f"unexpected {type(cause).__name__}: {_line(cause)} This is a bug: please report it with the "
+            raise self._exit(f"{line}traceback that swashtwin --debug shows.", BUG) from cause
+
+    @staticmethod
+    def _exit(line: str, code: int) -> typer.Exit:
+        typer.echo(f"swashtwin: {line}", err=True)
+        return typer.Exit(code)
+
+
+def _line(cause: BaseException) -> str:
+    return " ".join(str(cause).split())
+
+
+@contextmanager
+def resumable(hint: str) -> Iterator[None]:
+    """Within it, Ctrl-C says how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt as cause:
+        raise Interrupted(hint) from cause
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[None]:
+    """Within it, a folder that was missing or empty is filled; it is removed where that does not end well."""
+    fresh = not folder.exists() or not any(folder.iterdir())
+    try:
+        yield
+    except BaseException:
+        if fresh:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise

@@ -1,0 +1,123 @@
+"""Command that learns: train."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.exits import resumable
+from swashtwin.cli.options import Index, Json, Length, Seed, given, list_of
+from swashtwin.cli.recordings import Group
+
+
+def train(
+    source: Index,
+    out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("model.safetensors"),
+    add: Annotated[
+        list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
+    ] = None,
+    test_fraction: Annotated[float, typer.Option(help="Share held out for evaluate; 0 trains on all.")] = 0.2,
+    group: Annotated[Group, typer.Option(help="What the split keeps whole.")] = Group.recording,
+    length: Length = 2048,
+    window_stride: Annotated[
+        int | None, typer.Option(help="Readings from window to window; its length by default.")
+    ] = None,
+    allow_partial_revolution: Annotated[
+        bool, typer.Option("--allow-partial-revolution", help="Accept windows shorter than one turn of the shaft.")
+    ] = False,
+    epochs: Annotated[int | None, typer.Option(help="Passes over the windows; 200 by default.")] = None,
+    batch_size: Annotated[int | None, typer.Option(help="Windows per step; 30 by default.")] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Step size of Adam; 1e-3 by default.")] = None,
+    weight_decay: Annotated[float | None, typer.Option(help="Weight decay; 0 by default.")] = None,
+    normalization: Annotated[
+        str | None, typer.Option(help="Scaling per window (default), recording, set, or none.")
+    ] = None,
+    class_weights: Annotated[bool, typer.Option(help="Count each class the same in the loss.")] = False,
+    network: Annotated[str, typer.Option(help="Name of the network.")] = "bitcn",
+    kernel_size: Annotated[int | None, typer.Option(help="Taps of each convolution.")] = None,
+    channels: Annotated[str | None, typer.Option(help='Features of each residual unit: "32,32,64".')] = None,
+    dilations: Annotated[str | None, typer.Option(help='Dilation of each residual unit: "1,2,4".')] = None,
+    dropout: Annotated[float | None, typer.Option(help="Share of the features dropped in training.")] = None,
+    stride: Annotated[int | None, typer.Option(help="Readings per step of the network; 1 is the paper's.")] = None,
+    device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
+    checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
+    from swashtwin.diagnosis import save_classifier
+    from swashtwin.networks import build_network
+    from swashtwin.readers import read_recordings
+    from swashtwin.training import TrainingSettings, fit
+    from swashtwin.windows import check_disjoint, cut_windows, load_windows, split_by_recording
+
+    added = [load_windows(path) for path in add or ()]
+    manifest = {name for _, names in added for name in names}
+    layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
+    windows = cut_windows(
+        read_recordings(source),
+        stride=window_stride,
+        allow_partial_revolution=allow_partial_revolution,
+        **layout,
+    )
+    training, held_out = windows, windows.subset(windows.target < -1)
+    if test_fraction:
+        training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=group.value)
+    _refuse_seen(held_out.recording_id.tolist(), manifest)
+    for synthetic, _ in added:
+        training = training + synthetic
+    check_disjoint(training, held_out)
+    settings = TrainingSettings(
+        class_weights=class_weights,
+        **given(
+            epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
+            normalization=normalization,
+        ),
+    )  # fmt: skip
+    shape = given(
+        kernel_size=kernel_size, channels=list_of(channels, int, "--channels"),
+        dilations=list_of(dilations, int, "--dilations"), dropout=dropout, stride=stride,
+    )  # fmt: skip
+    hint = f"{checkpoint} holds the last whole epoch: the same command with --resume goes on" if checkpoint else ""
+    with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
+        with progress("training") as bar:
+            classifier = fit(
+                build_network(network, training.n_channels, len(training.classes), **shape),
+                training,
+                settings=settings,
+                seed=seed,
+                manifest=manifest,
+                checkpoint=checkpoint,
+                resume=resume,
+                progress=lambda epoch: bar(epoch.number, settings.epochs, f"training, loss {epoch.loss:.4f}"),
+                device=device,
+            )
+        save_classifier(classifier, out)
+    last = classifier.history[-1]
+    held = sorted(set(held_out.recording_id.tolist()))
+    result = {
+        "model": out, "classes": classifier.classes, "windows": len(training),
+        "synthetic_windows": int(training.synthetic.sum()), "held_out": held, "epochs": last.number,
+        "loss": last.loss, "accuracy": last.accuracy, "seed": seed,
+    }  # fmt: skip
+
+    def show() -> None:
+        say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
+        say(f"Next, on {len(held)} recordings held out: swashtwin evaluate {out} {source}")
+        if not held:
+            note("note: nothing was held out; evaluate it on an index of other recordings.")
+
+    tell(result, as_json, show)
+
+
+def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
+    from swashtwin.errors import LeakError
+
+    seen = sorted(manifest.intersection(held_out))
+    if seen:
+        raise LeakError(
+            f"{seen[0]} had a part in the synthetic windows and would be tested on; split first (swashtwin split), "
+            "then calibrate, synthesize and train with train.toml and --test-fraction 0."
+        )

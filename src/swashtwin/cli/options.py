@@ -1,0 +1,84 @@
+"""Options that several commands share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from swashtwin.condition import OperatingCondition
+    from swashtwin.faults import Fault
+
+T = TypeVar("T")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+Seed = Annotated[int, typer.Option(help="Addresses every random draw.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Processes that work side by side.")]
+Index = Annotated[Path, typer.Argument(help="Index file, or the folder that holds recordings.toml.")]
+Length = Annotated[int, typer.Option(help="Readings per window; 2048 are 80 ms at 25.6 kHz.")]
+
+PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin pump show).")]
+Speed = Annotated[str, typer.Option(help='Speed of the shaft, such as "860 rpm".')]
+Pressure = Annotated[str, typer.Option(help='Absolute pressure at the outlet, such as "15 MPa".')]
+Temperature = Annotated[str | None, typer.Option(help='Oil temperature, such as "45 degC".')]
+FaultName = Annotated[
+    str, typer.Option("--fault", help="Kind of fault, such as swash_plate; normal is a healthy pump.")
+]
+FaultLength = Annotated[str | None, typer.Option("--length", help='Length of a swash plate defect, such as "30 mm".')]
+FaultWidth = Annotated[str | None, typer.Option("--width", help='Width of a swash plate defect, such as "24 mm".')]
+FaultDepth = Annotated[str | None, typer.Option("--depth", help='Depth of the defect, such as "0.6 mm".')]
+Dimensions = Annotated[
+    list[str] | None,
+    typer.Option("--dimension", metavar="NAME=QUANTITY", help='Any dimension of the fault: "clearance=60 um".'),
+]
+
+SampleRate = Annotated[str | None, typer.Option(help='Readings per second where files do not say: "25.6 kHz".')]
+Unit = Annotated[str | None, typer.Option(help='Unit of the readings where files do not say: "g", "m/s^2", "1".')]
+Channels = Annotated[list[str] | None, typer.Option(help="Column or variable to read, by name or pattern; repeatable.")]
+Names = Annotated[list[str] | None, typer.Option(help="What to call each of the channels; repeatable.")]
+
+
+def condition_of(speed: str, pressure: str, temperature: str | None) -> "OperatingCondition":
+    """Operating condition of the options."""
+    from swashtwin.quantities import read_condition
+
+    return read_condition(speed=speed, discharge_pressure=pressure, oil_temperature=temperature)
+
+
+def fault_of(
+    kind: str, length: str | None, width: str | None, depth: str | None, dimensions: list[str] | None
+) -> "Fault | None":
+    """Fault of the options."""
+    from swashtwin.quantities import read_fault
+
+    named = {"length": length, "width": width, "depth": depth} | pairs_of(dimensions, "--dimension")
+    return read_fault(kind, **{name: text for name, text in named.items() if text is not None})
+
+
+def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:
+    """``name=value`` texts as a dictionary; anything else is a wrong command line."""
+    pairs = {}
+    for text in texts or ():
+        name, equals, value = text.partition("=")
+        if not (name.strip() and equals and value.strip()):
+            raise typer.BadParameter(f"{text!r} must be NAME=VALUE.", param_hint=option)
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+def list_of(text: str | None, kind: Callable[[str], T], option: str) -> list[T] | None:
+    """Comma-separated values; anything else is a wrong command line."""
+    if text is None:
+        return None
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} must be whole numbers with commas between them.", param_hint=option
+        ) from None
+
+
+def given(**values: Any) -> dict[str, Any]:
+    """The values that are not None."""
+    return {name: value for name, value in values.items() if value is not None and value != []}

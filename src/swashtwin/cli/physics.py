@@ -1,0 +1,235 @@
+"""Commands about twins: simulate, calibrate, synthesize."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.options import (
+    Dimensions,
+    FaultDepth,
+    FaultLength,
+    FaultName,
+    FaultWidth,
+    Index,
+    Json,
+    Length,
+    Pressure,
+    PumpName,
+    Seed,
+    Speed,
+    Temperature,
+    condition_of,
+    fault_of,
+    given,
+)
+
+if TYPE_CHECKING:
+    from swashtwin.calibration import Calibration, Calibrator
+    from swashtwin.integrators import SteadySolver
+
+
+class Method(StrEnum):
+    """How the six values are searched."""
+
+    ipinn = "ipinn"
+    gauss_newton = "gauss-newton"
+
+
+class Solver(StrEnum):
+    """What solves the equations of motion."""
+
+    harmonic_balance = "harmonic-balance"
+    rk4 = "rk4"
+
+
+SolverName = Annotated[Solver, typer.Option(help="What solves the equations; rk4 is the paper's.")]
+Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
+
+
+def simulate(
+    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms.")],
+    speed: Speed,
+    pressure: Pressure,
+    pump: PumpName = "25scy14-1b",
+    calibration: Annotated[
+        Path | None, typer.Option(help="Take the twin of this calibration, at the speed and pressure given.")
+    ] = None,
+    temperature: Temperature = None,
+    fault: FaultName = "normal",
+    length: FaultLength = None,
+    width: FaultWidth = None,
+    depth: FaultDepth = None,
+    dimensions: Dimensions = None,
+    duration: Annotated[str, typer.Option(help="Length of the recording.")] = "4 s",
+    sample_rate: Annotated[str, typer.Option(help="Readings per second and channel.")] = "25.6 kHz",
+    solver: SolverName = Solver.harmonic_balance,
+    step: Step = None,
+    as_json: Json = False,
+) -> None:
+    """Write what the accelerometers of a twin read, as a synthetic recording."""
+    from swashtwin.calibration import load_calibration
+    from swashtwin.pump_files import load_pump
+    from swashtwin.readers import write_recording
+    from swashtwin.twin import Twin
+    from swashtwin.units import parse
+
+    condition = condition_of(speed, pressure, temperature)
+    flaw = fault_of(fault, length, width, depth, dimensions)
+    if calibration is None:
+        twin = Twin(load_pump(pump), condition, flaw)
+    else:
+        twin = load_calibration(calibration).twin.at(condition).with_fault(flaw)
+    recording = twin.simulate(
+        parse(duration, "s", name="duration"),
+        parse(sample_rate, "Hz", name="sample_rate"),
+        solver=_solver(solver, step),
+        recording_id=out.stem,
+    )
+    write_recording(recording, out)
+    rms = dict(zip(recording.channels, (recording.signal**2).mean(axis=1) ** 0.5, strict=True))
+    result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": recording.duration}
+    result |= {"sample_rate_hz": recording.sample_rate, "rms_m_s2": {name: float(v) for name, v in rms.items()}}
+
+    def show() -> None:
+        table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), [(n, float(v)) for n, v in rms.items()])
+
+    tell(result, as_json, show)
+
+
+def calibrate(
+    source: Index,
+    speed: Speed,
+    pressure: Pressure,
+    pump: PumpName = "25scy14-1b",
+    temperature: Temperature = None,
+    fault: FaultName = "normal",
+    length: FaultLength = None,
+    width: FaultWidth = None,
+    depth: FaultDepth = None,
+    dimensions: Dimensions = None,
+    specimen: Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")] = None,
+    method: Annotated[
+        Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a fiftieth of the time.")
+    ] = Method.ipinn,
+    epochs: Annotated[int | None, typer.Option(min=1, help="Epochs of ipinn; 500 by default.")] = None,
+    solver: SolverName = Solver.harmonic_balance,
+    step: Step = None,
+    bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
+    out: Annotated[Path, typer.Option(help="File to write; the values go beside it as .toml.")] = Path(
+        "calibration.json"
+    ),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Find a twin's six interface values from recordings of its class at its condition, and how far to trust them.
+
+    Calibrating is training: the recordings used must not test a classifier later (swashtwin split).
+    """  # fmt: skip
+    import swashtwin.calibration as calibration
+    from swashtwin.pump_files import load_pump
+    from swashtwin.readers import read_recordings
+    from swashtwin.recording import select
+    from swashtwin.twin import Twin
+
+    if method is not Method.ipinn and epochs is not None:
+        raise typer.BadParameter("belongs to --method ipinn.", param_hint="--epochs")
+    condition = condition_of(speed, pressure, temperature)
+    twin = Twin(load_pump(pump), condition, fault_of(fault, length, width, depth, dimensions))
+    recordings = select(read_recordings(source), specimen=specimen)
+    with progress("calibrating") as bar:
+        found = calibration.calibrate(
+            twin,
+            recordings,
+            method=_method(method, epochs, _solver(solver, step)),
+            seed=seed,
+            bounds=bounds,
+            progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
+        )
+    found.save(out)
+    values = found.save_interfaces(out.with_suffix(".toml"))
+    kept = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "left_out", "notes")
+    facts = found.to_dict()
+    result = {"calibration": out, "interfaces": values, **{name: facts[name] for name in kept}}
+    result |= {"simulations": found.simulations, "wall_s": found.wall_s}
+    tell(result, as_json, lambda: _show_calibration(found, out))
+
+
+def synthesize(
+    calibration: Annotated[Path, typer.Argument(help="Saved calibration (swashtwin calibrate).")],
+    like: Annotated[Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")],
+    label: Annotated[str, typer.Option(help="Class of the windows; the twin's.")],
+    count: Annotated[int, typer.Option(help="How many.")],
+    out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
+    pressure: Annotated[str | None, typer.Option(help="Take the twin to another outlet pressure.")] = None,
+    nominal: Annotated[bool, typer.Option("--nominal", help="Use the twin as it was before calibration.")] = False,
+    background: Annotated[bool, typer.Option(help="Lay the windows over noise as measured.")] = True,
+    length: Length = 2048,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Make synthetic windows of one class with a calibrated twin.
+
+    Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
+    """
+    from swashtwin import augmentation
+    from swashtwin.calibration import load_calibration
+    from swashtwin.readers import read_recordings
+    from swashtwin.units import parse
+    from swashtwin.windows import cut_windows, save_windows
+
+    found = load_calibration(calibration)
+    twin = found.nominal if nominal else found.twin
+    if pressure is not None:
+        twin = twin.at(twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="pressure")))
+    recordings = read_recordings(like)
+    classes = sorted({one.label for one in recordings if one.label is not None} | {label})
+    measured = cut_windows(recordings, length=length, classes=classes)
+    windows = augmentation.synthesize(twin, label=label, count=count, like=measured, seed=seed, background=background)
+    manifest = {*found.recording_ids, *measured.recording_id.tolist()}
+    save_windows(windows, out, manifest=manifest)
+    result = {
+        "windows": out,
+        "label": label,
+        "count": len(windows),
+        "length": windows.length,
+        "manifest": sorted(manifest),
+    }
+    result |= {"classes": windows.classes, "seed": seed}
+    tell(result, as_json, lambda: say(f"{out}: {len(windows)} windows of {label}\nNext: swashtwin train --add {out}"))
+
+
+def _solver(name: Solver, step: str | None) -> "SteadySolver":
+    from swashtwin.integrators import RK4, HarmonicBalance
+    from swashtwin.units import parse
+
+    if name is Solver.rk4:
+        return RK4(step=None if step is None else parse(step, "s", name="step"))
+    if step is not None:
+        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
+    return HarmonicBalance()
+
+
+def _method(name: Method, epochs: int | None, solver: "SteadySolver") -> "Calibrator":
+    from swashtwin.calibration import IPINN, GaussNewton
+
+    if name is Method.gauss_newton:
+        return GaussNewton(solver=solver)
+    return IPINN(solver=solver, **given(epochs=epochs))
+
+
+def _show_calibration(found: "Calibration", out: Path) -> None:
+    rows = [
+        (one.letter, one.name, one.nominal, one.value, f"{one.interval[0]:.3g} ... {one.interval[1]:.3g}", one.unit,
+         one.verdict)
+        for one in found.estimates
+    ]  # fmt: skip
+    header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
+    table(f"{found.method} on {len(found.recording_ids)} recordings", header, rows)
+    fits = [(name, getattr(found.fit_before, name), getattr(found.fit_after, name)) for name in found.improvement]
+    table("Against the measurement", ("error", "nominal", "calibrated"), fits)
+    for text in found.notes:
+        note(f"note: {text}")
+    say(str(out))

@@ -1,0 +1,195 @@
+"""Commands about recordings: rig, index, inspect, split."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import BAD_DATA, whole_folder
+from swashtwin.cli.options import Channels, Index, Json, Names, SampleRate, Seed, Unit, given, pairs_of
+
+if TYPE_CHECKING:
+    from swashtwin.recording import Recording
+
+
+class RigFormat(StrEnum):
+    """File formats that the rig writes."""
+
+    h5 = "h5"
+    mat = "mat"
+    wav = "wav"
+    csv = "csv"
+    tdms = "tdms"
+
+
+class RigSizeName(StrEnum):
+    """How much the rig records."""
+
+    small = "small"
+    paper = "paper"
+
+
+class Group(StrEnum):
+    """What a split keeps whole."""
+
+    recording = "recording"
+    specimen = "specimen"
+    condition = "condition"
+
+
+def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
+    """Recordings of indexes, folders with an index, and single files with `facts`."""
+    from swashtwin.readers import read_recording, read_recordings
+
+    recordings = []
+    for path in paths:
+        if path.is_dir() or path.suffix == ".toml":
+            recordings += read_recordings(path)
+        else:
+            recordings.append(read_recording(path, **facts))
+    return recordings
+
+
+def rig(
+    out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
+    seed: Seed,
+    size: Annotated[RigSizeName, typer.Option(help="How much is recorded.")] = RigSizeName.small,
+    file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
+    as_json: Json = False,
+) -> None:
+    """Write the recordings of a virtual rig, and an index of them. It stands in for a machine and is none."""
+    from swashtwin.rig import RIG_VERSION, build_rig
+
+    with whole_folder(out), progress("recording") as bar:
+        index_file = build_rig(out, seed=seed, size=size.value, file_format=file_format.value, progress=bar)
+    result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": RIG_VERSION}
+    tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
+
+
+def index(
+    folder: Annotated[Path, typer.Argument(help="Folder of measurements; it is only read.")],
+    out: Annotated[Path | None, typer.Option(help="Index file; recordings.toml in the folder by default.")] = None,
+    label_pattern: Annotated[
+        str | None, typer.Option(help="Regular expression searched in each path; its named groups become facts.")
+    ] = None,
+    csv_table: Annotated[Path | None, typer.Option("--table", help="CSV table with one row per file.")] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option("--column", metavar="KEY=COLUMN", help="Which column of the table holds which key; repeatable."),
+    ] = None,
+    include: Annotated[list[str] | None, typer.Option(help="Pattern of paths to keep; repeatable.")] = None,
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    channels: Channels = None,
+    names: Names = None,
+    resample: Annotated[str | None, typer.Option(help='Rate to resample everything to, such as "12 kHz".')] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an index that exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Propose an index of a folder's files, to look over and correct."""
+    from swashtwin.readers import propose_index, save_index
+
+    path = out or folder / "recordings.toml"
+    proposal = propose_index(
+        folder,
+        label_pattern=label_pattern,
+        table=csv_table,
+        columns=pairs_of(columns, "--column"),
+        include=include or [],
+        sample_rate=sample_rate,
+        unit=unit,
+        channels=channels or None,
+        names=names or None,
+        resample=resample,
+        index_folder=path.parent,
+    )
+    _refuse_existing(path, overwrite)
+    save_index(proposal.index, path)
+    entries = proposal.index["recording"]
+    result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
+    result["skipped"] = list(proposal.skipped)
+
+    def show() -> None:
+        for reason in proposal.skipped:
+            note(f"left out: {reason}")
+        say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")
+        say(f"Look it over, then: swashtwin inspect {path}")
+
+    tell(result, as_json, show)
+
+
+def inspect(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    channels: Channels = None,
+    as_json: Json = False,
+) -> None:
+    """Name what is wrong with recordings before they are used. Exit code 3 where something must not be used."""
+    from swashtwin.inspection import inspect_recordings
+
+    facts = given(sample_rate=sample_rate, unit=unit, channels=channels)
+    report = inspect_recordings(read_all(paths, **facts))
+
+    def show() -> None:
+        rows = [
+            (one.recording_id, one.label, one.sample_rate, round(one.duration, 3), channel.name, channel.minimum,
+             channel.maximum, channel.rms, one.unit)
+            for one in report.recordings
+            for channel in one.channels
+        ]  # fmt: skip
+        header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
+        table(f"{len(report.recordings)} recordings", header, rows)
+        found = [(one.recording_id, finding) for one in report.recordings for finding in one.findings]
+        found += [("all", finding) for finding in report.findings]
+        for name, finding in found:
+            say(f"{finding.severity}: {name}{', ' + finding.channel if finding.channel else ''}: {finding.message}")
+        if not found:
+            say("Nothing suspicious was found.")
+
+    tell({**report.to_dict(), "has_errors": report.has_errors}, as_json, show)
+    if report.has_errors:
+        raise typer.Exit(BAD_DATA)
+
+
+def split(
+    source: Index,
+    out: Annotated[Path | None, typer.Option(help="Folder for both; that of the index by default.")] = None,
+    test_fraction: Annotated[float, typer.Option(help="Share to test on, above 0 and at most 0.5.")] = 0.2,
+    group: Annotated[Group, typer.Option(help="What stays whole.")] = Group.recording,
+    seed: Seed = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a split that exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Split an index by recording into train.toml and test.toml, for a twin and a classifier alike.
+
+    Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
+    """
+    from swashtwin.readers import narrow_index, read_recordings
+    from swashtwin.windows import cut_windows, split_by_recording
+
+    recordings = read_recordings(source)
+    shortest = min(recording.signal.shape[1] for recording in recordings)
+    whole = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
+    sets = split_by_recording(whole, test_fraction=test_fraction, seed=seed, group=group.value)
+    folder = out or (source if source.is_dir() else source.parent)
+    ids = {name: sorted(set(part.recording_id.tolist())) for name, part in zip(("train", "test"), sets, strict=True)}
+    for name in ids:
+        _refuse_existing(folder / f"{name}.toml", overwrite)
+    written = {name: narrow_index(source, recordings, kept, folder / f"{name}.toml") for name, kept in ids.items()}
+    result = {**written, "train_recordings": ids["train"], "test_recordings": ids["test"], "seed": seed}
+
+    def show() -> None:
+        for name, path in written.items():
+            say(f"{path}: {len(ids[name])} recordings")
+
+    tell(result, as_json, show)
+
+
+def _refuse_existing(path: Path, overwrite: bool) -> None:
+    from swashtwin.errors import InputError
+
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists and may have been edited; replace it with --overwrite, or name another --out.")

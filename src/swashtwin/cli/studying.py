@@ -1,0 +1,103 @@
+"""Commands that run a whole study: demo, study case1."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import resumable, whole_folder
+from swashtwin.cli.options import Index, Jobs, Json, Seed, list_of
+
+if TYPE_CHECKING:
+    from swashtwin.recording import Recording
+
+studies = typer.Typer(no_args_is_help=True, help="Run one of the paper's studies on your recordings.")
+
+
+class StudySize(StrEnum):
+    """How much a study takes."""
+
+    quick = "quick"
+    paper = "paper"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the rig and the report.")] = Path("swashtwin-demo"),
+    seed: Seed = 0,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Build a virtual rig, run Case I of the paper on it, and write a report: the whole way in some minutes."""
+    from swashtwin.readers import read_recordings
+    from swashtwin.rig import build_rig
+
+    folder = out / f"rig-{seed}"
+    if (folder / "recordings.toml").is_file():
+        note(f"using the rig that lies in {folder}")
+    else:
+        with whole_folder(folder), progress("recording on the virtual rig") as bar:
+            build_rig(folder, seed=seed, progress=bar)
+    with resumable(f"the rig in {folder} is whole, and the same command takes it up"):
+        result = _case_one(read_recordings(folder), "quick", [seed], jobs, out / "report")
+    tell(result, as_json, lambda: _show_study(result))
+
+
+@studies.command("case1")
+def case1(
+    source: Index,
+    size: Annotated[StudySize, typer.Option(help="Settings: quick, or the paper's.")] = StudySize.quick,
+    seeds: Annotated[str, typer.Option(help='Seeds of split, weights and synthesis: "0,1,2".')] = "0",
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Case I, few samples: what a twin adds where one class has few measured windows."""
+    from swashtwin.readers import read_recordings
+
+    numbers = list_of(seeds, int, "--seeds") or [0]
+    result = _case_one(read_recordings(source), size.value, numbers, jobs, out)
+    tell(result, as_json, lambda: _show_study(result))
+
+
+def _case_one(
+    recordings: "Sequence[Recording]", size: str, seeds: Sequence[int], jobs: int, folder: Path | None
+) -> dict[str, Any]:
+    from swashtwin.report import write_report
+    from swashtwin.studies import run_case_one
+
+    with progress("Case I") as bar:
+        result = run_case_one(
+            recordings,
+            size=size,
+            seeds=seeds,
+            jobs=jobs,
+            progress=lambda what, done, total: bar(done, total, f"Case I: {what}"),
+            command=shlex.join(["swashtwin", *sys.argv[1:]]),
+        )
+    page = None if folder is None else write_report(result, folder=folder)
+    return {**result.to_dict(), "report": page}
+
+
+def _show_study(result: dict[str, Any]) -> None:
+    metrics = ("accuracy", "recall", "f1", "g_mean", "scarce_recall")
+    rows = [
+        (row["classifier"], row["training_set"], row["level"], *(_spread(row[name]) for name in metrics))
+        for row in [*result["rows"], *result["rivals"]]
+    ]
+    seeds = ", ".join(str(seed) for seed in result["seeds"])
+    title = f"Case I ({result['size']}), seed {seeds}, {result['wall_s']:.0f} s"
+    table(title, ("classifier", "training set", "level", *metrics), rows)
+    say(result["origin"])
+    if result["report"] is not None:
+        say(f"Report: {result['report']}")
+
+
+def _spread(value: dict[str, Any]) -> str:
+    if value["mean"] is None:
+        return "-"
+    return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")

@@ -80,7 +80,7 @@ def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_doe
     assert calibration.simulations == 500
 
 
-@pytest.mark.parametrize("factors", [DAMPER, PAPER, np.array([1.5, 0.5, 0.25, 0.3, 2.7, 3])])
+@pytest.mark.parametrize("factors", [PAPER, np.array([1.5, 0.5, 0.25, 0.3, 2.7, 3])], ids=["paper", "far"])
 def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: Twin, factors: np.ndarray) -> None:
     calibration = calibrate(twin, [recording_of(twin, factors)], method=GaussNewton(starts=1))
     found = ratios(calibration, factors)

@@ -1,7 +1,6 @@
 """Twins as plain dictionaries, and back."""
 
 from dataclasses import asdict, fields
-from types import MappingProxyType
 from typing import Any, get_args
 
 from swashtwin.condition import OperatingCondition
@@ -60,7 +59,7 @@ def _pump(table: dict[str, Any]) -> Pump:
         name=table["name"],
         interfaces=Interfaces.from_values(table["interfaces"]),
         sensors=tuple(Sensor(**_with_tuples(Sensor, sensor)) for sensor in table["sensors"]),
-        sources=MappingProxyType(dict(table["sources"])),
+        sources=dict(table["sources"]),
         **sections,
     )
 

@@ -65,7 +65,12 @@ class IPINN:
 
     @classmethod
     def improved(cls, **changes: object) -> "IPINN":
-        """The same network, giving logarithms: it also finds values several times off the nominal ones."""
+        """The same network, giving logarithms of the values over the nominal ones.
+
+        A step then changes every value by as large a share, so that values several times off the nominal ones are found
+        as well: in 20 of 20 recoveries of known values, against 17 of 20 with base values
+        (``benchmarks/calibration.py --recovery``).
+        """
         return cls(**{"values": "logarithms", **changes})  # type: ignore[arg-type]
 
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:

@@ -1,0 +1,281 @@
+"""Time of a calibration against the same loss through an eager Runge-Kutta loop.
+
+    python benchmarks/calibration.py --json
+    python benchmarks/calibration.py --recovery 5
+
+The rival is what the paper's text describes: plain PyTorch steps the equations with fourth-order Runge-Kutta inside the
+loss, drops start-up revolutions, transforms the last one, and differentiates through it all. It is written without
+avoidable waste (`addmv`, `unbind`, no indexing of tensors inside the loop). Timed are some hundred of its steps; a full
+loss takes hundreds of thousands, to which time and memory are extrapolated in proportion. `error` of the rival is that
+of its states against `rk4_trajectory` after those steps; of a loss, against harmonic balance; of a method, that of C_v
+and C_Hz against the truth. Each row runs in a process of its own, so that its memory is its own peak.
+"""
+
+import argparse
+import json
+import math
+import multiprocessing
+import resource
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swashtwin.calibration import IPINN, GaussNewton, Objective, calibrate, measure, objective_of
+from swashtwin.condition import OperatingCondition
+from swashtwin.faults import SwashPlateDefect
+from swashtwin.integrators import RK4, HarmonicBalance, SteadySolver, rk4_limit, rk4_trajectory, state_matrix
+from swashtwin.pump import Interfaces
+from swashtwin.pump_files import load_pump
+from swashtwin.recording import Recording
+from swashtwin.signals import add_noise
+from swashtwin.twin import Twin
+from swashtwin.units import MPa, mm, rpm
+
+FACTORS = np.array([1, 1, 1.6, 0.7, 2.5, 1])
+"""Truth over nominal values."""
+REVOLUTIONS = 4
+"""The rival's simulated revolutions: three die away, the fourth is compared."""
+STEPS = 400
+"""Steps of the rival that are timed."""
+EPOCHS = 500
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    value_s: float
+    gradient_s: float
+    memory_mb: float
+    error: float
+
+
+def twin_at_15() -> Twin:
+    """The paper's pump, condition and defect."""
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    defect = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
+    return Twin(load_pump("25scy14-1b"), condition, defect, bandwidth=2600)
+
+
+def recording_of(twin: Twin, factors: np.ndarray, seed: int = 0) -> Recording:
+    """Noisy recording (30 dB) of the twin with its values times `factors`."""
+    true = twin.with_interfaces(Interfaces.from_values(twin.values.numpy() * factors))
+    recording = true.simulate(1.4, 25600.0, phase=1.0 + seed, recording_id=f"truth-{seed}")
+    return replace(recording, signal=add_noise(recording.signal, 30.0, seed))
+
+
+def objective() -> Objective:
+    """What every row minimizes."""
+    twin = twin_at_15()
+    return objective_of(twin, measure(twin, [recording_of(twin, FACTORS)]))
+
+
+def seconds(run: Callable[[], object], repeats: int) -> float:
+    """Median time of a call [s], after one to warm up."""
+    run()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - started)
+    return float(np.median(times))
+
+
+def memory() -> float:
+    """Peak memory of this process so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def loss_row(name: str, solver: SteadySolver) -> Row:
+    """Value, and value with gradient, of one spectrum loss."""
+    target = objective()
+    before = memory()
+    values = target.twin.values.requires_grad_()
+
+    def gradient() -> Tensor:
+        return torch.autograd.grad(target.spectrum_loss(values, solver=solver), values)[0]
+
+    value_s = seconds(lambda: target.spectrum_loss(values.detach(), solver=solver), 20)
+    gradient_s = seconds(gradient, 20)
+    exact = target.spectrum_loss(values.detach(), solver=HarmonicBalance()).item()
+    error = abs(target.spectrum_loss(values.detach(), solver=solver).item() / exact - 1)
+    return Row(name, value_s, gradient_s, memory() - before, error)
+
+
+class Probe:
+    """A solver that solves nothing, but keeps the equations it was given."""
+
+    def steady_state(
+        self, mass: Tensor, damping: Tensor, stiffness: Tensor, frequency: Tensor, force: Tensor
+    ) -> Tensor:
+        """Zero motion."""
+        self.mass, self.damping, self.stiffness = mass, damping, stiffness
+        self.frequency, self.force = frequency, force
+        return torch.zeros_like(force)
+
+
+def equations(target: Objective, values: Tensor) -> Probe:
+    """Matrices and force lines at the values, with their gradients."""
+    probe = Probe()
+    target.twin.acceleration(values, solver=probe)
+    return probe
+
+
+def forces_in_time(given: Probe, step: float, n: int) -> Tensor:
+    """Forces [N, N m] at every half step."""
+    time_of = step / 2 * torch.arange(2 * n + 1, dtype=torch.float64)
+    return (torch.exp(1j * time_of[:, None] * given.frequency) @ given.force).real
+
+
+def eager_states(given: Probe, step: float, n: int) -> Tensor:
+    """States after each of `n` Runge-Kutta steps from rest, as a loop that autograd records."""
+    state = state_matrix(given.mass, given.damping, given.stiffness)
+    force = forces_in_time(given, step, n) / given.mass.diagonal()
+    push = torch.cat([torch.zeros_like(force), force], dim=1).unbind(0)
+    x, states = torch.zeros(26, dtype=torch.float64), []
+    for i in range(n):
+        k1 = torch.addmv(push[2 * i], state, x)
+        k2 = torch.addmv(push[2 * i + 1], state, x + step / 2 * k1)
+        k3 = torch.addmv(push[2 * i + 1], state, x + step / 2 * k2)
+        k4 = torch.addmv(push[2 * i + 2], state, x + step * k3)
+        x = x + step / 6 * (k1 + 2 * (k2 + k3) + k4)
+        states.append(x)
+    return torch.stack(states)
+
+
+def eager_loss(target: Objective, values: Tensor, step: float, n: int) -> Tensor:
+    """Spectrum loss of the last readings that the loop gave, transformed at the measured orders."""
+    states = eager_states(equations(target, values), step, n)
+    readings = torch.diff(states[:, 13:], dim=0) / step @ target.twin.structure.sensor_rows.T
+    angle = target.twin.condition.speed * step * torch.arange(len(readings), dtype=torch.float64)
+    turns = torch.exp(-1j * angle[:, None] * torch.as_tensor(target.measurement.orders))
+    amplitude = (2 / len(readings) * (readings.T.to(turns.dtype) @ turns)).abs()
+    return ((amplitude - target.measured).square().mean() / target.measured.square().mean()).sqrt()
+
+
+def eager_row() -> Row:
+    """The rival's loss, extrapolated from a few hundred steps."""
+    target = objective()
+    values = target.twin.values.requires_grad_()
+    given = equations(target, values.detach())
+    step = 0.8 * rk4_limit(state_matrix(given.mass, given.damping, given.stiffness))
+    share = STEPS / math.ceil(REVOLUTIONS * target.twin.condition.period / step)
+    value_s = seconds(lambda: eager_loss(target, values.detach(), step, STEPS), 3) / share
+    before = memory()
+    gradient_s = seconds(lambda: torch.autograd.grad(eager_loss(target, values, step, STEPS), values), 3) / share
+    peak = (memory() - before) / share
+    with torch.no_grad():
+        own = eager_states(given, step, STEPS)
+        force = forces_in_time(given, step, STEPS)
+        ours = rk4_trajectory(given.mass, given.damping, given.stiffness, force, step)[1:]
+    error = float((own - ours).abs().max() / ours.abs().max())
+    return Row("one loss, eager Runge-Kutta loop (extrapolated)", value_s, gradient_s, peak, error)
+
+
+def method_row(name: str, method: IPINN | GaussNewton) -> Row:
+    """A whole search."""
+    target = objective()
+    before = memory()
+    started = time.perf_counter()
+    found = method.search(target, seed=0)
+    wall = time.perf_counter() - started
+    value_s = seconds(lambda: target.spectrum_loss(target.twin.values), 20) * found.simulations
+    ratio = found.values / (target.space.nominal * FACTORS)
+    return Row(name, value_s, wall, memory() - before, float(np.abs(ratio[[2, 4]] - 1).max()))
+
+
+ROWS: tuple[tuple[Callable[..., Row], tuple[object, ...]], ...] = (
+    (loss_row, ("one loss, harmonic balance", HarmonicBalance())),
+    (loss_row, ("one loss, RK4 as its exact map", RK4())),
+    (eager_row, ()),
+    (method_row, ("IPINN, 500 epochs, harmonic balance", IPINN(epochs=EPOCHS))),
+    (method_row, ("IPINN, 500 epochs, RK4 as its exact map", IPINN(epochs=EPOCHS, solver=RK4()))),
+    (method_row, ("IPINN.improved, 500 epochs, harmonic balance", IPINN.improved(epochs=EPOCHS))),
+    (method_row, ("Gauss-Newton, 4 starts", GaussNewton())),
+)
+
+
+def _measured(index: int) -> Row:
+    torch.set_num_threads(1)
+    make, arguments = ROWS[index]
+    return make(*arguments)
+
+
+def table() -> dict[str, object]:
+    """All rows and the ratios."""
+    rows = []
+    for index in range(len(ROWS)):
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            rows.append(pool.apply(_measured, (index,)))
+    exact, _, eager, ipinn, ipinn_rk4, _, newton = rows
+    rival_run = ipinn.gradient_s + EPOCHS * (eager.gradient_s - exact.gradient_s)
+    ratios = {
+        "eager": rival_run / ipinn.gradient_s,
+        "eager_rk4": rival_run / ipinn_rk4.gradient_s,
+        "eager_loss_alone": eager.gradient_s / exact.gradient_s,
+        "eager_memory": eager.memory_mb / max(exact.memory_mb, 1.0),
+        "ipinn_over_gauss_newton": ipinn.gradient_s / newton.gradient_s,
+    }
+    return {"rows": [asdict(row) for row in rows], "ratios": ratios}
+
+
+def recovery(seeds: int) -> None:
+    """Print in how many of `seeds` runs each method finds C_v and C_Hz within 10 % and K_v within 30 %."""
+    torch.set_num_threads(1)
+    twin = twin_at_15()
+    truths = {
+        "C_v x1.6, K_v x0.7, C_Hz x2.5": FACTORS,
+        "paper: C_sw x0.42, C_Hz x4.5": np.array([0.778 / 1.86, 1, 1, 1, 4.5, 1]),
+        "far: 1.5 0.5 0.23 0.21 2.7 3.8": np.array([1.55, 0.48, 0.23, 0.21, 2.74, 3.78]),
+        "far: 0.5 0.8 0.22 0.30 1.7 1.6": np.array([0.52, 0.78, 0.22, 0.30, 1.73, 1.61]),
+    }
+    methods = {
+        "IPINN (the paper's)": IPINN(),
+        "IPINN, 1e-3": IPINN(learning_rate=1e-3),
+        "IPINN.improved": IPINN.improved(),
+        "IPINN.improved, 1e-3": IPINN.improved(learning_rate=1e-3),
+        "GaussNewton": GaussNewton(),
+    }
+    print(f"{'truth over nominal':34}{'method':24}{'found':>7}{'K_sw flagged':>14}{'loss':>9}{'wall s':>8}")
+    for title, factors in truths.items():
+        recordings = [recording_of(twin, factors, seed) for seed in range(seeds)]
+        for name, method in methods.items():
+            runs = [calibrate(twin, [r], method=method, seed=seed) for seed, r in enumerate(recordings)]
+            ratio = np.array([[e.value / e.nominal for e in run.estimates] for run in runs]) / factors
+            found = np.abs(ratio[:, [2, 4, 3]] - 1) < (0.1, 0.1, 0.3)
+            flagged = sum(run.estimate("K_sw").verdict == "not identified" for run in runs)
+            loss = np.median([run.fit_after.spectrum_value_error for run in runs])
+            wall = np.median([run.wall_s for run in runs])
+            counts = f"{int(found.all(axis=1).sum())}/{seeds}"
+            print(f"{title:34}{name:24}{counts:>7}{f'{flagged}/{seeds}':>14}{loss:9.4f}{wall:8.2f}", flush=True)
+
+
+def main() -> None:
+    """Print the table, as JSON with ``--json``; or what is recovered with ``--recovery``."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--recovery", type=int, metavar="SEEDS", help="print which methods find the truth instead")
+    arguments = parser.parse_args()
+    if arguments.recovery:
+        recovery(arguments.recovery)
+        return
+    result = table()
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+        return
+    print(f"{'':50}{'value s':>12}{'gradient s':>12}{'memory MB':>12}{'error':>10}")
+    for row in result["rows"]:  # type: ignore[attr-defined]
+        print(
+            f"{row['name']:50}{row['value_s']:12.4g}{row['gradient_s']:12.4g}{row['memory_mb']:12.4g}{row['error']:10.1e}"
+        )
+    for name, ratio in result["ratios"].items():  # type: ignore[attr-defined]
+        print(f"{name}: {ratio:.3g}")
+
+
+if __name__ == "__main__":
+    main()

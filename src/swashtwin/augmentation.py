@@ -1,8 +1,8 @@
 """Windows that nobody measured, made with a twin.
 
-The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies from
-one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which `evaluate`
-refuses.
+The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies
+from one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which
+`evaluate` refuses.
 """
 
 import math
@@ -34,7 +34,7 @@ class Variation:
     """Half-width of the uniform spread of the discharge pressure, relative."""
     severity: float = 0.15
     """Standard deviation of the logarithm of the fault's severity."""
-    angle: float = math.radians(4)
+    angle: float = math.radians(0.5)
     """Standard deviation of the place of a swash plate defect [rad]."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
     """Range of the oil temperature [K]; it acts on leakage."""

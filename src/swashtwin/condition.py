@@ -36,7 +36,8 @@ class OperatingCondition:
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
         if self.speed > 2100:
             raise InputError(
-                f"speed ({self.speed:g} rad/s = {self.speed * 30 / math.pi:.0f} rev/min) is above any axial piston pump's. "
+                f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above any axial piston "
+                "pump's. "
                 "Speeds are in rad/s: 860 rev/min is rpm(860)."
             )
         if self.discharge_pressure <= self.suction_pressure:

@@ -9,7 +9,7 @@ F is the shell, C the rotor, P the retainer; a and b are small rotations about x
 from the swash plate toward the valve plate, and y in the direction in which the swash plate rises. The retainer is kept
 parallel to the swash plate (it takes the shell's rotations), which keeps every interface blind to rigid motion.
 
-Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2, so it enters K as k g g^T.
+Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2: it enters K as k g g^T.
 Because the pistons are equal and equally spaced, their sum does not depend on the shaft angle: K and C are constant.
 """
 
@@ -67,8 +67,8 @@ class Structure:
     def stiffness(
         self,
         values: Float[Tensor, "*batch 6"],
-        mount: Float[Tensor, "*batch"] | float = 1.0,
-        bearing: Float[Tensor, "*batch"] | float = 1.0,
+        mount: Float[Tensor, "*#batch"] | float = 1.0,
+        bearing: Float[Tensor, "*#batch"] | float = 1.0,
     ) -> Float[Tensor, "*batch 13 13"]:
         """K [N/m] for interface `values` in the order of `pump.PARAMETERS`.
 
@@ -221,7 +221,7 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
 def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray, " 13"]:
     """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a moment.
 
-    T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact at the defect, less its mean.
+    T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact there, less its mean.
     """
     group = pump.rotating_group
     point = np.array([math.sin(angle), math.cos(angle), math.tan(group.swash_angle) * math.cos(angle)])

@@ -3,7 +3,8 @@
 A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
 is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the model is
 written in `loads` (chamber pressures) and `excitation` (displacements and impulses). Severities follow our own
-derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's (DOI 10.1177/00202940261419020).
+derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's
+(DOI 10.1177/00202940261419020).
 """
 
 import difflib
@@ -99,7 +100,7 @@ class SwashPlateDefect(_Fault):
     angle: float = math.radians(270)
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
     entry: Literal["centre", "edge"] = "centre"
-    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its wording) or leading ``edge`` (ours)."""
+    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading ``edge`` (ours)."""
     edge: Literal["half_sine", "raised_cosine"] = "half_sine"
     """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does not)."""
     contact: Literal["shared", "literal", "physical"] = "shared"

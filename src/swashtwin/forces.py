@@ -1,7 +1,7 @@
 """Forces of a fault on the 13 degrees of freedom, line by line.
 
-Displacements in `excitation` become forces through the interfaces that they strain, so these forces depend on the interface
-values; the pressures' forces (`loads`) do not. Equations: docs/physics.md, sections 2.4, 2.5 and 5.
+Displacements in `excitation` become forces through the interfaces that they strain, so these forces depend on the
+interface values; the pressures' forces (`loads`) do not. Equations: docs/physics.md, sections 2.4, 2.5 and 5.
 """
 
 import math
@@ -25,7 +25,7 @@ CONTACT_CUTOFF = 4000.0
 def excitation_lines(
     pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
 ) -> Complex[np.ndarray, " line"]:
-    """Lines 0...`n_lines` of a fault's displacement [m] or impacts [N]; zero where it has none. The mean is left out."""
+    """Lines 0...`n_lines` of a fault's displacement [m] or impacts [N], zero where it has none; without the mean."""
     lines = np.zeros(n_lines + 1, dtype=complex)
     if isinstance(fault, SwashPlateDefect):
         lines[1:] = displacement_lines(pump, condition, fault, n_lines)

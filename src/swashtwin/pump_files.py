@@ -1,7 +1,7 @@
 """Pumps from TOML files.
 
-A bare number is refused, and so is one without a source: whoever edits the file cannot mistake millimeters for meters, and
-whoever reads a result can judge what it rests on.
+A bare number is refused, and so is one without a source: whoever edits the file cannot mistake millimeters for meters,
+and whoever reads a result can judge what it rests on.
 """
 
 import math
@@ -99,7 +99,7 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
         if len(position) != 3 or len(table["direction"]) != 3 or norm == 0:
             raise DataError(f"{path}: position and direction must have three components, direction not all zero.")
         direction = tuple(component / norm for component in table["direction"])
-        sensors.append(Sensor(name=str(table["name"]), position=position, direction=direction))  # type: ignore[arg-type]
+        sensors.append(Sensor(name=str(table["name"]), position=position, direction=direction))
     return tuple(sensors)
 
 
@@ -127,7 +127,7 @@ def load_pump(name: str | Path) -> Pump:
     Raises
     ------
     MissingFileError, DataError, UnitError, InputError
-        No such pump; damaged TOML; a bare number or a wrong unit; impossible geometry. The message names file and entry.
+        No such pump; damaged TOML; a bare number or a wrong unit; impossible geometry. The message names the entry.
 
     Examples
     --------

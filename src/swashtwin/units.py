@@ -13,7 +13,7 @@ Examples
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swashtwin.errors import UnitError
 
@@ -90,7 +90,7 @@ def parse(text: str, unit: str, *, name: str = "value") -> float:
     if not isinstance(text, str):
         raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text} {unit}".')
     try:
-        quantity = _registry().Quantity(text)
+        quantity: Any = _registry().Quantity(text)
     except (pint.errors.PintError, ValueError, AssertionError, AttributeError, TypeError, tokenize.TokenError) as cause:
         raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31 {unit}".') from cause
     if quantity.unitless and unit not in ("1", "rad"):

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -81,7 +80,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording) -> Diagnosis:
     return Diagnosis(
         recording_id=recording.recording_id,
         label=label,
-        probabilities=MappingProxyType(dict(zip(classifier.classes, pooled.tolist(), strict=True))),
+        probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
         window_labels=window_labels,
         agreement=float(np.mean([name == label for name in window_labels])),
         notes=tuple(_notes(classifier, recording)),

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -145,10 +144,10 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         accuracy=float(right.mean()),
         accuracy_interval=interval,
         recording_accuracy=_recording_accuracy(target, probability, group),
-        recall=MappingProxyType(dict(zip(classes, recall.tolist(), strict=True))),
+        recall=dict(zip(classes, recall.tolist(), strict=True)),
         confusion=confusion,
         cells=_cells(test, right),
-        reasons=MappingProxyType(_reasons(classes, confusion, values, interval)),
+        reasons=_reasons(classes, confusion, values, interval),
         **values,
     )
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -77,7 +76,7 @@ def recording_from(path: Path, entry: Entry) -> Recording:
         condition=condition or (own.condition if own else None),
         specimen=entry.specimen or (own.specimen if own else None),
         synthetic=entry.synthetic or bool(own and own.synthetic),
-        attributes=MappingProxyType(attributes),
+        attributes=attributes,
     )
 
 

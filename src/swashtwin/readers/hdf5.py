@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -31,9 +30,12 @@ def read(path: Path, options: Options) -> RawFile:
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write the whole recording: ``signal`` in double precision, everything else as attributes (SI units)."""
-    with h5py.File(path, "w", libver=_LAYOUT) as file:
-        file.create_dataset("signal", data=np.asarray(recording.signal, dtype=np.float64), fletcher32=True)
+    """Write the whole recording: ``signal`` in single precision where that loses nothing, the rest as attributes."""
+    single = recording.signal.astype(np.float32)
+    lossless = np.array_equal(single, recording.signal, equal_nan=True)
+    # Made in memory: on a full disk the HDF5 library itself would leave its file open and complain past any handler.
+    with h5py.File(path, "w", libver=_LAYOUT, driver="core", backing_store=False) as file:
+        file.create_dataset("signal", data=single if lossless else recording.signal, fletcher32=True)
         facts: dict[str, Any] = {
             "format": _FORMAT,
             "sample_rate": float(recording.sample_rate),
@@ -49,6 +51,9 @@ def write(recording: Recording, path: Path) -> None:
             facts |= {f"condition.{name}": float(getattr(recording.condition, name)) for name in _CONDITION}
         for name, value in facts.items():  # texts of fixed length: the library checks no others
             file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+        file.flush()
+        image = file.id.get_file_image()
+    path.write_bytes(image)
 
 
 def _recording(file: h5py.File) -> Recording:
@@ -57,7 +62,7 @@ def _recording(file: h5py.File) -> Recording:
     if "condition.speed" in facts:
         condition = OperatingCondition(**{name: float(facts[f"condition.{name}"]) for name in _CONDITION})
     return Recording(
-        signal=file["signal"][()],
+        signal=file["signal"][()].astype(np.float64),
         sample_rate=float(facts["sample_rate"]),
         recording_id=str(_text(facts["recording_id"])),
         channels=tuple(json.loads(facts["channels"])),
@@ -66,7 +71,7 @@ def _recording(file: h5py.File) -> Recording:
         condition=condition,
         specimen=_text(facts.get("specimen")),
         synthetic=bool(facts["synthetic"]),
-        attributes=MappingProxyType(json.loads(facts["attributes"])),
+        attributes=json.loads(facts["attributes"]),
     )
 
 

@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from swashtwin.faults import BoreDefect, DamScratch, Fault, GrooveErosion, PistonWear, SwashPlateDefect
 from swashtwin.pump import PARAMETERS, Pump
@@ -46,7 +46,7 @@ class Housing:
     gain: Float[np.ndarray, "sensor sensor"]
     """Sensor gains on the diagonal, cross-talk beside it."""
 
-    def response(self, frequency: Float[np.ndarray, " line"]) -> Float[np.ndarray, "sensor line"]:
+    def response(self, frequency: Float[np.ndarray, " line"]) -> Complex[np.ndarray, "sensor line"]:
         """Complex factor on the shell's acceleration at `frequency` [Hz]."""
         ratio = frequency[:, None] / self.frequency
         modes = ratio**2 / (1 - ratio**2 + 2j * self.damping_ratio * ratio)
@@ -104,13 +104,13 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
         suction_open=nominal.valve_plate.suction_open + deg(rng.normal(0, 0.5)),
     )
     group = nominal.rotating_group
-    clearances = group.piston_clearance * rng.normal(1, 0.06, group.piston_count)
+    clearances = group.piston_clearance * rng.normal(1, 0.12, group.piston_count)
     return Specimen(
         name=name,
         pump=replace(nominal, masses=masses, valve_plate=plate),
         values=np.array(nominal.interfaces.values()) * factors,
-        mount=float(np.exp(rng.normal(0, 0.05))),
-        bearing=float(np.exp(rng.normal(0, 0.05))),
+        mount=float(np.exp(rng.normal(0, 0.03))),
+        bearing=float(np.exp(rng.normal(0, 0.03))),
         clearances=tuple(float(clearance) for clearance in np.clip(clearances, 8e-6, None)),
         unloaded=float(rng.uniform(0.3, 0.6)),
         following=float(rng.uniform(0.85, 1.1)),
@@ -119,22 +119,25 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
     )
 
 
-RECESS = {"length": mm(30), "width": mm(24), "depth": mm(0.08)}
-"""The machined recess: the paper's length and width, a depth just beyond what rejects a pump (0.1 mm of swash plate wear,
+RECESS = SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24))
+"""The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm of swash plate wear,
 Grundfos BMP manual). At the paper's 0.6 mm every window would be told apart by its level alone."""
 
 
-def draw_fault(label: str, seed: int, *purpose: object) -> Fault | None:
+def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault | None:
     """What is wrong with a pump of class `label` in one recording; its severity spreads around the class's typical one.
+
+    A recess is machined once into each pump, so its place differs from pump to pump only.
 
     Parameters
     ----------
-    purpose : addresses the random stream, usually specimen, pressure and repeat.
+    purpose : addresses the random stream of one recording.
     """
     rng = stream(seed, "fault", label, *purpose)
     spread = float(np.exp(rng.normal(0, 0.15)))
     if label == "swash_plate":
-        return SwashPlateDefect(**{**RECESS, "depth": RECESS["depth"] * spread}, angle=deg(270 + rng.normal(0, 4)))
+        place = deg(270 + stream(seed, "recess", specimen).normal(0, 0.5))
+        return replace(RECESS.scaled(spread), angle=place)
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))
     if label == "cylinder_block":

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Complex, Float
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.dynamics import Structure, assemble
+from swashtwin.dynamics import Structure, Topology, assemble
 from swashtwin.faults import Fault, SwashPlateDefect
 from swashtwin.forces import excitation_lines, fault_forces, worn_values
 from swashtwin.integrators import HarmonicBalance, PeriodicTerm, periodic_steady_state
@@ -22,7 +22,10 @@ from swashtwin.signals import synchronous_signal
 BANDWIDTH = 6400.0
 """Highest frequency [Hz] at which the rig's pumps are excited."""
 
-TOPOLOGY = "T1"
+TOPOLOGY: Topology = "T1"
+
+CONVERTER_STEP = 100.0 / 2**15
+"""Smallest difference [m/s^2] that the rig's 16-bit converter tells apart; its range is +-100 m/s^2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,7 @@ def _flow_noise(run: Run, n: int, sample_rate: float, rng: np.random.Generator) 
     return noise * FLOW_NOISE * math.sqrt(run.condition.discharge_pressure / 10e6)
 
 
-FLOW_NOISE = 0.30
+FLOW_NOISE = 0.25
 """Standard deviation [m/s^2] of the flow noise at 10 MPa before the housing colors it."""
 
 
@@ -148,5 +151,6 @@ def measure(
         signal = run.specimen.housing.gain @ (signal * swell + _flow_noise(run, n, sample_rate, rng))
         signal = signal + _mains(n, sample_rate, rng) + 0.02 * rng.standard_normal(signal.shape)
         low_pass = scipy.signal.butter(4, 0.8, output="sos")
-        readings.append(scipy.signal.sosfilt(low_pass, signal, axis=-1))
+        filtered = scipy.signal.sosfilt(low_pass, signal, axis=-1)
+        readings.append((np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64))
     return readings

@@ -46,7 +46,7 @@ class RigSize:
     """Length of each [s]."""
 
 
-SIZES = MappingProxyType({"small": RigSize(specimens=6, repeats=2), "paper": RigSize(specimens=6, repeats=4)})
+SIZES = MappingProxyType({"small": RigSize(specimens=6, repeats=3), "paper": RigSize(specimens=6, repeats=4)})
 """``small`` is for a demo. ``paper`` holds, in each class, over three times the paper's 650 windows of 80 ms, so that a
 study can take the paper's counts for training and test on recordings it did not train on."""
 
@@ -75,7 +75,7 @@ def _run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
         discharge_pressure=slot.pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )
-    return Run(specimen, condition, draw_fault(slot.label, seed, slot.name))
+    return Run(specimen, condition, draw_fault(slot.label, slot.specimen, seed, slot.name))
 
 
 def _recording(slot: _Slot, run: Run, signal: np.ndarray) -> Recording:
@@ -134,7 +134,7 @@ def build_rig(
     folder: Path,
     *,
     seed: int,
-    size: str = "small",
+    size: str | RigSize = "small",
     file_format: str = "h5",
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
@@ -147,7 +147,7 @@ def build_rig(
     ----------
     folder : new or empty folder.
     seed : which fleet.
-    size : name in `SIZES`.
+    size : name in `SIZES`, or a size of one's own.
     file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
     progress : called with recordings done and in all.
 
@@ -157,15 +157,15 @@ def build_rig(
         The folder holds files already, or the size is unknown.
     """
     folder = Path(folder)
-    if size not in SIZES:
+    if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty; choose a new folder for the rig.")
-    plan = SIZES[size]
+    plan = SIZES[size] if isinstance(size, str) else size
     total = len(_slots(plan))
     kept, files, runs, fleet = [], [], {}, {}
     for recording, run in rig_recordings(seed, plan):
-        path = folder / recording.specimen / f"{recording.recording_id}.{file_format}"
+        path = folder / run.specimen.name / f"{recording.recording_id}.{file_format}"
         write_recording(recording, path)
         kept.append(recording)
         files.append(path)
@@ -177,6 +177,6 @@ def build_rig(
         }
         if progress:
             progress(len(kept), total)
-    truth = {"rig_version": RIG_VERSION, "seed": seed, "size": size, "specimens": fleet, "recordings": runs}
+    truth = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "specimens": fleet, "recordings": runs}
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
     return write_index(kept, files, folder / "recordings.toml")

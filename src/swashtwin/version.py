@@ -1,0 +1,8 @@
+"""Version of the software, which every saved result names."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    VERSION = version("swashtwin")
+except PackageNotFoundError:  # run from a source tree that was never installed
+    VERSION = "0+unknown"

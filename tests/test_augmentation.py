@@ -1,0 +1,111 @@
+"""Synthetic windows: of the right layout, marked, seeded, varied, and never in a test set."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swashtwin.augmentation import Variation, synthesize
+from swashtwin.baselines import fit_extra_trees
+from swashtwin.condition import OperatingCondition
+from swashtwin.errors import InputError, LeakError
+from swashtwin.evaluation import evaluate
+from swashtwin.faults import SwashPlateDefect
+from swashtwin.pump import Pump
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.twin import Twin
+from swashtwin.units import MPa, mm
+from swashtwin.windows import WindowSet, cut_windows
+
+STILL = Variation(
+    speed=0.0, pressure=0.0, severity=0.0, angle=0.0, temperature=(318.15, 318.15), interfaces=0.0, sensor=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def measured() -> WindowSet:
+    taken = rig_recordings(0, RigSize(1, 1, 1.0), labels=("normal", "swash_plate"))
+    return cut_windows([recording for recording, _ in taken], length=2048, classes=("normal", "swash_plate"))
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return Twin(pump, at_15, SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24)))
+
+
+def test_synthetic_windows_join_the_measured_ones(twin: Twin, measured: WindowSet) -> None:
+    synthetic = synthesize(twin, label="swash_plate", count=4, like=measured, seed=0)
+    joined = measured + synthetic
+    assert joined.synthetic.sum() == 4
+    assert set(joined.label[joined.synthetic]) == {"swash_plate"}
+    np.testing.assert_allclose(synthetic.discharge_pressure, MPa(15))
+    assert len(set(synthetic.recording_id)) == 4
+
+
+def test_the_same_seed_gives_the_same_windows_and_another_seed_others(twin: Twin, measured: WindowSet) -> None:
+    first, again, other = (
+        synthesize(twin, label="swash_plate", count=2, like=measured, seed=seed).signal for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.1
+
+
+def test_no_score_is_given_on_synthetic_windows(twin: Twin, measured: WindowSet) -> None:
+    trees = fit_extra_trees(measured, seed=0, n_trees=5)
+    synthetic = synthesize(twin, label="swash_plate", count=2, like=measured, seed=0)
+    with pytest.raises(LeakError, match="synthetic"):
+        evaluate(trees, synthetic)
+
+
+def test_without_variation_and_noise_a_window_is_the_twin_s_simulation(twin: Twin, measured: WindowSet) -> None:
+    bare = synthesize(
+        twin, label="swash_plate", count=2, like=measured, seed=0, variation=STILL, background=False
+    ).signal
+    simulated = twin.simulate(2048 / 25600, 25600.0).signal
+    np.testing.assert_allclose(bare.std(axis=2), np.tile(simulated.std(axis=1), (2, 1)), rtol=0.05)
+
+
+def test_the_background_has_the_level_of_the_measured_noise(twin: Twin, measured: WindowSet) -> None:
+    """Above the twin's band there is nothing but noise, in measured and synthetic windows alike."""
+    synthetic = synthesize(twin, label="swash_plate", count=12, like=measured, seed=0)
+
+    def above_6_kHz(windows: WindowSet) -> np.ndarray:
+        spectrum = np.abs(np.fft.rfft(windows.signal, axis=2)) ** 2
+        return np.sqrt(spectrum[:, :, 500:].mean(axis=(0, 2)))
+
+    at_15 = measured.discharge_pressure == MPa(15)
+    normal = measured.subset(at_15 & (measured.label == "normal"))
+    np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
+
+
+def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
+    calm = replace(STILL, severity=0.0)
+    wild = replace(STILL, severity=0.5)
+    levels = [
+        synthesize(
+            twin, label="swash_plate", count=10, like=measured, seed=0, variation=v, background=False
+        ).signal.std(axis=2)[:, 0]
+        for v in (calm, wild)
+    ]
+    assert levels[1].std() > 5 * levels[0].std()
+
+
+def test_several_twins_take_turns(twin: Twin, measured: WindowSet, pump: Pump) -> None:
+    other = replace(twin, pump=replace(pump, name="other"))
+    synthetic = synthesize([twin, other], label="swash_plate", count=4, like=measured, seed=0)
+    assert list(synthetic.specimen) == [f"twin of {name}" for name in (pump.name, "other") * 2]
+
+
+def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pump) -> None:
+    with pytest.raises(InputError, match="not 'normal'"):
+        synthesize(twin, label="normal", count=1, like=measured, seed=0)
+    with pytest.raises(InputError, match="not among the windows' classes"):
+        synthesize(twin, label="piston", count=1, like=measured, seed=0)
+    with pytest.raises(InputError, match="at least 1"):
+        synthesize(twin, label="swash_plate", count=0, like=measured, seed=0)
+    deaf = replace(twin, pump=replace(pump, sensors=pump.sensors[:1]))
+    with pytest.raises(InputError, match="are not the windows' channels"):
+        synthesize(deaf, label="swash_plate", count=1, like=measured, seed=0)
+    only_synthetic = synthesize(twin, label="swash_plate", count=2, like=measured, seed=0)
+    with pytest.raises(InputError, match="background=False"):
+        synthesize(twin, label="swash_plate", count=1, like=only_synthetic, seed=0)

@@ -1,0 +1,290 @@
+"""Figures of one calibration: excitation, waveforms, spectra, search, estimates."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, MultipleLocator
+
+from swashtwin.calibration import Calibration, Estimate
+from swashtwin.excitation import slipper_displacements
+from swashtwin.faults import SwashPlateDefect
+from swashtwin.pump import PARAMETERS
+from swashtwin.report.drawing import Drawing, apart, drawn, panels, ratio_axis, table
+from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, styled
+from swashtwin.report.wording import power, words
+from swashtwin.twin import Twin
+
+_POINTS = 701
+"""Points over one revolution of the excitation."""
+_RANGE_DB = 60.0
+"""Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is less."""
+
+
+def calibration_drawings(calibration: Calibration, key: str, *, with_excitation: bool = True) -> list[Drawing]:
+    """Every figure of a calibration, in the order of the page.
+
+    Parameters
+    ----------
+    key : how file names begin.
+    with_excitation : draw the defect's displacement, where the twin has a swash plate defect.
+    """
+    figures = [] if not with_excitation else excitation(calibration.nominal, key)
+    return [
+        *figures,
+        waveforms(calibration, key),
+        spectra(calibration, key),
+        estimates(calibration, key),
+        losses(calibration, key),
+        paths(calibration, key),
+    ]
+
+
+@styled()
+def excitation(twin: Twin, key: str) -> list[Drawing]:
+    """Displacement of each slipper in the recess and their sum, over one revolution; nothing for other faults."""
+    if not isinstance(twin.fault, SwashPlateDefect):
+        return []
+    time = np.linspace(0, twin.condition.period, _POINTS)
+    each = slipper_displacements(twin.pump, twin.condition, twin.fault, time)
+    columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
+    figure, axes = panels(2, 1, 4.8, sharex=True)
+    (above,), (below,) = axes
+    turn = np.exp(2j * np.pi * time / twin.condition.period)
+    for j, row in enumerate(each):
+        shade = f"{0.15 + 0.5 * j / max(1, len(each) - 1):.2f}"
+        above.plot(time * 1e3, row * 1e3, color=shade)
+        middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
+        above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
+    below.plot(time * 1e3, columns["total_m"] * 1e3, color=CALIBRATED)
+    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers 1 to n, by their number")
+    below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
+    below.set_ylim(0, columns["total_m"].max() * 1.15e3)
+    size = f"{twin.fault.length * 1e3:g} × {twin.fault.width * 1e3:g} × {twin.fault.depth * 1e3:g} mm"
+    caption = (
+        f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
+        "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
+    )
+    return [drawn(f"{key}_excitation", figure, columns, title="Excitation by the defect", caption=caption)]
+
+
+@styled()
+def waveforms(calibration: Calibration, key: str) -> Drawing:
+    """One revolution measured, with the twin before (left) and after (right), a row for each sensor."""
+    record, channels = calibration.waveforms, calibration.spectra.channels
+    columns: dict[str, np.ndarray] = {"time_s": record.time}
+    figure, axes = panels(len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row")
+    for i, channel in enumerate(channels):
+        sides = (("nominal", record.nominal[i], NOMINAL), ("calibrated", record.calibrated[i], CALIBRATED))
+        columns |= {f"{channel}_measured": record.measured[i]}
+        for place, (name, simulated, color) in zip(axes[i], sides, strict=True):
+            columns |= {f"{channel}_{name}": simulated}
+            place.plot(record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65)
+            place.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
+        axes[i, 0].set_ylabel(f"{words(channel)} [m/s²]")
+    for place, (name, color) in zip(axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True):
+        when = "before" if name == "nominal" else "after"
+        place.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
+    for place in axes[-1]:
+        place.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
+    low, high = calibration.settings.get("band", (math.nan, math.nan))
+    caption = (
+        f"One revolution of recording {calibration.recording_ids[0]} (gray) and of the twin (color), both within "
+        f"{low:g} to {high:g} Hz and aligned in time, since the shaft angle at which a recording starts is not known."
+    )
+    title = "Waveforms before and after calibration"
+    return drawn(f"{key}_waveforms", figure, columns, title=title, caption=caption)
+
+
+@styled()
+def spectra(calibration: Calibration, key: str) -> Drawing:
+    """Line amplitudes measured, before and after, a panel for each sensor, in decibels with m/s^2 beside."""
+    record = calibration.spectra
+    rows = [
+        {
+            "channel": channel,
+            "order": order,
+            "frequency_hz": record.frequency[k],
+            "measured": record.measured[i, k],
+            "deviation": record.deviation[i, k],
+            "nominal": record.nominal[i, k],
+            "calibrated": record.calibrated[i, k],
+        }
+        for i, channel in enumerate(record.channels)
+        for k, order in enumerate(record.orders)
+    ]
+    figure, axes = panels(len(record.channels), 1, 1.1 + 2.0 * len(record.channels), sharex=True)
+    for i, place in enumerate(axes[:, 0]):
+        _spectrum_panel(place, calibration, i)
+        place.set_title(words(record.channels[i]), loc="left")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
+    caption = (
+        "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
+        "amplitude, within recordings or between them. 20 dB are a factor of 10; what lies more than "
+        f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge."
+    )
+    title = "Spectra before and after calibration"
+    return drawn(f"{key}_spectra", figure, table(rows), title=title, caption=caption)
+
+
+def _spectrum_panel(place: Axes, calibration: Calibration, i: int) -> None:
+    record = calibration.spectra
+    lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
+    top = 20 * math.log10(max(lines.max(), 1e-9))
+    floor = max(top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4)
+
+    def decibel(amplitude: np.ndarray) -> np.ndarray:
+        return 20 * np.log10(np.maximum(amplitude, 10 ** (floor / 20)))
+
+    for name, color, marker, style in (("nominal", NOMINAL, "s", "--"), ("calibrated", CALIBRATED, "D", "-")):
+        label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
+        height = decibel(getattr(record, name)[i])
+        place.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
+    low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
+    place.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
+    place.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
+    place.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
+    place.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
+    beside = place.twinx()
+    beside.set(ylim=(floor - 2, top + 5), ylabel="m/s²")
+    beside.yaxis.set_major_locator(MultipleLocator(20))
+    beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{10 ** (value / 20):g}"))
+    beside.grid(False)
+
+
+@styled()
+def estimates(calibration: Calibration, key: str) -> Drawing:
+    """The six values over their nominal ones, with intervals, bounds and verdicts."""
+    rows = [
+        {
+            "parameter": estimate.name,
+            "letter": estimate.letter,
+            "unit": estimate.unit,
+            "nominal": estimate.nominal,
+            "value": estimate.value,
+            "interval_low": estimate.interval[0],
+            "interval_high": estimate.interval[1],
+            "bound_low": estimate.bounds[0],
+            "bound_high": estimate.bounds[1],
+            "verdict": estimate.verdict,
+            "traded_with": estimate.traded_with,
+        }
+        for estimate in calibration.estimates
+    ]
+    figure, axes = panels(1, 1, 3.6)
+    place = axes[0, 0]
+    for height, estimate in enumerate(reversed(calibration.estimates)):
+        _estimate_row(place, height, estimate)
+    place.axvline(1, color=NOMINAL, linewidth=1.2)
+    place.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
+    names = [f"{words(e.name.replace('.', ' '))}  {e.letter}" for e in reversed(calibration.estimates)]
+    place.set(ylim=(-0.6, 5.6), yticks=range(6), yticklabels=names)
+    place.grid(axis="y", visible=False)
+    ratio_axis(place, "x", "value over nominal value")
+    caption = (
+        "Dot: value found. Line: the range that holds it with a probability of 90 %, if the model is right. Gray: "
+        "bounds of the search. Filled: identified; hollow: not to be trusted as a measurement. Twins with very "
+        "different values can have the same spectrum, so a good fit alone does not make a value right."
+    )
+    return drawn(f"{key}_estimates", figure, table(rows), title="The six values", caption=caption)
+
+
+def _estimate_row(place: Axes, height: int, estimate: Estimate) -> None:
+    color = INTERFACE_COLORS[estimate.name.split(".")[0]]
+    low, high = (bound / estimate.nominal for bound in estimate.bounds)
+    place.barh(height, high - low, left=low, height=0.5, color="#efefef")
+    place.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
+    fill = color if estimate.verdict == "identified" else "white"
+    place.plot(
+        estimate.value / estimate.nominal, height, "o", color=color, markerfacecolor=fill, markersize=7, zorder=3
+    )
+    traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
+    place.annotate(
+        f"{estimate.verdict}{traded}",
+        (1.01, height),
+        xycoords=("axes fraction", "data"),
+        va="center",
+        fontsize=9,
+        fontweight="bold" if estimate.verdict == "identified" else "normal",
+    )
+
+
+@styled()
+def losses(calibration: Calibration, key: str) -> Drawing:
+    """Total, frequency and boundary loss over the search, with the step that was kept."""
+    history = calibration.history
+    step = np.arange(1, len(history.spectrum_loss) + 1)
+    total = history.spectrum_loss + history.boundary_loss
+    columns = {"step": step, "total": total, "frequency": history.spectrum_loss, "boundary": history.boundary_loss}
+    figure, axes = panels(1, 1, 3.2)
+    place = axes[0, 0]
+    place.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    place.plot(step, total, color="#000000", label="total", linewidth=2.2)
+    place.plot(step, history.spectrum_loss, "--", color="#56b4e9", label="frequency")
+    outside = np.where(history.boundary_loss > 0, history.boundary_loss, np.nan)
+    if np.isfinite(outside).any():
+        place.plot(step, outside, ".-", color="#d55e00", label="boundary", markersize=3)
+    else:
+        place.plot([], [], " ", label="boundary: 0 at every step")
+    place.set(yscale="log", xlabel=_step_name(calibration), ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
+    place.yaxis.set_major_formatter(FuncFormatter(_log_tick))
+    place.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: _minor_tick(place, value)))
+    figure.legend(loc="outside right upper")
+    caption = (
+        f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the step "
+        f"that was kept, {history.best + 1} of {len(step)}."
+    )
+    return drawn(f"{key}_losses", figure, columns, title="Loss over the search", caption=caption)
+
+
+@styled()
+def paths(calibration: Calibration, key: str) -> Drawing:
+    """The six values over the search, each over its nominal value, named at its end."""
+    history = calibration.history
+    step = np.arange(1, len(history.values) + 1)
+    ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
+    columns = {"step": step, **{e.letter: history.values[:, i] for i, e in enumerate(calibration.estimates)}}
+    figure, axes = panels(1, 1, 3.6)
+    place = axes[0, 0]
+    place.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    for i, name in enumerate(PARAMETERS):
+        section, entry = name.split(".")
+        style = "-" if entry == "damping" else "--"
+        place.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[section])
+    low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
+    place.set(xlabel=_step_name(calibration), xlim=(0.5, len(step) + 0.5), yscale="log", ylim=(low, high))
+    ratio_axis(place, "y", "value over nominal value")
+    ends = apart(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
+    for i, (estimate, end) in enumerate(zip(calibration.estimates, ends, strict=True)):
+        color = INTERFACE_COLORS[PARAMETERS[i].split(".")[0]]
+        place.annotate(
+            estimate.letter,
+            (step[-1], ratio[-1, i]),
+            xytext=(1.03, (end - math.log(low)) / math.log(high / low)),
+            textcoords="axes fraction",
+            color=color,
+            va="center",
+            fontsize=9,
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
+        )
+    caption = "Solid: damping. Dashed: stiffness. One color for each interface. The gray line marks the step kept."
+    return drawn(f"{key}_paths", figure, columns, title="The six values over the search", caption=caption)
+
+
+def _step_name(calibration: Calibration) -> str:
+    return "epoch" if calibration.method == "IPINN" else "simulation from the best start"
+
+
+def _log_tick(value: float, _: int | None = None) -> str:
+    exponent = round(math.log10(value))
+    return f"{value:g}" if -3 <= exponent <= 3 else f"10{power(exponent)}"
+
+
+def _minor_tick(place: Axes, value: float) -> str:
+    """Ticks between powers of ten are named where few powers of ten are in view."""
+    low, high = place.get_ylim()
+    first = round(value / 10 ** math.floor(math.log10(value)))
+    named = first in (2, 5) if high / low > 8 else True
+    return f"{value:.2g}" if high / low < 80 and named else ""

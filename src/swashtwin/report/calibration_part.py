@@ -1,0 +1,170 @@
+"""What a calibration adds to the page."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from swashtwin.calibration import Calibration
+from swashtwin.report.calibration_figures import calibration_drawings
+from swashtwin.report.page import (
+    CALIBRATION,
+    PROVENANCE,
+    Bullets,
+    Cell,
+    Group,
+    Paragraph,
+    Part,
+    Picture,
+    Section,
+    Table,
+)
+from swashtwin.report.wording import facts, flattened, number, number_cell, percent, plural, words
+
+_FIGURES = (
+    ("rmse", "RMSE of the waveforms [m/s²]"),
+    ("relative_rmse", "RMSE over the RMS of the measured waveform"),
+    ("peak_error", "PE, peak error"),
+    ("spectrum_value_error", "SVE, spectrum value error"),
+)
+
+
+def calibration_part(calibration: Calibration, key: str) -> Part:
+    """Part of one calibration that stands alone."""
+    return Part(
+        title=f"Calibration of {calibration.twin.pump.name}",
+        answer=calibration_answer(calibration),
+        notice="",
+        sections=(
+            Section(CALIBRATION, "Calibration", calibration_blocks(calibration, key)),
+            Section(PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
+        ),
+        results={"calibrations": [calibration.to_dict()]},
+    )
+
+
+def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
+    """What came out, in plain words."""
+    before, after = calibration.fit_before, calibration.fit_after
+    change = calibration.improvement["spectrum_value_error"]
+    verb = "fell" if change > 0 else "rose"
+    return (
+        f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
+        f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
+        f"of its spectrum (SVE) {verb} from {number(before.spectrum_value_error)} to "
+        f"{number(after.spectrum_value_error)}; that of its waveform (RMSE) went from {number(before.rmse)} to "
+        f"{number(after.rmse)} m/s². These are the recordings it was calibrated on, so neither number is a test.",
+        f"Of the six values {verdict_counts(calibration)}.",
+    )
+
+
+def verdict_counts(calibration: Calibration) -> str:
+    """How many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
+    counts = Counter(estimate.verdict for estimate in calibration.estimates)
+    named = [f"{count} {'is' if count == 1 else 'are'} {verdict}" for verdict, count in counts.most_common()]
+    return ", ".join(named)
+
+
+def condition_words(calibration: Calibration) -> str:
+    """Speed and pressure of the twin."""
+    condition = calibration.twin.condition
+    return f"{condition.speed * 30 / math.pi:.4g} rev/min, {condition.discharge_pressure / 1e6:.3g} MPa"
+
+
+def calibration_blocks(calibration: Calibration, key: str, *, with_excitation: bool = True) -> tuple:
+    """Notes, tables and figures of one calibration."""
+    pictures = [Picture(one) for one in calibration_drawings(calibration, key, with_excitation=with_excitation)]
+    left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
+    return (
+        Bullets("Look at this first", calibration.notes),
+        fit_table(calibration),
+        estimates_table(calibration),
+        *pictures,
+        Group(
+            f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out",
+            (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out)),
+            is_open=False,
+        ),
+    )
+
+
+def fit_table(calibration: Calibration) -> Table:
+    """RMSE, PE and SVE before and after."""
+    before, after = asdict(calibration.fit_before), asdict(calibration.fit_after)
+    rows = []
+    for name, label in _FIGURES:
+        share = calibration.improvement[name] if before[name] else math.nan
+        change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
+        rows.append((Cell(label), number_cell(before[name]), number_cell(after[name]), Cell(change)))
+    return Table(
+        "How near the twin is to the recordings it was calibrated on; less is nearer, 0 is equal.",
+        ("", "before (nominal)", "after (calibrated)", "change"),
+        tuple(rows),
+    )
+
+
+def estimates_table(calibration: Calibration) -> Table:
+    """The six values with intervals and verdicts."""
+    rows = []
+    for estimate in calibration.estimates:
+        traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
+        unit = estimate.unit.replace("*", "·")
+        rows.append(
+            (
+                Cell(f"{estimate.letter}, {words(estimate.name.replace('.', ' '))} [{unit}]"),
+                number_cell(estimate.nominal),
+                number_cell(estimate.value),
+                Cell(f"{number(estimate.interval[0])} to {number(estimate.interval[1])}"),
+                Cell(f"{estimate.verdict}{traded}"),
+            )
+        )
+    return Table(
+        "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
+        "says hardly more than the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
+        "Traded: the two can change together at almost the same spectrum.",
+        ("value", "nominal", "calibrated", "90 % interval", "verdict"),
+        tuple(rows),
+    )
+
+
+def comparison_table(calibrations: Sequence[Calibration]) -> Table:
+    """Several calibrations side by side."""
+    rows = [
+        (Cell("calibrated at"), *(Cell(condition_words(one)) for one in calibrations)),
+        (Cell("recordings"), *(Cell(str(len(one.recording_ids))) for one in calibrations)),
+    ]
+    for place, estimate in enumerate(calibrations[0].estimates):
+        found = [one.estimates[place] for one in calibrations]
+        rows.append(
+            (Cell(f"{estimate.letter} over nominal"), *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in found))
+        )
+    for name, label in _FIGURES[:1] + _FIGURES[2:]:
+        pairs = [(asdict(one.fit_before)[name], asdict(one.fit_after)[name]) for one in calibrations]
+        rows.append((Cell(label), *(Cell(f"{number(before)} → {number(after)}") for before, after in pairs)))
+    return Table(
+        "All calibrations under the first seed: value found over nominal value with its verdict, and errors before → "
+        "after on the recordings used.",
+        ("", *(one.twin.pump.name for one in calibrations)),
+        tuple(rows),
+    )
+
+
+def _ratio(ratio: float, verdict: str) -> str:
+    return f"{number(ratio)}, {verdict}"
+
+
+def calibration_provenance(calibration: Calibration) -> tuple:
+    """What it takes to repeat the calibration."""
+    entries = [
+        ("method", calibration.method),
+        *flattened(calibration.settings),
+        ("condition", condition_words(calibration)),
+        ("simulations", calibration.simulations),
+        ("time taken", f"{number(calibration.wall_s)} s"),
+        ("swashtwin version", calibration.version),
+        ("calibration recordings", list(calibration.recording_ids)),
+    ]
+    return (
+        Paragraph("A calibration does not carry where its recordings come from; the reader must know."),
+        facts("Settings of the calibration.", entries),
+    )

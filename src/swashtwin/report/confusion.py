@@ -1,0 +1,59 @@
+"""Confusion matrices."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Int
+from matplotlib.axes import Axes
+
+from swashtwin.report.drawing import Drawing, drawn, panels, table
+from swashtwin.report.style import styled
+from swashtwin.report.wording import words
+
+
+@styled()
+def confusion_drawing(
+    name: str, matrices: Mapping[tuple[str, str], np.ndarray], classes: Sequence[str], *, caption: str
+) -> Drawing:
+    """Grid of confusion matrices.
+
+    Parameters
+    ----------
+    matrices : windows by actual (row) and predicted class (column), by (row of the grid, column of the grid).
+    """
+    down, across = list(dict.fromkeys(key[0] for key in matrices)), list(dict.fromkeys(key[1] for key in matrices))
+    figure, axes = panels(len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True)
+    for (row, column), confusion in matrices.items():
+        place = axes[down.index(row), across.index(column)]
+        _matrix(place, np.asarray(confusion))
+        place.set_title(" · ".join(part for part in (row, column) if part))
+    ticks, names = range(len(classes)), [words(label) for label in classes]
+    axes[0, 0].set(xticks=ticks, yticks=ticks, yticklabels=names)
+    for place in axes[:, 0]:
+        place.set_ylabel("actual class")
+    for place in axes[-1]:
+        place.set_xlabel("predicted class")
+        place.set_xticks(ticks, names, rotation=45, ha="right", rotation_mode="anchor")
+    rows = [
+        {"row": row, "column": column, "actual": actual, "predicted": predicted, "windows": confusion[i][j]}
+        for (row, column), confusion in matrices.items()
+        for i, actual in enumerate(classes)
+        for j, predicted in enumerate(classes)
+    ]
+    return drawn(name, figure, table(rows), title="Confusion matrices", caption=caption)
+
+
+def _matrix(place: Axes, confusion: Int[np.ndarray, "actual predicted"]) -> None:
+    """Shares of each row as shades, and percent written into them."""
+    count = confusion.sum(axis=1, keepdims=True)
+    share = confusion / np.maximum(count, 1)
+    place.imshow(share, cmap="Blues", vmin=0, vmax=1.1)
+    place.grid(False)
+    for i, row in enumerate(confusion):
+        for j, windows in enumerate(row):
+            if windows:
+                color = "white" if share[i, j] > 0.6 else "black"
+                text = f"{100 * share[i, j]:.0f}" if share[i, j] >= 0.01 else "<1"
+                place.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
+        if not count[i, 0]:
+            place.text(len(row) / 2 - 0.5, i, "no test window", ha="center", va="center", fontsize=8)

@@ -1,0 +1,86 @@
+"""What the scores of one test set add to the page."""
+
+from collections.abc import Sequence
+
+from swashtwin.evaluation import LEVELS, Scores
+from swashtwin.report.confusion import confusion_drawing
+from swashtwin.report.page import SCORES, Bullets, Cell, Part, Picture, Section, Table
+from swashtwin.report.wording import number, number_cell, plural, words
+
+_METRICS = {
+    "accuracy": "accuracy",
+    "recording_accuracy": "accuracy by recording",
+    "macro_recall": "macro recall (balanced accuracy)",
+    "macro_f1": "macro F1",
+    "g_mean": "G-mean (of all declared classes)",
+    "g_mean_laplace": "G_ε (with Laplace recalls)",
+    "false_alarm_rate": "false alarms: normal windows called faulty",
+    "missed_fault_rate": "missed faults: faulty windows called normal",
+    "macro_auroc": "macro AUROC",
+    "calibration_error": "expected calibration error",
+}
+
+
+def scores_part(scores: Scores, key: str) -> Part:
+    """Part of one set of scores."""
+    low, high = scores.accuracy_interval
+    known = number(low) != "—"
+    interval = f"95 % interval over the recordings {number(low)} to {number(high)}" if known else "no interval"
+    level = f"{scores.level} ({LEVELS[scores.level]})" if scores.level else "at a level that the caller did not state"
+    answer = (
+        f"Of {plural(scores.n_windows, 'measured test window')} from {plural(scores.n_recordings, 'recording')}, "
+        f"{number(100 * scores.accuracy)} % were told right ({interval}); of the recordings, "
+        f"{number(100 * scores.recording_accuracy)} %. Level of generalization: {level}.",
+    )
+    reasons = tuple(f"{_METRICS.get(name, words(name))}: {why}" for name, why in scores.reasons.items())
+    blocks = (
+        levels_table([scores.level] if scores.level else []),
+        _metrics_table(scores),
+        Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
+        _class_table(scores),
+        Picture(
+            confusion_drawing(
+                f"{key}_confusion",
+                {(scores.level or "", ""): scores.confusion},
+                scores.classes,
+                caption="Windows of each actual class in percent; rows add up to 100.",
+            )
+        ),
+    )
+    return Part("Scores", answer, "", (Section(SCORES, "Scores", blocks),), {"scores": [scores.to_dict()]})
+
+
+def levels_table(levels: Sequence[str]) -> Table:
+    """What the levels of generalization mean that stand on the page."""
+    return Table(
+        "How far the test data lie from the training data.",
+        ("level", "test data are"),
+        tuple((Cell(level), Cell(LEVELS.get(level, "not described"))) for level in levels),
+    )
+
+
+def _metrics_table(scores: Scores) -> Table:
+    rows = [
+        (Cell(label), number_cell(getattr(scores, name), scores.reasons.get(name, "")))
+        for name, label in _METRICS.items()
+    ]
+    return Table("Scores over the test windows.", ("", scores.level or "level not stated"), tuple(rows))
+
+
+def _class_table(scores: Scores) -> Table:
+    rows = []
+    for cell in scores.cells:
+        pressure = "unknown" if cell.discharge_pressure is None else f"{cell.discharge_pressure / 1e6:g}"
+        rows.append((Cell(words(cell.label)), Cell(pressure), Cell(str(cell.n_windows)), number_cell(cell.recall)))
+    rows += [
+        (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[place].sum()))), _recall_cell(scores, label))
+        for place, label in enumerate(scores.classes)
+    ]
+    return Table(
+        "Recall by class and discharge pressure.", ("class", "pressure [MPa]", "windows", "recall"), tuple(rows)
+    )
+
+
+def _recall_cell(scores: Scores, label: str) -> Cell:
+    value = scores.recall[label]
+    return number_cell(value, f"no test window of {label}" if value != value else "")

@@ -1,0 +1,212 @@
+"""Figures of a study: scores by training set, training curves, confusion matrices, t-SNE."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter, PercentFormatter
+from sklearn.manifold import TSNE
+
+from swashtwin.report.confusion import confusion_drawing
+from swashtwin.report.drawing import Drawing, drawn, panels, table
+from swashtwin.report.style import LEVEL_MARKERS, class_colors, styled, training_set_colors
+from swashtwin.report.wording import classifier_words, plural, training_set_words, words
+from swashtwin.studies.result import Embedding, Outcome, StudyResult
+
+MOST_POINTS = 1200
+"""Windows drawn in one t-SNE panel at most, taken evenly."""
+
+
+def accuracy_drawing(study: StudyResult, key: str) -> Drawing:
+    """Accuracy and G-mean by level and training set."""
+    metrics = {"accuracy": lambda one: one.scores.accuracy, "G-mean": lambda one: one.scores.g_mean}
+    return _bars(study, f"{key}_scores", metrics, title="Accuracy and G-mean by training set")
+
+
+def scarce_drawing(study: StudyResult, key: str) -> Drawing:
+    """Recall in the scarce cell by level and training set."""
+    metrics = {"recall in the scarce cell": lambda one: one.scarce_recall}
+    return _bars(study, f"{key}_scarce_recall", metrics, title="Recall of the measured windows of the scarce cell")
+
+
+@styled()
+def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], float]], *, title: str) -> Drawing:
+    sets = list(dict.fromkeys(one.training_set for one in study.outcomes))
+    levels = sorted({one.level for one in study.outcomes})
+    figure, axes = panels(len(metrics), 1, 0.8 + 2.5 * len(metrics), sharex=True)
+    rows = []
+    for place, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
+        for i, level in enumerate(levels):
+            for j, training_set in enumerate(sets):
+                for outcomes in (study.outcomes, study.rivals):
+                    own = [one for one in outcomes if (one.level, one.training_set) == (level, training_set)]
+                    rows += [
+                        {
+                            "metric": metric,
+                            "level": level,
+                            "training_set": training_set,
+                            "classifier": one.classifier,
+                            "seed": one.seed,
+                            "value": value(one),
+                        }
+                        for one in own
+                    ]
+                    position = i + 0.26 * (j - (len(sets) - 1) / 2)
+                    _column(
+                        place, position, own, value, training_set_colors(sets)[training_set], outcomes is study.rivals
+                    )
+        chance = metric == "accuracy"
+        _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
+    _bar_legend(axes[0, 0], study, sets)
+    caption = (
+        f"Bars: mean of {classifier_words(study.outcomes[0].classifier)} over {plural(len(study.seeds), 'seed')}; "
+        "points: single seeds; whiskers: one standard deviation."
+    )
+    if study.rivals:
+        rivals = ", ".join(dict.fromkeys(classifier_words(one.classifier) for one in study.rivals))
+        caption += f" Diamonds: mean of {rivals}, trained on the same windows."
+    return drawn(name, figure, table(rows), title=title, caption=caption)
+
+
+def _column(
+    place: Axes,
+    position: float,
+    outcomes: Sequence[Outcome],
+    value: Callable[[Outcome], float],
+    color: str,
+    of_rival: bool,
+) -> None:
+    values = np.array([value(one) for one in outcomes if math.isfinite(value(one))])
+    if not values.size:
+        if not of_rival:
+            place.text(position, 0.02, "—", ha="center")
+        return
+    mean = values.mean()
+    if of_rival:
+        place.plot(position + 0.09, mean, "D", color="white", markeredgecolor="black", markersize=6, zorder=4)
+        return
+    place.bar(position, mean, width=0.23, color=color, alpha=0.85)
+    deviation = values.std(ddof=1) if values.size > 1 else 0.0
+    if values.size > 1:
+        place.errorbar(position, mean, yerr=deviation, color="black", capsize=3, linewidth=1.2, zorder=3)
+        aside = position - 0.06 + 0.02 * np.linspace(-1, 1, values.size)
+        place.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3)
+    place.text(position, max(mean + deviation, values.max()) + 0.03, f"{mean:.2f}", ha="center", fontsize=9)
+
+
+def _score_axis(place: Axes, metric: str, levels: Sequence[str], chance: float | None) -> None:
+    place.set(ylim=(0, 1.14), ylabel=f"{metric} [1]", xticks=range(len(levels)), xticklabels=levels)
+    place.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1])
+    place.set_xlim(-0.55, len(levels) - 0.45 + 0.14)
+    place.grid(axis="x", visible=False)
+    if chance is not None:
+        place.axhline(chance, color="black", linewidth=0.8, linestyle=":")
+        place.text(len(levels) - 0.32, chance + 0.01, "guessing", ha="right", va="bottom", fontsize=8)
+
+
+def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
+    colors = training_set_colors(sets)
+    entries = [Line2D([], [], marker="s", linestyle="", markersize=9, color=colors[name]) for name in sets]
+    names = [training_set_words(name) for name in sets]
+    for rival in dict.fromkeys(one.classifier for one in study.rivals):
+        entries.append(Line2D([], [], marker="D", linestyle="", color="white", markeredgecolor="black"))
+        names.append(classifier_words(rival))
+    place.figure.legend(entries, names, loc="outside upper center", ncols=len(names))
+
+
+@styled()
+def training_drawing(study: StudyResult, key: str) -> Drawing:
+    """Loss and accuracy over the epochs, for each training set and seed."""
+    sets = list(dict.fromkeys(curve.training_set for curve in study.curves))
+    colors = training_set_colors(sets)
+    figure, axes = panels(1, 2, 3.4, sharex=True)
+    validated = False
+    for curve in study.curves:
+        number = [epoch.number for epoch in curve.epochs]
+        for place, name in zip(axes[0], ("loss", "accuracy"), strict=True):
+            color = colors[curve.training_set]
+            place.plot(number, [getattr(epoch, name) for epoch in curve.epochs], color=color, linewidth=1, alpha=0.8)
+            held = [getattr(epoch, f"validation_{name}") for epoch in curve.epochs]
+            if None not in held:
+                validated = True
+                place.plot(number, held, ":", color=color, linewidth=1, alpha=0.8)
+    axes[0, 0].set(xlabel="epoch", ylabel="cross-entropy [1]", yscale="log")
+    axes[0, 0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes[0, 0].yaxis.set_minor_formatter(NullFormatter())
+    axes[0, 1].set(xlabel="epoch", ylabel="accuracy", ylim=(0, 1.03))
+    axes[0, 1].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    entries = [Line2D([], [], color=colors[name], linewidth=2) for name in sets]
+    figure.legend(entries, [training_set_words(name) for name in sets], loc="outside upper center", ncols=len(sets))
+    rows = [
+        {"training_set": curve.training_set, "seed": curve.seed, "epoch": e.number, "loss": e.loss,
+         "accuracy": e.accuracy, "validation_loss": e.validation_loss, "validation_accuracy": e.validation_accuracy}
+        for curve in study.curves
+        for e in curve.epochs
+    ]  # fmt: skip
+    caption = (
+        f"One line for each of {plural(len(study.seeds), 'seed')}: the training windows, synthetic ones included, "
+        "while the weights move. These are no test scores." + (" Dotted: validation windows." if validated else "")
+    )
+    return drawn(f"{key}_training", figure, table(rows), title="Training curves", caption=caption)
+
+
+def confusion_of(study: StudyResult, key: str) -> Drawing:
+    """Confusion matrix of the study's network for each level and training set, all seeds added."""
+    matrices: dict[tuple[str, str], np.ndarray] = {}
+    ordered = sorted(study.outcomes, key=lambda one: one.level)
+    for one in ordered:
+        place = (one.level, training_set_words(one.training_set))
+        matrices[place] = matrices.get(place, 0) + one.scores.confusion
+    seeds = plural(len(study.seeds), "seed")
+    caption = f"Windows of each actual class in percent, over {seeds} together; rows add up to 100."
+    return confusion_drawing(f"{key}_confusion", matrices, study.outcomes[0].scores.classes, caption=caption)
+
+
+@styled()
+def embedding_drawing(study: StudyResult, key: str) -> Drawing:
+    """t-SNE of the test windows' features, for each training set."""
+    classes = list(study.outcomes[0].scores.classes)
+    colors = class_colors(classes)
+    levels = sorted({str(level) for one in study.embeddings for level in one.level})
+    figure, axes = panels(1, len(study.embeddings), 3.9)
+    rows = []
+    for place, embedding in zip(axes[0], study.embeddings, strict=True):
+        picked = _spread_evenly(len(embedding.label))
+        points = _tsne(embedding.features[picked])
+        label, level = embedding.label[picked].astype(str), embedding.level[picked].astype(str)
+        for name in classes:
+            for one in levels:
+                own = (label == name) & (level == one)
+                marker = LEVEL_MARKERS.get(one, "o")
+                place.plot(*points[own].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
+        place.set(title=training_set_words(embedding.training_set), xticks=[], yticks=[])
+        rows += [
+            {"training_set": embedding.training_set, "level": level[i], "label": label[i], "x": x, "y": y}
+            for i, (x, y) in enumerate(points)
+        ]
+    marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
+    kinds = [Line2D([], [], marker=LEVEL_MARKERS.get(one, "o"), linestyle="", color="#888888") for one in levels]
+    names = [words(name) for name in classes] + levels
+    figure.legend(marks + kinds, names, loc="outside lower center", ncols=len(names))
+    caption = (
+        f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "
+        "by t-SNE (fixed seed). Neighborhoods mean something; distances between groups, their sizes and axes do not."
+    )
+    return drawn(f"{key}_tsne", figure, table(rows), title="Features of the test windows (t-SNE)", caption=caption)
+
+
+def can_embed(embedding: Embedding) -> bool:
+    """Whether there is enough for a layout to mean anything."""
+    return len(embedding.label) >= 10 and bool(np.ptp(embedding.features, axis=0).any())
+
+
+def _spread_evenly(count: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int))
+
+
+def _tsne(features: np.ndarray) -> np.ndarray:
+    perplexity = min(30.0, (len(features) - 1) / 3)
+    points: np.ndarray = TSNE(perplexity=perplexity, init="pca", random_state=0, n_jobs=1).fit_transform(features)
+    return points.astype(np.float64)

@@ -1,0 +1,209 @@
+"""What a study adds to the page."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from swashtwin.report.calibration_part import calibration_blocks, comparison_table, verdict_counts
+from swashtwin.report.page import (
+    CALIBRATION,
+    PROVENANCE,
+    SCORES,
+    TRAINING,
+    Bullets,
+    Cell,
+    Group,
+    Paragraph,
+    Part,
+    Picture,
+    Section,
+    Table,
+)
+from swashtwin.report.scores_part import levels_table
+from swashtwin.report.study_answer import study_answer
+from swashtwin.report.study_figures import (
+    accuracy_drawing,
+    can_embed,
+    confusion_of,
+    embedding_drawing,
+    scarce_drawing,
+    training_drawing,
+)
+from swashtwin.report.wording import classifier_words, facts, flattened, number, plural, training_set_words, words
+from swashtwin.studies.result import Outcome, StudyResult
+
+_TITLES = {"case1": "Case I, few samples: measured, nominal and calibrated training sets"}
+
+_PAPER = {
+    ("case1", "measured"): "accuracy 0.812",
+    ("case1", "calibrated"): "accuracy, recall and F1 0.98; G-mean 0.9748",
+}
+"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN."""
+
+_METRICS = {
+    "accuracy": ("accuracy", "accuracy"),
+    "recall": ("macro recall", "macro_recall"),
+    "f1": ("macro F1", "macro_f1"),
+    "g_mean": ("G-mean", "g_mean"),
+    "recording_accuracy": ("accuracy by recording", "recording_accuracy"),
+    "scarce_recall": ("recall in the scarce cell", "scarce_recall"),
+}
+"""Heading and name in `Scores.reasons` of each number in a study's rows."""
+
+
+def study_part(study: StudyResult, key: str) -> Part:
+    """Part of one study."""
+    sections = [Section(SCORES, "Scores", _score_blocks(study, key))]
+    if study.calibrations:
+        sections.append(Section(CALIBRATION, "Calibration of the twins", _calibration_sections(study, key)))
+    sections.append(Section(TRAINING, "Training and features", _training_blocks(study, key)))
+    sections.append(Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
+    return Part(
+        title=_TITLES.get(study.study, f"Study {study.study}"),
+        answer=study_answer(study),
+        notice=study.origin,
+        sections=tuple(sections),
+        results={"studies": [study.to_dict()], "calibrations": [one.to_dict() for one in study.calibrations]},
+    )
+
+
+def _score_blocks(study: StudyResult, key: str) -> tuple:
+    reasons = _reasons([*study.outcomes, *study.rivals])
+    return (
+        levels_table(sorted({one.level for one in study.outcomes})),
+        metrics_table(study),
+        Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
+        *_about_the_paper(study),
+        Picture(accuracy_drawing(study, key)),
+        Picture(scarce_drawing(study, key)),
+        Picture(confusion_of(study, key)),
+    )
+
+
+def metrics_table(study: StudyResult) -> Table:
+    """Mean and standard deviation over the seeds, rivals and the paper's figures in the same table."""
+    outcomes = [*study.outcomes, *study.rivals]
+    order = {name: place for place, name in enumerate(dict.fromkeys(one.training_set for one in outcomes))}
+    own = study.outcomes[0].classifier
+    table = sorted(
+        study.rows(outcomes),
+        key=lambda row: (row["level"], row["classifier"] != own, row["classifier"], order[row["training_set"]]),
+    )
+    with_paper = any(name == study.study for name, _ in _PAPER)
+    rows = []
+    for row in table:
+        same = [one for one in outcomes if _key(one) == (row["classifier"], row["training_set"], row["level"])]
+        name = f"{row['level']} · {classifier_words(row['classifier'])} · {training_set_words(row['training_set'])}"
+        cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
+        if with_paper:
+            beside = row["level"] == "L2" and row["classifier"] == own
+            cells.append(Cell(_PAPER.get((study.study, row["training_set"]), "") if beside else ""))
+        rows.append((Cell(name), *cells))
+    header = ("level · classifier · training set", *(heading for heading, _ in _METRICS.values()))
+    return Table(
+        f"Mean ± standard deviation over {plural(len(study.seeds), 'seed')}, test windows measured only. Accuracy by "
+        "recording: each recording counts once, by the mean log-probability of its windows.",
+        (*header, "the paper, its rig") if with_paper else header,
+        tuple(rows),
+    )
+
+
+def _key(one: Outcome) -> tuple[str, str, str]:
+    return one.classifier, one.training_set, one.level
+
+
+def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
+    finite = [value for value in spread["values"] if value is not None]
+    if not finite:
+        return Cell("—", reason or "not defined for this test set")
+    text = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
+    if len(finite) < len(spread["values"]):
+        text += f" ({len(finite)} of {len(spread['values'])} seeds)"
+    return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(number, finite)))
+
+
+def _why(outcomes: Sequence[Outcome], name: str) -> str:
+    if name == "scarce_recall":
+        missing = any(math.isnan(one.scarce_recall) for one in outcomes)
+        return "no test window in the scarce cell" if missing else ""
+    return "; ".join(dict.fromkeys(one.scores.reasons[name] for one in outcomes if name in one.scores.reasons))
+
+
+def _reasons(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for one in outcomes:
+        for heading, name in _METRICS.values():
+            if reason := _why([one], name):
+                found[f"{one.level}, {heading}: {reason}"] = None
+    return tuple(found)
+
+
+def _about_the_paper(study: StudyResult) -> list[Paragraph]:
+    if not any(name == study.study for name, _ in _PAPER):
+        return []
+    return [
+        Paragraph(
+            "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
+            "level nearest to what the paper tested, L2; they are no target that these scores could meet or miss. Its "
+            "G-means are of another definition: 0.9748 at an accuracy of 0.98 is below 0.9791, the least that the "
+            "geometric mean of five recalls can be on its 5 × 50 test windows."
+        )
+    ]
+
+
+def _calibration_sections(study: StudyResult, key: str) -> tuple:
+    several = len(study.calibrations) > 1
+    blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
+    for place, calibration in enumerate(study.calibrations):
+        own_key = f"{key}_calibration_{place + 1}" if several else f"{key}_calibration"
+        inner = calibration_blocks(calibration, own_key, with_excitation=place == 0)
+        title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
+        blocks.append(Group(title, inner, is_open=place == 0))
+    return tuple(blocks)
+
+
+def _training_blocks(study: StudyResult, key: str) -> tuple:
+    blocks: list[Any] = [_cells_table(study), Picture(training_drawing(study, key))]
+    if study.embeddings and all(can_embed(one) for one in study.embeddings):
+        blocks.append(Picture(embedding_drawing(study, key)))
+    else:
+        blocks.append(Paragraph("No t-SNE: fewer than 10 test windows, or all of them with the same features."))
+    return tuple(blocks)
+
+
+def _cells_table(study: StudyResult) -> Table:
+    names = list(dict.fromkeys(name for cells in study.cells.values() for name in cells))
+    names.sort(key=lambda name: " @ " not in name)
+    rows = [
+        (Cell(words(name)), *(Cell(str(cells.get(name, 0) or "–")) for cells in study.cells.values())) for name in names
+    ]
+    total = [sum(count for name, count in cells.items() if " @ " in name) for cells in study.cells.values()]
+    rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
+    header = [training_set_words(name) if name not in ("L2", "L4") else f"test {name}" for name in study.cells]
+    return Table(
+        f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}. Training sets with "
+        "a twin hold the measured ones and the synthetic ones.",
+        ("class @ pressure", *header),
+        tuple(rows),
+    )
+
+
+def _provenance(study: StudyResult) -> tuple:
+    used = tuple(
+        f"{one.twin.pump.name}, {one.method} {one.version}: {', '.join(one.recording_ids)}"
+        for one in study.calibrations
+    )
+    entries = [
+        ("command", study.command or "not recorded"),
+        ("study and size", f"{study.study}, {study.size}"),
+        ("seeds", list(study.seeds)),
+        ("swashtwin version", study.version),
+        ("device", study.device),
+        ("time taken", f"{number(study.wall_s)} s"),
+        ("recordings", study.origin),
+    ]
+    return (
+        facts("The run.", entries),
+        Bullets("Recordings that twins were calibrated on (training data, in no test set)", used),
+        Group("Settings", (facts("Settings of the study.", flattened(study.settings)),), is_open=False),
+    )

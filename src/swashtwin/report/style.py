@@ -1,0 +1,88 @@
+"""Colors, markers and settings that all figures share, so that a color means the same thing everywhere.
+
+Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind readers can tell apart; each training set
+and each class has its own color, and a marker, a line style or a word tells the same again.
+"""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+
+MEASURED = "#4d4d4d"
+NOMINAL = "#e69f00"
+CALIBRATED = "#0072b2"
+LIGHT = "#d9d9d9"
+"""Gray of what stands behind the data: bounds, chance, the kept step."""
+
+TRAINING_SET_COLORS = {"measured": MEASURED, "nominal": NOMINAL, "calibrated": CALIBRATED}
+"""Color of each training set; the twin before and after calibration has that of its training set."""
+
+CLASS_COLORS = {
+    "normal": "#009e73",
+    "swash_plate": "#d55e00",
+    "cylinder_block": "#aa4499",
+    "piston": "#56b4e9",
+    "valve_plate": "#a89a1d",
+    "loose_slipper": "#000000",
+}
+_MORE_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
+
+INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}
+"""Color of each interface; its damping is drawn solid, its stiffness dashed."""
+
+LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
+"""Marker of each level of generalization."""
+
+WIDTH = 9.0
+"""Width of a figure [inch]; the page scales it down, and lets a phone scroll it."""
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Helvetica", "Arial", "sans-serif"],
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.labelsize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "text.parse_math": False,  # a user's "$" is a dollar
+    "svg.fonttype": "none",  # text stays text: small, selectable, and any script shows in the reader's own font
+    "svg.hashsalt": "swashtwin",
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Within it figures look alike, whatever the user's own settings are."""
+    with mpl.rc_context(), warnings.catch_warnings():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_SETTINGS)
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")  # the browser has it
+        yield
+
+
+def training_set_colors(names: Sequence[str]) -> dict[str, str]:
+    """Color of each training set, its own where it is known."""
+    return _colors(names, TRAINING_SET_COLORS)
+
+
+def class_colors(classes: Sequence[str]) -> dict[str, str]:
+    """Color of each class, its own where it is known."""
+    return _colors(classes, CLASS_COLORS)
+
+
+def _colors(names: Sequence[str], known: dict[str, str]) -> dict[str, str]:
+    unknown = [name for name in names if name not in known]
+    return {
+        name: known[name] if name in known else _MORE_COLORS[unknown.index(name) % len(_MORE_COLORS)] for name in names
+    }

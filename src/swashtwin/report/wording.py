@@ -1,0 +1,119 @@
+"""Numbers and names as a reader should see them."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from swashtwin.report.page import Cell, Table
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+TRAINING_SETS = {
+    "measured": "measured only",
+    "nominal": "+ nominal twin",
+    "calibrated": "+ calibrated twin",
+}
+"""What each training set is called on the page."""
+
+CLASSIFIERS = {"bitcn": "BiTCN", "extra_trees": "extra trees"}
+"""What classifiers are called on the page; others by their own name."""
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, powers of ten as such, ``—`` for what is no number.
+
+    Examples
+    --------
+    >>> number(0.98), number(12), number(778000.0), number(float("nan"))
+    ('0.980', '12.0', '7.78·10⁵', '—')
+    """
+    if value is None or not math.isfinite(value):
+        return "—"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.2e}".split("e")
+    if not -3 <= int(exponent) <= 4:
+        return f"{mantissa}·10{power(int(exponent))}"
+    return f"{float(f'{value:.3g}'):.{max(0, 2 - int(exponent))}f}"
+
+
+def power(exponent: int) -> str:
+    """Exponent in superscript digits."""
+    return str(exponent).translate(_SUPERSCRIPTS)
+
+
+def percent(share: float) -> str:
+    """Share in percent, without decimals but never rounded up to all or down to nothing.
+
+    Examples
+    --------
+    >>> percent(0.9996), percent(0.5), percent(0.001)
+    ('> 99 %', '50 %', '< 1 %')
+    """
+    if not math.isfinite(share):
+        return "—"
+    if 0.99 < share < 1:
+        return "> 99 %"
+    if 0 < share < 0.01:
+        return "< 1 %"
+    return f"{100 * share:.0f} %"
+
+
+def number_cell(value: float | None, reason: str = "") -> Cell:
+    """Cell of a number; without one it is ``—``, and the reason shows where a reader points at it."""
+    text = number(value)
+    if text == "—":
+        return Cell(text, reason or "not defined for these data")
+    return Cell(f"{text} *" if reason else text, reason)
+
+
+def words(label: str) -> str:
+    """Name of a class, a sensor or a setting in words."""
+    return label.replace("_", " ")
+
+
+def training_set_words(name: str) -> str:
+    """Name of a training set in words."""
+    return TRAINING_SETS.get(name, words(name))
+
+
+def classifier_words(name: str) -> str:
+    """Name of a classifier in words."""
+    return CLASSIFIERS.get(name, words(name))
+
+
+def plural(count: int, singular: str) -> str:
+    """Count with its noun.
+
+    Examples
+    --------
+    >>> plural(1, "seed"), plural(3, "seed")
+    ('1 seed', '3 seeds')
+    """
+    return f"{count} {singular}" if count == 1 else f"{count} {singular}s"
+
+
+def facts(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
+    """Table of names and values."""
+    return Table(caption, ("", ""), tuple((Cell(name), Cell(_plain(value))) for name, value in entries))
+
+
+def flattened(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
+    """Settings within settings as one list of dotted names."""
+    entries: list[tuple[str, object]] = []
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            entries += flattened(value, f"{prefix}{name}.")
+        else:
+            entries.append((f"{prefix}{name}", value))
+    return entries
+
+
+def _plain(value: object) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_plain(entry) for entry in value) or "none"
+    return str(value)

@@ -1,0 +1,134 @@
+"""`write_report`: results in, one page and its data out."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache, singledispatch
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, Template
+
+from swashtwin.calibration import Calibration
+from swashtwin.diagnosis import Diagnosis
+from swashtwin.errors import InputError
+from swashtwin.evaluation import Scores
+from swashtwin.files import replacing
+from swashtwin.report.calibration_part import calibration_part
+from swashtwin.report.diagnosis_part import diagnosis_part
+from swashtwin.report.page import Part, drawings
+from swashtwin.report.scores_part import scores_part
+from swashtwin.report.study_part import study_part
+from swashtwin.studies.result import StudyResult
+from swashtwin.version import VERSION
+
+FORMAT = "swashtwin report 1"
+
+
+def write_report(*items: StudyResult | Calibration | Scores | Diagnosis, folder: Path | str) -> Path:
+    """Path of ``report.html``, a page that needs no other file and no network.
+
+    Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as ``figures/NAME.csv``. All
+    are written, or none is; figures of an earlier report in the same folder are replaced where they have the same name,
+    and kept otherwise. ``results.json`` names those of this report.
+
+    Parameters
+    ----------
+    items : in the order wanted; each adds its answer at the top and its sections below.
+    folder : made if it does not exist.
+
+    Raises
+    ------
+    InputError
+        No item, or one of which no report can be made, or `folder` is a file.
+    """
+    folder = Path(folder)
+    if not items:
+        raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; name a folder for the report.")
+    parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
+    sections = sorted((section for part in parts for section in part.sections), key=lambda section: section.place)
+    figures = [drawing for section in sections for drawing in drawings(section.blocks)]
+    texts = {folder / "report.html": _page(parts, sections)}  # the first to be opened, so the last to be replaced
+    texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
+    for drawing in figures:
+        texts[folder / "figures" / f"{drawing.name}.svg"] = drawing.svg
+        texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
+    with ExitStack() as stack:
+        for path, text in texts.items():
+            stack.enter_context(replacing(path)).write_text(text, encoding="utf-8")
+    return folder / "report.html"
+
+
+@singledispatch
+def part_of(item: object, key: str) -> Part:
+    """What an item adds to the page.
+
+    Parameters
+    ----------
+    key : how the names of its figures begin.
+
+    Raises
+    ------
+    InputError
+        There is nothing to report of its kind.
+    """
+    raise InputError(
+        f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
+        "diagnosis."
+    )
+
+
+part_of.register(StudyResult)(study_part)
+part_of.register(Calibration)(calibration_part)
+part_of.register(Scores)(scores_part)
+part_of.register(Diagnosis)(diagnosis_part)
+
+
+def _keys(items: Sequence[object]) -> list[str]:
+    """Name of each item, numbered where there are several of its kind."""
+    kinds = ["study" if isinstance(item, StudyResult) else type(item).__name__.lower() for item in items]
+    total, seen, keys = Counter(kinds), Counter[str](), []
+    for kind in kinds:
+        seen[kind] += 1
+        keys.append(f"{kind}_{seen[kind]}" if total[kind] > 1 else kind)
+    return keys
+
+
+def _page(parts: Sequence[Part], sections: Sequence[Any]) -> str:
+    return _template().render(
+        title=parts[0].title if len(parts) == 1 else "Report",
+        answer=[sentence for part in parts for sentence in part.answer],
+        notices=list(dict.fromkeys(part.notice for part in parts if part.notice)),
+        sections=sections,
+        version=VERSION,
+    )
+
+
+@cache
+def _template() -> Template:
+    text = files("swashtwin.report").joinpath("report.html.jinja").read_text(encoding="utf-8")
+    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(
+        text
+    )
+
+
+def _results(parts: Sequence[Part], figures: list[str]) -> str:
+    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "figures": figures}
+    for part in parts:
+        for kind, entries in part.results.items():
+            table.setdefault(kind, []).extend(entries)
+    return json.dumps(_finite(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """The same without NaN and infinity, of which JSON knows neither."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(name): _finite(entry) for name, entry in value.items()}
+    return [_finite(entry) for entry in value] if isinstance(value, list | tuple) else value

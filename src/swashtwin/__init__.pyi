@@ -87,7 +87,7 @@ from .units import mm as mm
 from .units import parse as parse
 from .units import rpm as rpm
 from .units import um as um
-from .version import VERSION as __version__
+from .version import VERSION as VERSION
 from .windows import WindowSet as WindowSet
 from .windows import cut_windows as cut_windows
 from .windows import hold_out as hold_out
@@ -104,6 +104,7 @@ __all__ = [
     "PAPER_TRAINING",
     "PAPER_VARIATION",
     "RK4",
+    "VERSION",
     "ArtifactError",
     "BiTCN",
     "BoreDefect",
@@ -144,7 +145,6 @@ __all__ = [
     "ValvePlateWear",
     "Variation",
     "WindowSet",
-    "__version__",
     "add_noise",
     "available_pumps",
     "bar",

@@ -4,8 +4,8 @@ The command line reads what a person types with these two functions.
 
 Examples
 --------
->>> read_condition(speed="860 rpm", discharge_pressure="15 MPa").shaft_frequency
-14.333333333333334
+>>> round(read_condition(speed="860 rpm", discharge_pressure="15 MPa").shaft_frequency, 6)
+14.333333
 >>> read_fault("plunger", clearance="60 um")
 PistonWear(clearance=6e-05, piston=0)
 """

@@ -34,12 +34,13 @@ app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)
 app.command("diagnose", rich_help_panel=_LEARNING)(diagnosing.diagnose)
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> bool:
     if wanted:
         from swashtwin.version import VERSION
 
         typer.echo(VERSION)
         raise typer.Exit
+    return wanted
 
 
 @app.callback()

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,18 +30,20 @@ def note(text: str) -> None:
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output; columns after the first are aligned to the right where they hold numbers."""
+    """Print a table to standard output, numbers to the right; it is wide where nobody's window limits it."""
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    grid = Table(title=title, title_justify="left")
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    grid = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     for place, name in enumerate(header):
         numeric = bool(rows) and all(isinstance(row[place], (int, float)) for row in rows)
-        grid.add_column(name, justify="right" if numeric else "left", overflow="fold")
+        grid.add_column(name, justify="right" if numeric else "left", overflow="fold", no_wrap=numeric)
     for row in rows:
         grid.add_row(*(Text(_word(value)) for value in row))
-    Console().print(grid)
+    console.print(grid)
 
 
 @contextmanager

@@ -38,7 +38,9 @@ class GuardedGroup(TyperGroup):
         except OSError as cause:
             if cause.errno == errno.EPIPE:
                 raise
-            raise self._exit(f"error: {_line(cause)}", BAD_DATA) from cause
+            where = f"{cause.filename}: " if cause.filename else ""
+            reason = f"error: {where}{_line(cause.strerror or cause)}; nothing is half-written."
+            raise self._exit(reason, BAD_DATA) from cause
         except Exception as cause:
             if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
                 raise
@@ -53,7 +55,7 @@ class GuardedGroup(TyperGroup):
         return typer.Exit(code)
 
 
-def _line(cause: BaseException) -> str:
+def _line(cause: object) -> str:
     return " ".join(str(cause).split())
 
 

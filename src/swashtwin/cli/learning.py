@@ -105,8 +105,9 @@ def train(
 
     def show() -> None:
         say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
-        say(f"Next, on {len(held)} recordings held out: swashtwin evaluate {out} {source}")
-        if not held:
+        if held:
+            say(f"Next, on {len(held)} recordings held out: swashtwin evaluate {out} {source}")
+        else:
             note("note: nothing was held out; evaluate it on an index of other recordings.")
 
     tell(result, as_json, show)

@@ -20,7 +20,7 @@ from swashtwin.pump_files import new_pump
 from swashtwin.readers import read_recordings, write_index, write_recording
 from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies import CASE_ONE_SIZES
+from swashtwin.studies import CASE_ONE_SIZES, StudyResult, run_case_one
 from swashtwin.training import TrainingSettings
 from swashtwin.units import MPa
 from swashtwin.windows import load_windows
@@ -196,6 +196,13 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
     monkeypatch.setitem(CASE_ONE_SIZES, "quick", tiny)
     monkeypatch.setattr("swashtwin.rig.writing.SIZES", {"small": RigSize(specimens=2, repeats=2, duration=1.3)})
     monkeypatch.setattr("swashtwin.rig.writing.PRESSURES", (MPa(15),))
+    kept: list[StudyResult] = []
+
+    def run_once(*arguments: Any, **options: Any) -> StudyResult:
+        kept.extend([] if kept else [run_case_one(*arguments, **options)])
+        return kept[0]
+
+    monkeypatch.setattr("swashtwin.studies.run_case_one", run_once)
     told = run_json("demo", "--out", tmp_path, "--jobs", 1)
     assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(told)
     wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.excitation import slipper_displacements
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.pump import PARAMETERS
-from swashtwin.report.drawing import Drawing, apart, drawn, panels, ratio_axis, table
+from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, ratio_axis, table
 from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, styled
-from swashtwin.report.wording import power, words
+from swashtwin.report.wording import parameter_words, words
 from swashtwin.twin import Twin
 
 _POINTS = 701
@@ -57,7 +57,7 @@ def excitation(twin: Twin, key: str) -> list[Drawing]:
         middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
         above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
     below.plot(time * 1e3, columns["total_m"] * 1e3, color=CALIBRATED)
-    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers 1 to n, by their number")
+    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
     below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
     below.set_ylim(0, columns["total_m"].max() * 1.15e3)
     size = f"{twin.fault.length * 1e3:g} × {twin.fault.width * 1e3:g} × {twin.fault.depth * 1e3:g} mm"
@@ -123,7 +123,7 @@ def spectra(calibration: Calibration, key: str) -> Drawing:
     caption = (
         "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
         "amplitude, within recordings or between them. 20 dB are a factor of 10; what lies more than "
-        f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge."
+        f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge, as zero does."
     )
     title = "Spectra before and after calibration"
     return drawn(f"{key}_spectra", figure, table(rows), title=title, caption=caption)
@@ -179,7 +179,7 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
         _estimate_row(place, height, estimate)
     place.axvline(1, color=NOMINAL, linewidth=1.2)
     place.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
-    names = [f"{words(e.name.replace('.', ' '))}  {e.letter}" for e in reversed(calibration.estimates)]
+    names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
     place.set(ylim=(-0.6, 5.6), yticks=range(6), yticklabels=names)
     place.grid(axis="y", visible=False)
     ratio_axis(place, "x", "value over nominal value")
@@ -229,8 +229,9 @@ def losses(calibration: Calibration, key: str) -> Drawing:
     else:
         place.plot([], [], " ", label="boundary: 0 at every step")
     place.set(yscale="log", xlabel=_step_name(calibration), ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
-    place.yaxis.set_major_formatter(FuncFormatter(_log_tick))
-    place.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: _minor_tick(place, value)))
+    place.set_ylim(bottom=max(place.get_ylim()[0], total.min() / 30))
+    place.xaxis.set_major_locator(MaxNLocator(integer=True))
+    name_decades(place)
     figure.legend(loc="outside right upper")
     caption = (
         f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the step "
@@ -255,6 +256,7 @@ def paths(calibration: Calibration, key: str) -> Drawing:
         place.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[section])
     low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
     place.set(xlabel=_step_name(calibration), xlim=(0.5, len(step) + 0.5), yscale="log", ylim=(low, high))
+    place.xaxis.set_major_locator(MaxNLocator(integer=True))
     ratio_axis(place, "y", "value over nominal value")
     ends = apart(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
     for i, (estimate, end) in enumerate(zip(calibration.estimates, ends, strict=True)):
@@ -275,16 +277,3 @@ def paths(calibration: Calibration, key: str) -> Drawing:
 
 def _step_name(calibration: Calibration) -> str:
     return "epoch" if calibration.method == "IPINN" else "simulation from the best start"
-
-
-def _log_tick(value: float, _: int | None = None) -> str:
-    exponent = round(math.log10(value))
-    return f"{value:g}" if -3 <= exponent <= 3 else f"10{power(exponent)}"
-
-
-def _minor_tick(place: Axes, value: float) -> str:
-    """Ticks between powers of ten are named where few powers of ten are in view."""
-    low, high = place.get_ylim()
-    first = round(value / 10 ** math.floor(math.log10(value)))
-    named = first in (2, 5) if high / low > 8 else True
-    return f"{value:.2g}" if high / low < 80 and named else ""

@@ -13,13 +13,12 @@ from swashtwin.report.page import (
     Bullets,
     Cell,
     Group,
-    Paragraph,
     Part,
     Picture,
     Section,
     Table,
 )
-from swashtwin.report.wording import facts, flattened, number, number_cell, percent, plural, words
+from swashtwin.report.wording import facts, flattened, number, number_cell, parameter_words, percent, plural, words
 
 _FIGURES = (
     ("rmse", "RMSE of the waveforms [m/s²]"),
@@ -45,17 +44,20 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
 
 def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
     """What came out, in plain words."""
-    before, after = calibration.fit_before, calibration.fit_after
-    change = calibration.improvement["spectrum_value_error"]
-    verb = "fell" if change > 0 else "rose"
+    spectrum, waveform = (_change_words(calibration, name) for name in ("spectrum_value_error", "rmse"))
     return (
         f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
-        f"of its spectrum (SVE) {verb} from {number(before.spectrum_value_error)} to "
-        f"{number(after.spectrum_value_error)}; that of its waveform (RMSE) went from {number(before.rmse)} to "
-        f"{number(after.rmse)} m/s². These are the recordings it was calibrated on, so neither number is a test.",
+        f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s². These are the recordings it "
+        "was calibrated on, so neither number is a test.",
         f"Of the six values {verdict_counts(calibration)}.",
     )
+
+
+def _change_words(calibration: Calibration, name: str) -> str:
+    before, after = (getattr(fit, name) for fit in (calibration.fit_before, calibration.fit_after))
+    verb = "fell" if after < before else "ROSE" if after > before else "stayed"
+    return f"{verb} from {number(before)} to {number(after)}"
 
 
 def verdict_counts(calibration: Calibration) -> str:
@@ -111,7 +113,7 @@ def estimates_table(calibration: Calibration) -> Table:
         unit = estimate.unit.replace("*", "·")
         rows.append(
             (
-                Cell(f"{estimate.letter}, {words(estimate.name.replace('.', ' '))} [{unit}]"),
+                Cell(f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]"),
                 number_cell(estimate.nominal),
                 number_cell(estimate.value),
                 Cell(f"{number(estimate.interval[0])} to {number(estimate.interval[1])}"),
@@ -164,7 +166,4 @@ def calibration_provenance(calibration: Calibration) -> tuple:
         ("swashtwin version", calibration.version),
         ("calibration recordings", list(calibration.recording_ids)),
     ]
-    return (
-        Paragraph("A calibration does not carry where its recordings come from; the reader must know."),
-        facts("Settings of the calibration.", entries),
-    )
+    return (facts("How the calibration was made.", entries),)

@@ -26,7 +26,7 @@ def confusion_drawing(
     for (row, column), confusion in matrices.items():
         place = axes[down.index(row), across.index(column)]
         _matrix(place, np.asarray(confusion))
-        place.set_title(" · ".join(part for part in (row, column) if part))
+        place.set_title(", ".join(part for part in (row, column) if part))
     ticks, names = range(len(classes)), [words(label) for label in classes]
     axes[0, 0].set(xticks=ticks, yticks=ticks, yticklabels=names)
     for place in axes[:, 0]:
@@ -40,7 +40,8 @@ def confusion_drawing(
         for i, actual in enumerate(classes)
         for j, predicted in enumerate(classes)
     ]
-    return drawn(name, figure, table(rows), title="Confusion matrices", caption=caption)
+    title = "Confusion matrix" if len(matrices) == 1 else "Confusion matrices"
+    return drawn(name, figure, table(rows), title=title, caption=caption)
 
 
 def _matrix(place: Axes, confusion: Int[np.ndarray, "actual predicted"]) -> None:

@@ -118,6 +118,16 @@ def ratio_axis(axes: Axes, along: str, label: str) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def name_decades(axes: Axes) -> None:
+    """Name the ticks of a logarithmic vertical axis without formulas: 0.1, 1, 10, and what lies between few of them."""
+    low, high = axes.get_ylim()
+    steps = (1,) if high / low > 100 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    ticks = [step * 10.0**decade for decade in range(-12, 13) for step in steps]
+    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
 def _plain(value: Any) -> Any:
     if value is None:
         return ""

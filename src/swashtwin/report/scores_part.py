@@ -25,12 +25,12 @@ def scores_part(scores: Scores, key: str) -> Part:
     """Part of one set of scores."""
     low, high = scores.accuracy_interval
     known = number(low) != "—"
-    interval = f"95 % interval over the recordings {number(low)} to {number(high)}" if known else "no interval"
+    interval = f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if known else "no interval"
     level = f"{scores.level} ({LEVELS[scores.level]})" if scores.level else "at a level that the caller did not state"
     answer = (
         f"Of {plural(scores.n_windows, 'measured test window')} from {plural(scores.n_recordings, 'recording')}, "
-        f"{number(100 * scores.accuracy)} % were told right ({interval}); of the recordings, "
-        f"{number(100 * scores.recording_accuracy)} %. Level of generalization: {level}.",
+        f"{100 * scores.accuracy:.1f} % were told right ({interval}); of the recordings, "
+        f"{100 * scores.recording_accuracy:.1f} %. Level of generalization: {level}.",
     )
     reasons = tuple(f"{_METRICS.get(name, words(name))}: {why}" for name, why in scores.reasons.items())
     blocks = (
@@ -75,6 +75,7 @@ def _class_table(scores: Scores) -> Table:
     rows += [
         (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[place].sum()))), _recall_cell(scores, label))
         for place, label in enumerate(scores.classes)
+        if [cell.label for cell in scores.cells].count(label) != 1
     ]
     return Table(
         "Recall by class and discharge pressure.", ("class", "pressure [MPa]", "windows", "recall"), tuple(rows)

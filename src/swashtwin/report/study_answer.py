@@ -1,111 +1,133 @@
 """A study's answer in plain words, whichever way it went."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from swashtwin.evaluation import LEVELS
-from swashtwin.report.wording import classifier_words, number, plural, training_set_words
+from swashtwin.report.wording import classifier_words, plural, score, training_set_words
 from swashtwin.studies.result import Outcome, StudyResult
 
 EXPECTED = ("measured", "nominal", "calibrated")
 """Training sets in the order in which the paper's scores rise."""
 
+_DESCRIBED = {
+    "measured": "on measured windows only",
+    "nominal": "with windows of a nominal (handbook) twin added",
+    "calibrated": "with windows of a calibrated twin added",
+}
+
 
 def study_answer(study: StudyResult) -> tuple[str, ...]:
-    """What was compared, and what came out at each level, nearest first."""
-    name = classifier_words(study.outcomes[0].classifier)
-    present = [one for one in EXPECTED if any(outcome.training_set == one for outcome in study.outcomes)]
-    opening = (
-        f"{name} was trained on {_listed([_described(one) for one in present])}, and tested on measured recordings "
-        f"that had no part in training or calibration ({plural(len(study.seeds), 'seed')}; each draws the split, the "
-        "weights and the synthesis anew)."
-    )
+    """First what was compared and what came out, then more for each level, nearest first."""
+    sets = [name for name in EXPECTED if any(one.training_set == name for one in study.outcomes)]
     levels = sorted({one.level for one in study.outcomes})
-    return (opening, *(" ".join(_at_level(study, level)) for level in levels))
-
-
-def _described(training_set: str) -> str:
-    return {
-        "measured": "measured windows only",
-        "nominal": "the same and windows simulated with nominal (handbook) values",
-        "calibrated": "the same and windows simulated with calibrated values",
-    }[training_set]
-
-
-def _at_level(study: StudyResult, level: str) -> list[str]:
-    outcomes = [one for one in study.outcomes if one.level == level]
-    mean = {name: _mean([o.scores.accuracy for o in outcomes if o.training_set == name]) for name in EXPECTED}
-    mean = {name: value for name, value in mean.items() if math.isfinite(value)}
-    told = _listed([f"{number(value)} ({training_set_words(name)})" for name, value in mean.items()])
-    sentences = [f"At {level} ({LEVELS.get(level, 'level not described')}) the accuracy was {told}."]
-    for other in ("measured", "nominal"):
-        if "calibrated" in mean and other in mean:
-            sentences.append(_difference(outcomes, "calibrated", other))
-    if len(mean) == len(EXPECTED):
-        sentences.append(_order(mean))
-    return [*sentences, *_scarce(outcomes), *_rivals(study, level, mean)]
-
-
-def _difference(outcomes: Sequence[Outcome], first: str, second: str) -> str:
-    """How far `first` is above `second`, paired by seed."""
-    by_seed = {(one.training_set, one.seed): one.scores.accuracy for one in outcomes}
-    seeds = [seed for name, seed in by_seed if name == first and (second, seed) in by_seed]
-    points = 100 * np.array([by_seed[first, seed] - by_seed[second, seed] for seed in seeds])
-    if not points.size:
-        return ""
-    mean, this, that = float(points.mean()), training_set_words(first), training_set_words(second)
-    if abs(mean) < 0.05:
-        return f"“{this}” scored the same as “{that}”."
-    said = f"“{this}” {'beat' if mean > 0 else 'fell behind'} “{that}” by {abs(mean):.1f} points"
-    if points.size < 2:
-        return f"{said}; with one seed nobody can say whether that is chance."
-    spread = float(points.std(ddof=1))
-    verdict = "more than" if abs(mean) > spread else "within"
-    return (
-        f"{said} on average, {verdict} the spread over the seeds (standard deviation of the difference, paired by "
-        f"seed: {spread:.1f} points)."
+    name = classifier_words(study.outcomes[0].classifier)
+    lead = [f"{name} was trained {_listed([_DESCRIBED[one] for one in sets])}."]
+    if {"calibrated", "measured"} <= set(sets):
+        told = [f"at {level} calibrated {_compared(study, level, 'calibrated', 'measured')}" for level in levels]
+        lead += [f"Accuracy: {'; '.join(told)}."]
+    lead += _better_rivals(study, levels, name)
+    how = (
+        "All tests are on measured recordings that had no part in training or calibration. Means over "
+        f"{plural(len(study.seeds), 'seed')}, each with its own split, weights and synthesis; points are of accuracy, "
+        "± one standard deviation of the difference, paired by seed."
     )
+    return (" ".join(lead), *(_at_level(study, level) for level in levels), how)
 
 
-def _order(mean: dict[str, float]) -> str:
+def _at_level(study: StudyResult, level: str) -> str:
+    mean, recall = (_means(study.outcomes, level, value) for value in (_accuracy, lambda one: one.scarce_recall))
+    sentences = [f"{level}, {LEVELS.get(level, 'not described')}: accuracy {_told(mean)}."]
+    if len(mean) == len(EXPECTED):
+        sentences += [_order(study, level, mean), f"Calibrated {_compared(study, level, 'calibrated', 'nominal')}."]
+    if recall:
+        sentences.append(f"Recall of the measured windows of the scarce cell: {_told(recall)}.")
+    if best := _best_rival(study, level):
+        rival = f"{classifier_words(best[0])}, {training_set_words(best[1])}"
+        sentences.append(f"Best rival: {rival}, accuracy {score(best[2])}.")
+    return " ".join(sentences)
+
+
+def _told(means: dict[str, float]) -> str:
+    return _listed([f"{score(value)} ({training_set_words(name)})" for name, value in means.items()])
+
+
+def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
+    """By how much `first` is above `second`, paired by seed, and whether that is more than the seeds scatter."""
+    points = _differences(study, level, first, second)
+    mean, other = float(points.mean()), "measured only" if second == "measured" else second
+    if abs(mean) < 0.05:
+        return f"scored the same as {other}"
+    verb = "beat" if mean > 0 else "fell behind"
+    if points.size < 2:
+        return f"{verb} {other} by {abs(mean):.1f} points (one seed: nobody can say whether that is chance)"
+    spread = float(points.std(ddof=1))
+    verdict = "over" if abs(mean) > spread else "within"
+    return f"{verb} {other} by {abs(mean):.1f} ± {spread:.1f} points ({verdict} the seed spread)"
+
+
+def _differences(study: StudyResult, level: str, first: str, second: str) -> np.ndarray:
+    """Differences of accuracy [points] under each seed that both have."""
+    by_seed = {(one.training_set, one.seed): one.scores.accuracy for one in study.outcomes if one.level == level}
+    seeds = [seed for name, seed in by_seed if name == first and (second, seed) in by_seed]
+    return 100 * np.array([by_seed[first, seed] - by_seed[second, seed] for seed in seeds])
+
+
+def _order(study: StudyResult, level: str, mean: dict[str, float]) -> str:
+    """Whether the means rise as the paper's do, and whether each step exceeds the seeds' scatter."""
     found = sorted(EXPECTED, key=lambda name: mean[name])
-    if tuple(found) == EXPECTED and len(set(mean.values())) == len(EXPECTED):
-        return "The order is the paper's: measured only < nominal < calibrated."
     signs = ["=" if mean[a] == mean[b] else "<" for a, b in pairwise(found)]
-    written = f"{found[0]} {signs[0]} {found[1]} {signs[1]} {found[2]}"
-    return f"The paper's order, measured only < nominal < calibrated, was NOT found here: it is {written}."
+    paper = "measured only < nominal < calibrated"
+    if tuple(found) != EXPECTED or "=" in signs:
+        return (
+            f"The paper's order, {paper}, was NOT found: it is {found[0]} {signs[0]} {found[1]} {signs[1]} {found[2]}."
+        )
+    if all(_exceeds(_differences(study, level, b, a)) for a, b in pairwise(EXPECTED)):
+        return f"The order is the paper's, {paper}, and each step exceeds the seed spread."
+    return f"The means are in the paper's order, {paper}, but not every step exceeds the seed spread."
 
 
-def _scarce(outcomes: Sequence[Outcome]) -> list[str]:
-    recall = {name: _mean([o.scarce_recall for o in outcomes if o.training_set == name]) for name in EXPECTED}
-    told = [f"{number(value)} ({training_set_words(name)})" for name, value in recall.items() if math.isfinite(value)]
-    return [f"Recall of the measured windows of the scarce cell: {_listed(told)}."] if told else []
+def _exceeds(points: np.ndarray) -> bool:
+    return points.size > 1 and abs(points.mean()) > points.std(ddof=1)
 
 
-def _rivals(study: StudyResult, level: str, mean: dict[str, float]) -> list[str]:
-    """The best score of a classifier that is not the study's own, where it reaches the study's best."""
-    scored: dict[tuple[str, str], list[float]] = {}
-    for one in study.rivals:
-        if one.level == level:
-            scored.setdefault((one.classifier, one.training_set), []).append(one.scores.accuracy)
-    if not scored:
-        return []
-    (rival, training_set), values = max(scored.items(), key=lambda entry: _mean(entry[1]))
-    own = max(mean.values(), default=math.nan)
-    reached = _mean(values)
-    comparison = "better than" if reached > own else "as good as" if reached == own else "below"
-    return [
-        f"The best rival, {classifier_words(rival)} ({training_set_words(training_set)}), reached {number(reached)}, "
-        f"{comparison} the network's best."
+def _better_rivals(study: StudyResult, levels: Sequence[str], name: str) -> list[str]:
+    """Rivals that score higher than the study's own network ever does."""
+    said = []
+    for level in levels:
+        own, best = max(_means(study.outcomes, level, _accuracy).values()), _best_rival(study, level)
+        if best is not None and best[2] > own:
+            said.append(f"at {level} by {classifier_words(best[0])} ({score(best[2])} against {score(own)})")
+    return [f"{name} was beaten {_listed(said)}."] if said else []
+
+
+def _best_rival(study: StudyResult, level: str) -> tuple[str, str, float] | None:
+    """Classifier, training set and mean accuracy of the best rival."""
+    scored = [
+        (name, training_set, value)
+        for name in dict.fromkeys(one.classifier for one in study.rivals)
+        for training_set, value in _means(
+            [one for one in study.rivals if one.classifier == name], level, _accuracy
+        ).items()
     ]
+    return max(scored, key=lambda entry: entry[2], default=None)
 
 
-def _mean(values: Sequence[float]) -> float:
-    finite = [value for value in values if math.isfinite(value)]
-    return float(np.mean(finite)) if finite else math.nan
+def _accuracy(one: Outcome) -> float:
+    return one.scores.accuracy
+
+
+def _means(outcomes: Sequence[Outcome], level: str, value: Callable[[Outcome], float]) -> dict[str, float]:
+    """Mean over the seeds for each training set that has any, in the expected order."""
+    means = {}
+    for name in EXPECTED:
+        values = [value(one) for one in outcomes if one.level == level and one.training_set == name]
+        if finite := [number for number in values if math.isfinite(number)]:
+            means[name] = float(np.mean(finite))
+    return means
 
 
 def _listed(texts: Sequence[str]) -> str:

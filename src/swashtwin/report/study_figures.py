@@ -1,16 +1,18 @@
 """Figures of a study: scores by training set, training curves, confusion matrices, t-SNE."""
 
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
 
+from swashtwin.evaluation import LEVELS
 from swashtwin.report.confusion import confusion_drawing
-from swashtwin.report.drawing import Drawing, drawn, panels, table
+from swashtwin.report.drawing import Drawing, drawn, name_decades, panels, table
 from swashtwin.report.style import LEVEL_MARKERS, class_colors, styled, training_set_colors
 from swashtwin.report.wording import classifier_words, plural, training_set_words, words
 from swashtwin.studies.result import Embedding, Outcome, StudyResult
@@ -62,7 +64,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
     _bar_legend(axes[0, 0], study, sets)
     caption = (
         f"Bars: mean of {classifier_words(study.outcomes[0].classifier)} over {plural(len(study.seeds), 'seed')}; "
-        "points: single seeds; whiskers: one standard deviation."
+        "points: single seeds; whiskers: one standard deviation, cut at 0 and 1."
     )
     if study.rivals:
         rivals = ", ".join(dict.fromkeys(classifier_words(one.classifier) for one in study.rivals))
@@ -90,14 +92,17 @@ def _column(
     place.bar(position, mean, width=0.23, color=color, alpha=0.85)
     deviation = values.std(ddof=1) if values.size > 1 else 0.0
     if values.size > 1:
-        place.errorbar(position, mean, yerr=deviation, color="black", capsize=3, linewidth=1.2, zorder=3)
+        whisker = [[min(deviation, mean)], [min(deviation, 1 - mean)]]
+        place.errorbar(position, mean, yerr=whisker, color="black", capsize=3, linewidth=1.2, zorder=3)
         aside = position - 0.06 + 0.02 * np.linspace(-1, 1, values.size)
-        place.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3)
-    place.text(position, max(mean + deviation, values.max()) + 0.03, f"{mean:.2f}", ha="center", fontsize=9)
+        place.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3, clip_on=False)
+    place.text(position, max(min(mean + deviation, 1), values.max()) + 0.04, f"{mean:.2f}", ha="center", fontsize=9)
 
 
 def _score_axis(place: Axes, metric: str, levels: Sequence[str], chance: float | None) -> None:
-    place.set(ylim=(0, 1.14), ylabel=f"{metric} [1]", xticks=range(len(levels)), xticklabels=levels)
+    place.set(ylim=(0, 1.16), ylabel=f"{metric} [1]")
+    meanings = [textwrap.fill(f"{level}: {LEVELS.get(level, 'not described')}", 42) for level in levels]
+    place.set_xticks(range(len(levels)), meanings)
     place.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     place.set_xlim(-0.55, len(levels) - 0.45 + 0.14)
     place.grid(axis="x", visible=False)
@@ -133,8 +138,8 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
                 validated = True
                 place.plot(number, held, ":", color=color, linewidth=1, alpha=0.8)
     axes[0, 0].set(xlabel="epoch", ylabel="cross-entropy [1]", yscale="log")
-    axes[0, 0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes[0, 0].yaxis.set_minor_formatter(NullFormatter())
+    axes[0, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
+    name_decades(axes[0, 0])
     axes[0, 1].set(xlabel="epoch", ylabel="accuracy", ylim=(0, 1.03))
     axes[0, 1].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     entries = [Line2D([], [], color=colors[name], linewidth=2) for name in sets]

@@ -29,7 +29,16 @@ from swashtwin.report.study_figures import (
     scarce_drawing,
     training_drawing,
 )
-from swashtwin.report.wording import classifier_words, facts, flattened, number, plural, training_set_words, words
+from swashtwin.report.wording import (
+    classifier_words,
+    facts,
+    flattened,
+    number,
+    plural,
+    score,
+    training_set_words,
+    words,
+)
 from swashtwin.studies.result import Outcome, StudyResult
 
 _TITLES = {"case1": "Case I, few samples: measured, nominal and calibrated training sets"}
@@ -93,13 +102,13 @@ def metrics_table(study: StudyResult) -> Table:
     rows = []
     for row in table:
         same = [one for one in outcomes if _key(one) == (row["classifier"], row["training_set"], row["level"])]
-        name = f"{row['level']} · {classifier_words(row['classifier'])} · {training_set_words(row['training_set'])}"
+        name = f"{row['level']}, {classifier_words(row['classifier'])}, {training_set_words(row['training_set'])}"
         cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
         if with_paper:
             beside = row["level"] == "L2" and row["classifier"] == own
             cells.append(Cell(_PAPER.get((study.study, row["training_set"]), "") if beside else ""))
         rows.append((Cell(name), *cells))
-    header = ("level · classifier · training set", *(heading for heading, _ in _METRICS.values()))
+    header = ("level, classifier, training set", *(heading for heading, _ in _METRICS.values()))
     return Table(
         f"Mean ± standard deviation over {plural(len(study.seeds), 'seed')}, test windows measured only. Accuracy by "
         "recording: each recording counts once, by the mean log-probability of its windows.",
@@ -116,10 +125,10 @@ def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
     finite = [value for value in spread["values"] if value is not None]
     if not finite:
         return Cell("—", reason or "not defined for this test set")
-    text = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
+    text = score(spread["mean"]) + (f" ± {score(spread['std'])}" if spread["std"] is not None else "")
     if len(finite) < len(spread["values"]):
         text += f" ({len(finite)} of {len(spread['values'])} seeds)"
-    return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(number, finite)))
+    return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(score, finite)))
 
 
 def _why(outcomes: Sequence[Outcome], name: str) -> str:
@@ -154,12 +163,24 @@ def _about_the_paper(study: StudyResult) -> list[Paragraph]:
 def _calibration_sections(study: StudyResult, key: str) -> tuple:
     several = len(study.calibrations) > 1
     blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
+    blocks.append(Bullets("Used away from where they were calibrated", _extrapolated(study)))
     for place, calibration in enumerate(study.calibrations):
         own_key = f"{key}_calibration_{place + 1}" if several else f"{key}_calibration"
         inner = calibration_blocks(calibration, own_key, with_excitation=place == 0)
         title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
         blocks.append(Group(title, inner, is_open=place == 0))
     return tuple(blocks)
+
+
+def _extrapolated(study: StudyResult) -> tuple[str, ...]:
+    """Twins whose windows were simulated at another pressure than that of their recordings."""
+    wanted = study.settings.get("pressure_Pa")
+    found = [(one.twin.pump.name, one.twin.condition.discharge_pressure) for one in study.calibrations]
+    return tuple(
+        f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {wanted / 1e6:.3g} MPa."
+        for name, pressure in found
+        if isinstance(wanted, float) and not math.isclose(pressure, wanted, rel_tol=0.06)
+    )
 
 
 def _training_blocks(study: StudyResult, key: str) -> tuple:

@@ -10,10 +10,17 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 TRAINING_SETS = {
     "measured": "measured only",
-    "nominal": "+ nominal twin",
-    "calibrated": "+ calibrated twin",
+    "nominal": "with nominal twin",
+    "calibrated": "with calibrated twin",
 }
 """What each training set is called on the page."""
+
+INTERFACES = {
+    "slipper_swash": "slipper/swash plate",
+    "block_valve": "cylinder block/valve plate",
+    "piston_bore": "piston/bore",
+}
+"""What each interface is called on the page."""
 
 CLASSIFIERS = {"bitcn": "BiTCN", "extra_trees": "extra trees"}
 """What classifiers are called on the page; others by their own name."""
@@ -35,6 +42,17 @@ def number(value: float | None) -> str:
     if not -3 <= int(exponent) <= 4:
         return f"{mantissa}·10{power(int(exponent))}"
     return f"{float(f'{value:.3g}'):.{max(0, 2 - int(exponent))}f}"
+
+
+def score(value: float | None) -> str:
+    """Share between 0 and 1 with three decimals, ``—`` for what is no number.
+
+    Examples
+    --------
+    >>> score(0.98)
+    '0.980'
+    """
+    return "—" if value is None or not math.isfinite(value) else f"{value:.3f}"
 
 
 def power(exponent: int) -> str:
@@ -70,6 +88,18 @@ def number_cell(value: float | None, reason: str = "") -> Cell:
 def words(label: str) -> str:
     """Name of a class, a sensor or a setting in words."""
     return label.replace("_", " ")
+
+
+def parameter_words(name: str) -> str:
+    """Name of an interface value in words.
+
+    Examples
+    --------
+    >>> parameter_words("slipper_swash.damping")
+    'slipper/swash plate damping'
+    """
+    interface, quantity = name.split(".")
+    return f"{INTERFACES[interface]} {quantity}"
 
 
 def training_set_words(name: str) -> str:

@@ -27,6 +27,11 @@ from swashtwin.version import VERSION
 
 FORMAT = "swashtwin report 1"
 
+_UNKNOWN_ORIGIN = (
+    "These results do not carry where their recordings come from. If from the virtual rig, a stand-in for a machine, no "
+    "figure here says how well anything works on a real pump."
+)
+
 
 def write_report(*items: StudyResult | Calibration | Scores | Diagnosis, folder: Path | str) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -103,7 +108,7 @@ def _page(parts: Sequence[Part], sections: Sequence[Any]) -> str:
     return _template().render(
         title=parts[0].title if len(parts) == 1 else "Report",
         answer=[sentence for part in parts for sentence in part.answer],
-        notices=list(dict.fromkeys(part.notice for part in parts if part.notice)),
+        notices=list(dict.fromkeys(part.notice for part in parts if part.notice)) or [_UNKNOWN_ORIGIN],
         sections=sections,
         version=VERSION,
     )

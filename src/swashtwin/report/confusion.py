@@ -48,7 +48,9 @@ def _matrix(place: Axes, confusion: Int[np.ndarray, "actual predicted"]) -> None
     """Shares of each row as shades, and percent written into them."""
     count = confusion.sum(axis=1, keepdims=True)
     share = confusion / np.maximum(count, 1)
-    place.imshow(share, cmap="Blues", vmin=0, vmax=1.1)
+    edges = np.arange(len(confusion) + 1) - 0.5
+    place.pcolormesh(edges, edges, share, cmap="Blues", vmin=0, vmax=1.1)
+    place.set(aspect="equal", ylim=(edges[-1], edges[0]))
     place.grid(False)
     for i, row in enumerate(confusion):
         for j, windows in enumerate(row):

@@ -91,7 +91,7 @@ def _order(study: StudyResult, level: str, mean: dict[str, float]) -> str:
 
 
 def _exceeds(points: np.ndarray) -> bool:
-    return points.size > 1 and abs(points.mean()) > points.std(ddof=1)
+    return points.size > 1 and bool(abs(points.mean()) > points.std(ddof=1))
 
 
 def _better_rivals(study: StudyResult, levels: Sequence[str], name: str) -> list[str]:

@@ -28,8 +28,8 @@ from swashtwin.version import VERSION
 FORMAT = "swashtwin report 1"
 
 _UNKNOWN_ORIGIN = (
-    "These results do not carry where their recordings come from. If from the virtual rig, a stand-in for a machine, no "
-    "figure here says how well anything works on a real pump."
+    "These results do not carry where their recordings come from. If from the virtual rig, a stand-in for a machine, "
+    "no figure here says how well anything works on a real pump."
 )
 
 

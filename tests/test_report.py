@@ -1,0 +1,374 @@
+"""A report is one page that needs nothing else, says what came out whichever way it went, and is written whole."""
+
+import csv
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from swashtwin.calibration import Calibration, GaussNewton, calibrate
+from swashtwin.condition import OperatingCondition
+from swashtwin.diagnosis import Diagnosis
+from swashtwin.errors import InputError
+from swashtwin.evaluation import LEVELS, Scores, evaluate
+from swashtwin.faults import CLASSES, SwashPlateDefect
+from swashtwin.recording import Recording
+from swashtwin.report import write_report
+from swashtwin.report.calibration_part import calibration_answer
+from swashtwin.report.study_answer import study_answer
+from swashtwin.report.writing import part_of
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.seeding import stream
+from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+from swashtwin.training import Epoch
+from swashtwin.twin import Twin
+from swashtwin.units import MPa, mm, rpm
+from swashtwin.windows import WindowSet, cut_windows
+
+ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
+
+
+class Guesser:
+    """Classifier that is right with a set probability."""
+
+    classes = CLASSES
+    manifest = ("trained on",)
+
+    def __init__(self, skill: float, seed: int) -> None:
+        self.skill, self.seed = skill, seed
+
+    def predict_proba(self, windows: WindowSet) -> np.ndarray:
+        draw = stream(self.seed, "guess", self.skill)
+        right = draw.random(len(windows)) < self.skill
+        other = (windows.target + draw.integers(1, len(CLASSES), len(windows))) % len(CLASSES)
+        return np.eye(len(CLASSES))[np.where(right, windows.target, other)] * 0.9 + 0.02
+
+
+def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    recordings = [
+        Recording(stream(i, label).normal(size=(1, 400)), 1000.0, f"{label} {i}", label=label, condition=condition)
+        for label in labels
+        for i in range(3)
+    ]
+    return cut_windows(recordings, length=80, classes=CLASSES)
+
+
+def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[str, ...] = CLASSES) -> Scores:
+    return evaluate(Guesser(skill, seed), windows(labels), level=level)
+
+
+def outcome(name: str, level: str, seed: int, skill: float, classifier: str = "bitcn") -> Outcome:
+    scores = scored(skill, seed, level)
+    return Outcome(classifier, name, level, seed, scores, scores.recall["swash_plate"])
+
+
+def embedding(name: str) -> Embedding:
+    label = np.repeat(CLASSES, 8)
+    features = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
+    return Embedding(name, features, label, np.tile(np.repeat(["L2", "L4"], 4), 5))
+
+
+@pytest.fixture(scope="module")
+def calibration(pump, at_15) -> Calibration:
+    twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
+    recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
+    return calibrate(twin, recordings, method=GaussNewton(starts=1, most_iterations=8))
+
+
+@pytest.fixture(scope="module")
+def study(calibration) -> StudyResult:
+    skills = {"measured": 0.5, "nominal": 0.6, "calibrated": 0.9}
+    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6))
+    at_10 = replace(
+        calibration, twin=calibration.twin.at(OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
+    )
+    return StudyResult(
+        study="case1",
+        size="quick",
+        seeds=(0, 1),
+        outcomes=tuple(outcome(n, level, s, k) for n, k in skills.items() for level in ("L2", "L4") for s in (0, 1)),
+        rivals=tuple(outcome(n, "L2", s, 0.8, "extra_trees") for n in skills for s in (0, 1)),
+        curves=tuple(TrainingCurve(name, seed, curve) for name in skills for seed in (0, 1)),
+        embeddings=tuple(embedding(name) for name in skills),
+        calibrations=(calibration, at_10),
+        cells={"measured": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
+        settings={"pressure_Pa": 15e6, "training": {"epochs": 5, "limit": math.nan}},
+        origin=ORIGIN,
+        wall_s=12.3,
+        device="cpu",
+        version="0.1",
+        command="swashtwin study case1 --seeds 0,1",
+    )
+
+
+@pytest.fixture(scope="module")
+def diagnosis() -> Diagnosis:
+    return Diagnosis(
+        recording_id='<b>pump</b> & "7" $x$ 振动',
+        label="piston",
+        probabilities={"normal": 0.1, "piston": 0.9},
+        window_labels=("piston", "piston", "normal", "piston"),
+        agreement=0.75,
+        notes=("<script>alert(1)</script>",),
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(study, tmp_path_factory) -> Path:
+    return write_report(study, folder=tmp_path_factory.mktemp("report")).parent
+
+
+@pytest.fixture(scope="module")
+def page(folder) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def columns(path: Path) -> dict[str, list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def numbers(path: Path, name: str) -> np.ndarray:
+    return np.array([float(text) for text in columns(path)[name]])
+
+
+def test_the_page_asks_for_no_other_file_and_no_network(page):
+    assert "<script" not in page
+    assert "<link" not in page
+    assert "@import" not in page
+    assert "<img" not in page
+    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(r"url\(([^)]*)\)", page)
+    assert references
+    assert all(reference.startswith("#") for reference in references)
+
+
+def test_every_reference_within_the_page_has_one_target(page):
+    ids = Counter(re.findall(r'\bid="([^"]+)"', page))
+    assert [name for name, count in ids.items() if count > 1] == []
+    used = re.findall(r'href="#([^"]+)"', page) + re.findall(r"url\(#([^)]+)\)", page)
+    assert [name for name in used if name not in ids] == []
+
+
+def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
+    names = json.loads((folder / "results.json").read_text())["figures"]
+    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
+    found = sorted(path.name for path in (folder / "figures").iterdir())
+    assert found == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
+    kinds = {name.rsplit("_", 1)[-1] for name in names}
+    expected = {"excitation", "waveforms", "spectra", "estimates", "losses", "paths", "confusion", "tsne", "training"}
+    assert kinds == expected | {"scores", "recall"}
+
+
+def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):
+    first = folder / "figures" / "study_calibration_1_"
+    spectra, history = calibration.spectra, calibration.history
+    for name in ("measured", "deviation", "nominal", "calibrated"):
+        np.testing.assert_array_equal(numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel())
+    waveform = numbers(Path(f"{first}waveforms.csv"), f"{spectra.channels[1]}_calibrated")
+    np.testing.assert_array_equal(waveform, calibration.waveforms.calibrated[1])
+    values = numbers(Path(f"{first}estimates.csv"), "value")
+    np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
+    np.testing.assert_array_equal(numbers(Path(f"{first}losses.csv"), "frequency"), history.spectrum_loss)
+    np.testing.assert_array_equal(numbers(Path(f"{first}paths.csv"), "K_v"), history.values[:, 3])
+    total = numbers(Path(f"{first}excitation.csv"), "total_m")
+    each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
+    np.testing.assert_allclose(total, each, atol=1e-15)
+    bars = columns(folder / "figures" / "study_scores.csv")
+    accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
+    assert sorted(accuracy) == sorted(one.scores.accuracy for one in study.outcomes + study.rivals)
+
+
+def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
+    write_report(scored(0.7), folder=tmp_path)
+    data = columns(tmp_path / "figures" / "scores_confusion.csv")
+    counts = np.array([int(count) for count in data["windows"]]).reshape(5, 5)
+    np.testing.assert_array_equal(counts, scored(0.7).confusion)
+    shares = 100 * counts / counts.sum(axis=1, keepdims=True)
+    svg = (tmp_path / "figures" / "scores_confusion.svg").read_text(encoding="utf-8")
+    shown = re.findall(r">(\d+)</text>", svg)
+    assert sorted(shown) == sorted(f"{share:.0f}" for share in shares.ravel() if share)
+
+
+def test_the_same_results_give_the_same_bytes(folder, study, tmp_path):
+    write_report(study, folder=tmp_path)
+    for path in folder.rglob("*.*"):
+        assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
+    channels = ("<i>cover</i>", *calibration.spectra.channels[1:])
+    spectra = replace(calibration.spectra, channels=channels)
+    page = write_report(diagnosis, replace(calibration, spectra=spectra), folder=tmp_path).read_text(encoding="utf-8")
+    for markup in ("<b>pump", "<script", "<i>cover"):
+        assert markup not in page
+    assert "&lt;b&gt;pump&lt;/b&gt; &amp; &#34;7&#34; $x$ 振动" in page
+    assert "&lt;i&gt;cover&lt;/i&gt; [m/s²]" in page
+
+
+def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
+    page = write_report(diagnosis, folder=tmp_path / "deep" / "report").read_text(encoding="utf-8")
+    assert "piston. Taken alone, 3 of 4 windows say so (75 %)" in page
+    assert "score of 90 % among 2 classes" in page
+    assert "What was not checked" in page
+    assert "These results do not carry where their recordings come from" in page
+    results = json.loads((tmp_path / "deep" / "report" / "results.json").read_text())
+    assert results["diagnoses"] == [diagnosis.to_dict()]
+
+
+def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
+    scores = scored(0.7, labels=("normal", "piston"), level=None)
+    page = write_report(scores, folder=tmp_path).read_text(encoding="utf-8")
+    reason = "no test window of swash_plate, cylinder_block, valve_plate"
+    assert f'<td title="{reason}">—</td>' in page
+    assert f"<li>G-mean (of all declared classes): {reason}</li>" in page
+    assert re.search(rf'<td title="{reason}">0\.\d+ \*</td>', page)
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace("nano", "")
+    assert json.loads((tmp_path / "results.json").read_text())["scores"][0]["g_mean"] is None
+
+
+def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
+    outcomes = tuple(replace(one, scarce_recall=math.nan) for one in study.outcomes)
+    without = replace(study, outcomes=outcomes, calibrations=(), embeddings=())
+    page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
+    assert '<td title="no test window in the scarce cell">—</td>' in page
+    assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
+
+
+def test_results_are_json_that_any_reader_takes(folder):
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    results = json.loads((folder / "results.json").read_text(), parse_constant=refuse)
+    assert results["studies"][0]["settings"]["training"] == {"epochs": 5, "limit": None}
+    assert len(results["calibrations"]) == 2
+
+
+def test_nobody_can_miss_where_the_recordings_come_from(page):
+    assert page.index(ORIGIN) < page.index("<h2>")
+    assert page.index('class="notice"') < page.index(ORIGIN)
+
+
+def test_the_meaning_of_each_level_stands_beside_its_scores(page):
+    for level in ("L2", "L4"):
+        assert re.search(rf'<th scope="row">{level}</th>\s*<td>{LEVELS[level]}</td>', page)
+    assert LEVELS["L0"] not in page
+
+
+def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, tmp_path):
+    rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
+    beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
+    assert beside == {"L2, BiTCN, measured only", "L2, BiTCN, with calibrated twin"}
+    assert len(rows) == 9
+    assert "G-means are of another definition" in page
+    other = replace(study, study="case9", calibrations=(), embeddings=())
+    assert "accuracy 0.812" not in write_report(other, folder=tmp_path).read_text(encoding="utf-8")
+
+
+def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):
+    assert page.count("was calibrated at 10 MPa and simulated at 15 MPa") == 1
+
+
+def fixed(accuracies: dict[str, tuple[float, ...]], study: StudyResult, rival: float = 0.0) -> tuple[str, ...]:
+    """Answer of a study with these accuracies at L2, one for each seed."""
+    base = study.outcomes[0]
+    seeds = tuple(range(len(next(iter(accuracies.values())))))
+
+    def made(name: str, seed: int, accuracy: float, classifier: str) -> Outcome:
+        scores = replace(base.scores, accuracy=accuracy)
+        return replace(base, training_set=name, seed=seed, scores=scores, classifier=classifier)
+
+    outcomes = [made(n, seed, values[seed], "bitcn") for n, values in accuracies.items() for seed in seeds]
+    rivals = tuple(made("measured", seed, rival, "extra_trees") for seed in seeds)
+    return study_answer(replace(study, outcomes=tuple(outcomes), rivals=rivals, seeds=seeds))
+
+
+def test_the_answer_gives_the_difference_paired_by_seed(study):
+    lead, details, _ = fixed({"measured": (0.5, 0.6), "nominal": (0.6, 0.7), "calibrated": (0.7, 0.84)}, study)
+    assert "at L2 calibrated beat measured only by 22.0 ± 2.8 points (over the seed spread)" in lead
+    assert "accuracy 0.550 (measured only), 0.650 (with nominal twin) and 0.770 (with calibrated twin)" in details
+    assert "Calibrated beat nominal by 12.0 ± 2.8 points" in details
+    assert "each step exceeds the seed spread" in details
+
+
+def test_the_answer_says_when_a_difference_drowns_in_the_seeds(study):
+    lead, details, _ = fixed({"measured": (0.5, 0.6), "nominal": (0.51, 0.61), "calibrated": (0.7, 0.5)}, study)
+    assert "calibrated beat measured only by 5.0 ± 21.2 points (within the seed spread)" in lead
+    assert "not every step exceeds the seed spread" in details
+
+
+def test_the_answer_says_plainly_when_the_papers_order_is_not_found(study):
+    lead, details, _ = fixed({"measured": (0.8, 0.8), "nominal": (0.7, 0.7), "calibrated": (0.6, 0.6)}, study)
+    assert "calibrated fell behind measured only by 20.0 ± 0.0 points" in lead
+    assert "was NOT found: it is calibrated < nominal < measured" in details
+    equal = fixed({"measured": (0.8, 0.8), "nominal": (0.8, 0.8), "calibrated": (0.9, 0.9)}, study)[1]
+    assert "was NOT found: it is measured = nominal < calibrated" in equal
+
+
+def test_one_seed_settles_nothing(study):
+    lead, details, _ = fixed({"measured": (0.5,), "nominal": (0.6,), "calibrated": (0.7,)}, study)
+    assert "by 20.0 points (one seed: nobody can say whether that is chance)" in lead
+    assert "not every step exceeds" in details
+
+
+def test_a_rival_that_does_better_is_told_at_once(study):
+    accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
+    assert "BiTCN was beaten at L2 by extra trees (0.900 against 0.700)" in fixed(accuracies, study, rival=0.9)[0]
+    assert "beaten" not in fixed(accuracies, study, rival=0.6)[0]
+
+
+def test_a_calibration_that_made_a_fit_worse_says_so(calibration):
+    worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
+    answer = " ".join(calibration_answer(replace(calibration, fit_after=worse)))
+    assert "(RMSE) ROSE from" in answer
+    assert "(SVE) stayed" in answer
+    assert "neither number is a test" in answer
+
+
+def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):
+    other = replace(diagnosis, label="normal", probabilities={"normal": 0.8, "piston": 0.2})
+    write_report(diagnosis, other, folder=tmp_path)
+    assert numbers(tmp_path / "figures" / "diagnosis_1_scores.csv", "score").tolist() == [0.1, 0.9]
+    assert numbers(tmp_path / "figures" / "diagnosis_2_scores.csv", "score").tolist() == [0.8, 0.2]
+
+
+def test_a_full_disk_leaves_the_old_report_and_no_debris(diagnosis, study, tmp_path, monkeypatch):
+    write_report(diagnosis, folder=tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    write, left = Path.write_text, iter(range(4))
+
+    def until_full(path: Path, text: str, **options: str) -> int:
+        if next(left, None) is None:
+            raise OSError(28, "No space left on device")
+        return write(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", until_full)
+    with pytest.raises(OSError, match="No space left"):
+        write_report(replace(diagnosis, label="normal"), folder=tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+
+
+def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path):
+    plain = write_report(diagnosis, folder=tmp_path / "plain").read_bytes()
+    with mpl.rc_context({"font.size": 31.0, "axes.grid": False, "svg.fonttype": "path"}):
+        assert write_report(diagnosis, folder=tmp_path / "loud").read_bytes() == plain
+        assert mpl.rcParams["font.size"] == 31.0
+        assert mpl.rcParams["svg.fonttype"] == "path"
+
+
+def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
+    with pytest.raises(InputError, match=r"no report can be made of a str; give"):
+        part_of("report", key="report")
+    with pytest.raises(InputError, match="at least one"):
+        write_report(folder=tmp_path)
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match="is a file; name a folder"):
+        write_report(diagnosis, folder=tmp_path / "taken")
+    assert (tmp_path / "taken").read_text() == "mine"

@@ -116,9 +116,12 @@ class Twin:
         """The same pump with another fault."""
         return replace(self, fault=fault)
 
-    def with_interfaces(self, interfaces: Interfaces) -> "Twin":
-        """The same pump with other interface values."""
-        return replace(self, interfaces=interfaces)
+    def with_interfaces(self, interfaces: Interfaces, scales: Scales | None = None) -> "Twin":
+        """The same pump with other interface values and `scales`; the pressures do not depend on them and are kept."""
+        other = replace(self, interfaces=interfaces, scales=scales or self.scales)
+        kept = ("pressure", "structure", "orders", "_excitation")
+        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        return other
 
     def acceleration(
         self,

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import asdict, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -63,7 +63,7 @@ def calibrate(
     found = method.search(objective, seed=seed, progress=progress)
     covariance = log_covariance(objective, found.values, found.scales, found.nuisances)
     estimates = estimates_of(objective, found.values, covariance)
-    calibrated = replace(twin, interfaces=Interfaces.from_values(found.values), scales=found.scales)
+    calibrated = twin.with_interfaces(Interfaces.from_values(found.values), found.scales)
     fits, spectra, waveforms = _compared(objective, twin, calibrated)
     return Calibration(
         twin=calibrated,

@@ -119,7 +119,7 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
     )
 
 
-RECESS = SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24))
+RECESS = SwashPlateDefect(depth=mm(0.055), length=mm(30), width=mm(24))
 """The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm of swash plate wear,
 Grundfos BMP manual). At the paper's 0.6 mm every window would be told apart by its level alone."""
 
@@ -141,7 +141,7 @@ def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault 
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))
     if label == "cylinder_block":
-        return BoreDefect(depth=um(260) * spread, bore=int(rng.integers(7)), half_width=deg(rng.uniform(36, 44)))
+        return BoreDefect(depth=um(280) * spread, bore=int(rng.integers(7)), half_width=deg(rng.uniform(36, 44)))
     if label == "valve_plate":
         if rng.random() < 0.5:
             return DamScratch(area=0.8e-6 * spread)

@@ -53,7 +53,7 @@ class CaseOneSettings:
     """Class of the scarce cell."""
     pressure: float = MPa(15)
     """Discharge pressure of the scarce cell and of the test [Pa]."""
-    fault: Fault = field(default_factory=lambda: SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24)))
+    fault: Fault = field(default_factory=lambda: SwashPlateDefect(depth=mm(0.055), length=mm(30), width=mm(24)))
     """The defect as it was machined, which the twin simulates."""
     pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))
     """Parameter set of the twin."""
@@ -233,7 +233,7 @@ def split_case_one(recordings: Sequence[Recording], settings: CaseOneSettings, s
                 f"Case I needs two recordings of {order[0].label} at {settings.pressure / 1e6:g} MPa of specimen "
                 f"{order[0].specimen}, one to train and one to test; there is one, {order[0].recording_id}."
             )
-        kept = order[: max(1, len(order) // 2)]
+        kept = order[: len(order) - max(1, len(order) // 3)] if len(order) > 1 else order
         if at_test:
             same |= {r.recording_id for r in order[len(kept) :]}
         if at_test and order[0].label == settings.scarce:

@@ -465,3 +465,47 @@ def test_the_version_is_the_package_s() -> None:
 def test_python_m_is_the_same_command() -> None:
     done = subprocess.run([sys.executable, "-m", "swashtwin", "pump"], capture_output=True, text=True, check=False)
     assert "show" in done.stdout + done.stderr
+
+
+CWRU = ("label=label", "sample_rate=fs_hz", "speed=rpm_nominal", "specimen=bearing_id", "channels=variables")
+
+
+@pytest.mark.parametrize(
+    ("name", "facts", "length", "classes"),
+    [
+        (
+            "pump_cavitation",
+            ("--include", "recordings/06_[12]_*", "--include", "recordings/10_[12]_*", "--column",
+             "speed=speed_rpm_nominal", "--unit", "1"),
+            1024,
+            {"healthy", "cavitation100"},
+        ),
+        (
+            "cwru",
+            (
+                *(word for pattern in ("B007", "IR007", "OR007at6") for load in (0, 1)
+                  for word in ("--include", f"drive_end_12k/*_{pattern}_load{load}_*")),
+                *(word for column in CWRU for word in ("--column", column)),
+                "--unit", "g", "--names", "drive_end",
+            ),
+            2048,
+            {"ball", "inner_race", "outer_race"},
+        ),
+    ],
+)  # fmt: skip
+def test_public_recordings_go_the_whole_way(
+    public_data: Path, tmp_path: Path, name: str, facts: tuple[str, ...], length: int, classes: set[str]
+) -> None:
+    folder = public_data / name
+    index = tmp_path / "recordings.toml"
+    told = run_json("index", folder, "--table", folder / "files.csv", "--out", index, *facts)
+    assert set(told["classes"]) == classes
+    model = tmp_path / "m.safetensors"
+    run("train", index, "--out", model, "--test-fraction", 0.4, "--length", length, *TINY)
+    scores = run_json("evaluate", model, index, "--level", "L2")
+    assert set(scores["classes"]) == classes
+    assert scores["n_recordings"] >= len(classes)
+    for verdict in run_json("diagnose", model, index)["diagnoses"]:
+        assert verdict["label"] in classes
+        warned = "proves nothing" in " ".join(verdict["notes"])
+        assert warned == (verdict["recording_id"] not in scores["recordings"])

@@ -39,7 +39,7 @@ def facts(draw: st.DrawFn) -> dict[str, Any]:
     if draw(st.booleans()):
         pressure = st.floats(0.2e6, 1e8)
         condition = {
-            "speed": draw(st.floats(1.0, 2000.0)),
+            "speed": draw(st.floats(1.0, 800.0)),
             "discharge_pressure": draw(pressure),
             "suction_pressure": draw(st.floats(1e4, 1.9e5)),
             "oil_temperature": draw(st.floats(240.0, 420.0)),

@@ -34,11 +34,10 @@ class OperatingCondition:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
-        if self.speed > 2100:
+        if self.speed > 8000 * math.pi / 30:
             raise InputError(
-                f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above any axial piston "
-                "pump's. "
-                "Speeds are in rad/s: 860 rev/min is rpm(860)."
+                f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above 8000 rev/min, which "
+                "no industrial axial piston pump reaches. Speeds are in rad/s: 860 rev/min is rpm(860)."
             )
         if self.discharge_pressure <= self.suction_pressure:
             raise InputError(

@@ -9,8 +9,10 @@ derivation, `docs/physics.md`, and the anchors cited there; the swash plate defe
 
 import difflib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Literal, TypeVar
+from types import MappingProxyType
+from typing import ClassVar, Literal, TypeVar, get_args, get_origin
 
 from swashtwin.errors import InputError
 
@@ -52,7 +54,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
         return word
     if ALIASES.get(word) in classes:
         return ALIASES[word]
-    near = difflib.get_close_matches(word, [*classes, *ALIASES], n=1, cutoff=0.3)
+    known = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.3)
     hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 
@@ -65,12 +68,24 @@ class _Fault:
     """Shared validation and scaling of severities."""
 
     label: ClassVar[str]
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Length [m] above which a dimension can only be a slip of the unit."""
 
     def __post_init__(self) -> None:
+        kind = type(self).__name__
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float | int) and not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{type(self).__name__}.{item.name} ({value:g}) must be zero or a positive number.")
+                raise InputError(f"{kind}.{item.name} ({value:g}) must be zero or a positive number.")
+            if get_origin(item.type) is Literal and value not in get_args(item.type):
+                words = ", ".join(get_args(item.type))
+                raise InputError(f"{kind}.{item.name} ({value!r}) must be one of {words}.")
+        for name, limit in self.longest.items():
+            if getattr(self, name) > limit:
+                raise InputError(
+                    f"{kind}.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. "
+                    "Lengths are in meters: 30 mm is mm(30)."
+                )
 
     @property
     def severity(self) -> float:
@@ -90,6 +105,7 @@ class SwashPlateDefect(_Fault):
     """
 
     label: ClassVar[str] = "swash_plate"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02, "length": 0.3, "width": 0.3})
 
     depth: float
     """Depth [m]; the paper's is 0.6 mm."""
@@ -113,12 +129,6 @@ class SwashPlateDefect(_Fault):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, limit in (("depth", 0.02), ("length", 0.3), ("width", 0.3)):
-            if getattr(self, name) > limit:
-                raise InputError(
-                    f"SwashPlateDefect.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. "
-                    "Lengths are in meters: 30 mm is mm(30)."
-                )
         if self.length == 0 or self.width == 0:
             raise InputError("SwashPlateDefect.length and width must be positive.")
 
@@ -133,6 +143,7 @@ class PistonWear(_Fault):
     """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per revolution."""
 
     label: ClassVar[str] = "piston"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.002})
 
     clearance: float
     """Added radial clearance [m]; 25...60 um is moderate to severe."""
@@ -148,6 +159,7 @@ class BoreDefect(_Fault):
     """
 
     label: ClassVar[str] = "cylinder_block"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02})
 
     depth: float
     """Depth [m]; 50...300 um."""
@@ -195,6 +207,7 @@ class ValvePlateWear(_Fault):
     """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and is softer."""
 
     label: ClassVar[str] = "valve_plate"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"film_increase": 0.002})
 
     film_increase: float
     """Added film thickness [m]; 5...15 um."""
@@ -236,6 +249,7 @@ class LooseSlipper(_Fault):
     """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
 
     label: ClassVar[str] = "loose_slipper"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})
 
     clearance: float
     """Play of the joint [m]; 0.05...0.2 mm."""

@@ -6,6 +6,7 @@ Pumps live in TOML files, which `pump_files` reads; ``pumps/25scy14-1b.toml`` is
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
 
@@ -36,6 +37,15 @@ LETTERS = MappingProxyType(
 
 def _unit(unit: str) -> Any:
     return field(metadata={"unit": unit})
+
+
+def _require_rising(plate: "ValvePlate", *names: str) -> None:
+    for lower, upper in pairwise(names):
+        if getattr(plate, lower) >= getattr(plate, upper):
+            raise InputError(
+                f"valve_plate.{lower} ({getattr(plate, lower):.4g}) must be below "
+                f"{upper} ({getattr(plate, upper):.4g})."
+            )
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,8 @@ class RotatingGroup:
             raise InputError(
                 f"rotating_group.swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg."
             )
+        if not 0 <= self.piston_eccentricity <= 1:
+            raise InputError(f"rotating_group.piston_eccentricity ({self.piston_eccentricity:g}) must lie in 0...1.")
         wall = 2 * self.pitch_radius * math.sin(math.pi / self.piston_count) - self.piston_diameter
         if wall <= 0:
             raise InputError(
@@ -84,6 +96,11 @@ class RotatingGroup:
             )
         if self.slipper_diameter <= self.pocket_diameter:
             raise InputError("rotating_group.slipper_diameter must exceed pocket_diameter.")
+        if not 1e-8 <= self.displacement <= 5e-3:
+            raise InputError(
+                f"rotating_group: piston_diameter, pitch_radius and swash_angle give {self.displacement * 1e6:.4g} mL "
+                "per revolution, outside 0.01...5000 mL; look for a slip of the unit."
+            )
 
     @property
     def piston_area(self) -> float:
@@ -132,6 +149,16 @@ class ValvePlate:
     """Mean radius r_v of the film [m]."""
     balance_ratio: float = _unit("1")
     """Kidney and film force over piston force, B [1]."""
+
+    def __post_init__(self) -> None:
+        _require_rising(
+            self,
+            "inner_land_inner_radius",
+            "inner_land_outer_radius",
+            "outer_land_inner_radius",
+            "outer_land_outer_radius",
+        )
+        _require_rising(self, "suction_open", "suction_close", "discharge_open", "discharge_close")
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ and whoever reads a result can judge what it rests on.
 """
 
 import math
+import re
 import tomllib
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -55,50 +56,64 @@ def _quantity(entry: Any, unit: str, path: str, sources: dict[str, str]) -> Any:
         )
     if not str(entry.get("source", "")).strip():
         raise DataError(f'{path} has no source; add source = "..." so that others can judge the number.')
-    sources[path] = entry["source"]
+    sources[path] = str(entry["source"])
     value = entry["value"]
     if isinstance(value, list):
         return tuple(parse(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value))
     return parse(value, unit, name=path)
 
 
+def _refuse_unknown(table: dict[str, Any], known: tuple[str, ...], where: str) -> None:
+    for name in table:
+        if name not in known:
+            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(known)}.")
+
+
 def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
     if not isinstance(table, dict):
         raise DataError(f"[{path}] is missing or no table.")
     known = {item.name: item for item in fields(kind)}
-    for name in table:
-        if name not in known:
-            raise DataError(f"[{path}] has an unknown entry {name!r}; the entries are {', '.join(known)}.")
+    _refuse_unknown(table, tuple(known), f"[{path}]")
     values: dict[str, Any] = {}
     for name, item in known.items():
         if name not in table:
-            if item.default is MISSING:
-                raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
-            continue
+            raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
         value = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", sources)
+        if isinstance(value, tuple) != (item.type not in (int, float)):
+            wanted = "one quantity" if isinstance(value, tuple) else 'a list of quantities, ["...", "..."]'
+            raise DataError(f"{path}.{name} = {table[name]['value']!r} must be {wanted}.")
         numbers = value if isinstance(value, tuple) else (value,)
         signed = (kind, name) == (Bearings, "positions") or kind is Positions
         for number in numbers:
-            if not signed and number <= 0 and name not in MAY_BE_ZERO:
+            if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
                 raise InputError(f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive.")
+        if item.type is int and value != int(value):
+            raise InputError(f"{path}.{name} ({value:g}) must be a whole number.")
         values[name] = int(value) if item.type is int else value
     return kind(**values)
 
 
 def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
-    if not isinstance(tables, list) or not tables:
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise DataError("the pump has no [[sensors]]; give at least one with name, position and direction.")
-    sensors = []
+    sensors: list[Sensor] = []
     for i, table in enumerate(tables):
         path = f"sensors[{i}]"
         for key in ("name", "position", "direction"):
             if key not in table:
                 raise DataError(f"{path} lacks {key}.")
         position = _quantity(table["position"], "m", f"{path}.position", sources)
-        norm = math.hypot(*table["direction"])
-        if len(position) != 3 or len(table["direction"]) != 3 or norm == 0:
-            raise DataError(f"{path}: position and direction must have three components, direction not all zero.")
-        direction = tuple(component / norm for component in table["direction"])
+        direction = table["direction"]
+        if not all(isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)):
+            raise DataError(f"{path}: position and direction must be lists of three components.")
+        if not all(isinstance(component, (int, float)) for component in direction):
+            raise DataError(f"{path}.direction = {direction!r} must be bare numbers: it has no unit.")
+        norm = math.hypot(*direction)
+        if not (math.isfinite(norm) and norm > 0):
+            raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
+        direction = tuple(component / norm for component in direction)
+        if any(table["name"] == other.name for other in sensors):
+            raise DataError(f"{path}: another sensor is named {table['name']!r} already.")
         sensors.append(Sensor(name=str(table["name"]), position=position, direction=direction))
     return tuple(sensors)
 
@@ -114,7 +129,10 @@ def _text_of(name: str | Path) -> tuple[str, str]:
     if path.suffix == ".toml":
         if not path.is_file():
             raise MissingFileError(f"{path}: no such pump file.")
-        return path.read_text(encoding="utf-8"), str(path)
+        try:
+            return path.read_text(encoding="utf-8"), str(path)
+        except UnicodeDecodeError as cause:
+            raise DataError(f"{path}: not a text file in UTF-8.") from cause
     if str(name) not in available_pumps():
         known = ", ".join(available_pumps())
         raise MissingFileError(f"no pump named {str(name)!r}; there are {known}, or give a .toml file.")
@@ -141,8 +159,12 @@ def load_pump(name: str | Path) -> Pump:
         table = tomllib.loads(text)
         if table.get("format") != FORMAT:
             raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
+        _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors"), "the pump")
         parts = {key: _section(kind, table.get(key), key, sources) for key, kind in SECTIONS.items()}
         joints = table.get("interfaces", {})
+        if not isinstance(joints, dict):
+            raise DataError("[interfaces] is no table.")
+        _refuse_unknown(joints, tuple(item.name for item in fields(Interfaces)), "[interfaces]")
         parts["interfaces"] = Interfaces(
             **{
                 item.name: _section(Interface, joints.get(item.name), f"interfaces.{item.name}", sources)
@@ -167,12 +189,18 @@ def new_pump(name: str, *, like: str | Path = "25scy14-1b", folder: Path = Path(
     Raises
     ------
     InputError
-        The file exists already; nothing is overwritten.
+        The file exists already (nothing is overwritten), or the name is none for a file.
+    DataError, UnitError
+        Pump `like` is damaged.
     """
+    if not re.fullmatch(r"\w[\w.-]*", name):
+        raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
+    load_pump(like)
     text, origin = _text_of(like)
     target = Path(folder) / f"{name}.toml"
     if target.exists():
         raise InputError(f"{target} exists already; choose another name or remove it.")
-    old = tomllib.loads(text)["name"]
-    text = text.replace(f'name = "{old}"', f'name = "{name}"', 1)
-    return write_text(target, f"# Copied from {origin}; edit the values and their sources.\n{text}")
+    head, mark, tables = text.partition("\n[")
+    head = re.sub(r"(?m)^name\s*=.*\n?", "", head)
+    comment = f"# Copied from {origin}; edit the values and their sources.\n"
+    return write_text(target, f'{comment}{head.rstrip()}\nname = "{name}"\n{mark}{tables}')

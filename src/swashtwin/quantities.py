@@ -15,7 +15,7 @@ from dataclasses import fields, replace
 from types import MappingProxyType
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.errors import InputError, UnitError
+from swashtwin.errors import InputError
 from swashtwin.faults import (
     BoreDefect,
     DamScratch,
@@ -66,9 +66,6 @@ def read_condition(
     InputError
         No pump runs so.
     """
-    if "hz" in speed.lower():
-        turns = parse(speed, "Hz", name="speed") * 60
-        raise UnitError(f'speed = "{speed}" is a frequency; write it as "{turns:g} rpm".')
     given = {"speed": parse(speed, "rad/s", name="speed")}
     given["discharge_pressure"] = parse(discharge_pressure, "Pa", name="discharge_pressure")
     if oil_temperature is not None:

@@ -39,7 +39,7 @@ class Recording:
     """Whatever else the file said (source file, sensor, date)."""
 
     def __post_init__(self) -> None:
-        if self.signal.ndim != 2 or self.signal.shape[1] == 0:
+        if self.signal.ndim != 2 or self.signal.size == 0:
             raise DataError(f"{self.recording_id}: signal has shape {self.signal.shape}; it must be (channel, time).")
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise DataError(f"{self.recording_id}: sample_rate ({self.sample_rate!r} Hz) must be a positive number.")

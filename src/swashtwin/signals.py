@@ -37,6 +37,10 @@ def amplitude_spectrum(
     return frequency, np.sqrt(2 * power)
 
 
+_FLOOR_BINS = 8
+"""The noise under a line is judged from at least so many readings of the spectrum that no line asked for reaches."""
+
+
 @dataclass(frozen=True, eq=False)
 class OrderSpectrum:
     """Amplitudes of a signal at multiples of the shaft frequency."""
@@ -68,7 +72,8 @@ def order_spectrum(
     """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
 
     The power within the band, less the noise floor beside it, is that of one sine. A smear of `jitter` (relative) is
-    expected; the band never reaches half way to the next order asked for.
+    expected; the band never reaches half way to the next order asked for, and the floor is read off between the bands.
+    Lines that are in the signal but not asked for count as noise where they fall there.
 
     Parameters
     ----------
@@ -79,7 +84,7 @@ def order_spectrum(
     Raises
     ------
     InputError
-        The signal is too short, or an order lies above half the sample rate.
+        The signal is too short, or an order lies below 1 or above half the sample rate.
     """
     length = signal.shape[-1] // segments
     if length / sample_rate * shaft_frequency < 4:
@@ -87,6 +92,8 @@ def order_spectrum(
             f"the signal covers {signal.shape[-1] / sample_rate * shaft_frequency:.1f} revolutions; its orders need at "
             f"least {4 * segments}."
         )
+    if orders.min() < 1:
+        raise InputError(f"order {orders.min()} has no amplitude: lines begin at order 1.")
     if orders.max() * shaft_frequency * (1 + jitter) > sample_rate / 2:
         raise InputError(
             f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the sample rate "
@@ -94,16 +101,21 @@ def order_spectrum(
         )
     parts = signal[:, : segments * length].reshape(signal.shape[0], segments, length)
     frequency, density = scipy.signal.periodogram(parts, sample_rate, "hann", detrend="constant")
-    spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], orders]))))) * shaft_frequency
     line_width = frequency[1]
+    centers = orders * shaft_frequency
+    spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
+    halves = np.minimum(2.5 * line_width + jitter * centers, 0.45 * spacing)
+    free = np.arange(len(frequency)) > 1  # the mean that was taken away leaves a hole in the first two
+    for center, half in zip(centers, halves, strict=True):
+        free &= np.abs(frequency - center) > half
     power = np.empty((signal.shape[0], segments, len(orders)))
     floor = np.empty_like(power)
-    for i, order in enumerate(orders):
-        center = order * shaft_frequency
-        half = min(2.5 * line_width + jitter * center, 0.45 * spacing)
+    for i, (center, half) in enumerate(zip(centers, halves, strict=True)):
         distance = np.abs(frequency - center)
         inside = distance <= half
-        beside = (distance > half) & (distance <= max(2 * half, half + 6 * line_width))
+        beside = free & (distance <= max(2 * half, half + 6 * line_width))
+        if beside.sum() < _FLOOR_BINS:
+            beside = free & (distance <= np.sort(distance[free])[:_FLOOR_BINS].max(initial=0))
         level = np.median(density[..., beside], axis=-1) / math.log(2)  # a periodogram's median is ln 2 of its mean
         floor[..., i] = level * inside.sum() * line_width
         power[..., i] = density[..., inside].sum(axis=-1) * line_width - floor[..., i]
@@ -122,13 +134,12 @@ def synchronous_signal(
     """Signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad], which may advance unevenly.
 
     One revolution is tabulated on a grid of at least 32 points per shortest period and read off by interpolation; its
-    error is below 0.5 % of the highest line.
+    error is below 0.5 % of the sum of the lines' magnitudes.
     """
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
     spectrum = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
     spectrum[:, orders] = lines * (n_grid / 2)
-    if orders[0] == 0:
-        spectrum[:, 0] *= 2
+    spectrum[:, 0] *= 2
     revolution = np.fft.irfft(spectrum, n_grid, axis=-1)
     position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
     left = position.astype(np.int64) % n_grid
@@ -149,14 +160,22 @@ def add_noise(
     """
     power = signal.var(axis=-1, keepdims=True)
     scale = np.sqrt(power * 10 ** (-snr_db / 10))
-    return signal + scale * stream(seed, "noise", snr_db, *purpose).standard_normal(signal.shape)
+    return signal + scale * stream(seed, "noise", float(snr_db), *purpose).standard_normal(signal.shape)
 
 
 def band_limited(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, low: float, high: float
 ) -> Float[np.ndarray, "channel time"]:
-    """Signal between `low` and `high` [Hz], zero-phase Butterworth of order 4 in each direction."""
+    """Signal between `low` and `high` [Hz], zero-phase Butterworth of order 4 in each direction.
+
+    Raises
+    ------
+    InputError
+        No band: `low` must be positive, below `high`, and below half the sample rate.
+    """
     nyquist = sample_rate / 2
+    if not 0 < low < min(high, nyquist):
+        raise InputError(f"a band of {low:g}...{high:g} Hz is none at {sample_rate:g} Hz; it needs 0 < low < high.")
     if high >= 0.98 * nyquist:
         sos = scipy.signal.butter(4, low / nyquist, "highpass", output="sos")
     else:
@@ -169,9 +188,16 @@ def aligned(
 ) -> Float[np.ndarray, "channel time"]:
     """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels together.
 
-    `simulated` must be longer than `measured`; with one period more, every phase is tried.
+    With `simulated` one period longer than `measured`, every phase is tried.
+
+    Raises
+    ------
+    InputError
+        `simulated` is the shorter one.
     """
     length = measured.shape[-1]
+    if simulated.shape[-1] < length:
+        raise InputError(f"{simulated.shape[-1]} simulated readings are fewer than the {length} measured ones.")
     score = sum(scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True))
     start = int(np.argmax(score))
     return simulated[:, start : start + length]

@@ -12,13 +12,18 @@ Examples
 """
 
 import math
+import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from swashtwin.errors import UnitError
 
 if TYPE_CHECKING:
-    from pint import UnitRegistry
+    from pint import Unit, UnitRegistry
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
+_UNIT = re.compile(r"(?:1\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)-?[1-9](?!\w)|[%°*/·()]|\s)*")
+"""Names, products, quotients and powers of one digit: no second number, and nothing that takes long to work out."""
 
 
 def rpm(value: float) -> float:
@@ -65,42 +70,81 @@ def celsius(value: float) -> float:
 def _registry() -> "UnitRegistry":
     from pint import UnitRegistry
 
-    # "1 rpm" is an angular speed and "1 Hz" a frequency: both keep their own dimension, none is silently multiplied.
-    return UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry: UnitRegistry = UnitRegistry()
+    registry.define("@alias turn = rev = r")
+    return registry
+
+
+def _unit(text: str) -> "Unit | None":
+    """Unit that `text` names, or None where it names none."""
+    import tokenize
+
+    import pint
+
+    if not _UNIT.fullmatch(text):
+        return None
+    try:
+        return _registry().parse_units(text)
+    except (pint.errors.PintError, ValueError, AssertionError, KeyError, tokenize.TokenError):
+        return None
+
+
+def _dimension(unit: "Unit") -> str:
+    """Product of base units, in which a radian is one."""
+    return str(_registry().Quantity(1.0, unit).to_root_units().units)
+
+
+def _misfit(number: float, given: "Unit", unit: str) -> str:
+    """What is wrong with a quantity of another dimension than `unit`, and what to write."""
+    turns_per_second = {"1 / second": 1.0, "radian / second": 1 / (2 * math.pi)}
+    dimension = _dimension(given)
+    if unit in ("rad/s", "Hz") and dimension in turns_per_second:
+        turns = turns_per_second[dimension] * float(_registry().Quantity(number, given).to_root_units().magnitude)
+        if unit == "Hz":
+            return f'is an angular speed; write it as "{turns:g} Hz".'
+        return f'is a frequency; write it as "{turns * 60:g} rpm".'
+    if unit == "1":
+        return "is no plain number; write it without a unit."
+    return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
 
 
 def parse(text: str, unit: str, *, name: str = "value") -> float:
     """SI number of a quantity written with its unit.
 
+    Radians and turns count as a dimension: ``"14 Hz"`` is no angular speed, ``"860 rpm"`` no frequency, and ``"1 N*m"``
+    no stiffness in N m/rad. So a factor of 2 pi is never put in or left out silently.
+
     Parameters
     ----------
-    text : quantity such as ``"31 mm"``; ``"1"`` is accepted only where `unit` is ``"1"`` (a plain number).
-    unit : SI unit it is wanted in, such as ``"m"``.
+    text : one number, its decimal mark a point, and its unit: ``"31 mm"``; a number alone only where `unit` is ``"1"``.
+    unit : SI unit it is wanted in, such as ``"m"``; ``"1"`` is a plain number.
     name : how the error message calls it.
 
     Raises
     ------
     UnitError
-        No unit, an unknown unit, or a unit of another dimension.
+        No number, no unit, an unknown unit, or one of another dimension.
+
+    Examples
+    --------
+    >>> parse("14 Hz", "rad/s", name="speed")
+    Traceback (most recent call last):
+    ...
+    swashtwin.errors.UnitError: speed = '14 Hz' is a frequency; write it as "840 rpm".
     """
-    import tokenize
-
-    import pint
-
+    suffix = "" if unit == "1" else f" {unit}"
     if not isinstance(text, str):
-        raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text} {unit}".')
-    try:
-        quantity: Any = _registry().Quantity(text)
-    except (pint.errors.PintError, ValueError, AssertionError, AttributeError, TypeError, tokenize.TokenError) as cause:
-        raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31 {unit}".') from cause
-    if quantity.unitless and unit not in ("1", "rad"):
-        raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {unit}".')
-    try:
-        value = float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
-    except (pint.errors.DimensionalityError, TypeError) as cause:
-        raise UnitError(
-            f"{name} = {text!r} is no quantity in {unit}; write it in {unit} or a multiple of it."
-        ) from cause
+        raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text}{suffix}".')
+    match = _QUANTITY.fullmatch(text)
+    given, wanted = _unit(match[2]) if match else None, _unit(suffix.strip())
+    if match is None or given is None or wanted is None:
+        raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
+    if suffix and not match[2]:
+        raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text}{suffix}".')
+    number = float(match[1])
+    if _dimension(given) != _dimension(wanted):
+        raise UnitError(f"{name} = {text!r} {_misfit(number, given, unit)}")
+    value = float(_registry().Quantity(number, given).to(wanted).magnitude)
     if not math.isfinite(value):
         raise UnitError(f"{name} = {text!r} is not finite.")
     return float(f"{value:.15g}")  # 1e-3 * 31 in binary is 0.031 again

@@ -190,8 +190,6 @@ def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> Operatin
         if text is None:
             continue
         given[name] = parse(text, QUANTITIES[name], name=f"{where}: {name}")
-        if name == "speed" and "hz" in text.lower():
-            raise UnitError(f'{where}: speed = "{text}" is a frequency; write it as "{given[name] * 60:g} rpm".')
     if "speed" in given and "discharge_pressure" in given:
         try:
             return OperatingCondition(**given)

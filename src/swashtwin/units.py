@@ -85,7 +85,7 @@ def _unit(text: str) -> "Unit | None":
         return None
     try:
         return _registry().parse_units(text)
-    except (pint.errors.PintError, ValueError, AssertionError, KeyError, tokenize.TokenError):
+    except (pint.errors.PintError, ValueError, TypeError, AssertionError, KeyError, tokenize.TokenError):
         return None
 
 
@@ -108,7 +108,7 @@ def _misfit(number: float, given: "Unit", unit: str) -> str:
     return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
 
 
-def parse(text: str, unit: str, *, name: str = "value") -> float:
+def parse(text: object, unit: str, *, name: str = "value") -> float:
     """SI number of a quantity written with its unit.
 
     Radians and turns count as a dimension: ``"14 Hz"`` is no angular speed, ``"860 rpm"`` no frequency, and ``"1 N*m"``

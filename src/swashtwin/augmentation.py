@@ -32,7 +32,7 @@ class Variation:
     """Half-width of the uniform spread of the speed, relative."""
     pressure: float = 0.03
     """Half-width of the uniform spread of the discharge pressure, relative."""
-    severity: float = 0.15
+    severity: float = 0.2
     """Standard deviation of the logarithm of the fault's severity."""
     angle: float = math.radians(0.5)
     """Standard deviation of the place of a swash plate defect [rad]."""

@@ -29,6 +29,7 @@ def train(
     epochs: Annotated[int | None, typer.Option(help="Passes over the windows; 200 by default.")] = None,
     batch_size: Annotated[int | None, typer.Option(help="Windows per step; 30 by default.")] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Step size of Adam; 1e-3 by default.")] = None,
+    decay: Annotated[str | None, typer.Option(help="none (default), or cosine: how the rate falls.")] = None,
     weight_decay: Annotated[float | None, typer.Option(help="Weight decay; 0 by default.")] = None,
     normalization: Annotated[
         str | None, typer.Option(help="Scaling per window (default), recording, set, or none.")
@@ -73,7 +74,7 @@ def train(
         class_weights=class_weights,
         **given(
             epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
-            normalization=normalization,
+            decay=decay, normalization=normalization,
         ),
     )  # fmt: skip
     shape = given(

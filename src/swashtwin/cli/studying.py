@@ -41,7 +41,7 @@ def demo(
         note(f"using the rig that lies in {folder}")
     else:
         with whole_folder(folder), progress("recording on the virtual rig") as bar:
-            build_rig(folder, seed=seed, progress=bar)
+            build_rig(folder, seed=seed, jobs=jobs, progress=bar)
     with resumable(f"the rig in {folder} is whole, and the same command takes it up"):
         result = _case_one(read_recordings(folder), "quick", [seed], jobs, out / "report")
     tell(result, as_json, lambda: _show_study(result))

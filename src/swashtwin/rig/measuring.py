@@ -112,7 +112,7 @@ def _flow_noise(run: Run, n: int, sample_rate: float, rng: np.random.Generator) 
     return noise * FLOW_NOISE * math.sqrt(run.condition.discharge_pressure / 10e6)
 
 
-FLOW_NOISE = 0.32
+FLOW_NOISE = 0.25
 """Standard deviation [m/s^2] of the flow noise at 10 MPa before the housing colors it."""
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import torch
+from joblib import Parallel, delayed
 
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
@@ -75,7 +77,8 @@ def _run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
         discharge_pressure=slot.pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )
-    return Run(specimen, condition, draw_fault(slot.label, slot.specimen, seed, slot.name))
+    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
+    return Run(specimen.reassembled(seed, slot.name), condition, fault)
 
 
 def _recording(slot: _Slot, run: Run, signal: np.ndarray) -> Recording:
@@ -97,7 +100,7 @@ def _recording(slot: _Slot, run: Run, signal: np.ndarray) -> Recording:
 
 
 def rig_recordings(
-    seed: int, size: RigSize, *, labels: Sequence[str] = CLASSES, batch: int = 30
+    seed: int, size: RigSize, *, labels: Sequence[str] = CLASSES, batch: int = 30, jobs: int = 1
 ) -> Iterator[tuple[Recording, Run]]:
     """Recordings of the rig, one by one, each with the truth behind it.
 
@@ -106,19 +109,30 @@ def rig_recordings(
 
     Parameters
     ----------
-    seed : addresses every draw; the same seed gives the same recordings, in any order and batch.
+    seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
     labels : classes to record.
     batch : recordings computed together.
+    jobs : processes that compute batches side by side; the readings do not depend on it.
     """
     nominal = load_pump("25scy14-1b")
     fleet = {name: draw_specimen(nominal, name, seed) for name in {slot.specimen for slot in _slots(size)}}
     wanted = [slot for slot in _slots(size) if slot.label in labels]
-    for first in range(0, len(wanted), batch):
-        slots = wanted[first : first + batch]
-        runs = [_run(slot, fleet[slot.specimen], seed) for slot in slots]
-        signals = measure(runs, size.duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
-        for slot, run, signal in zip(slots, runs, signals, strict=True):
-            yield _recording(slot, run, signal), run
+    batches = [wanted[first : first + batch] for first in range(0, len(wanted), batch)]
+    taken = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], size.duration, seed)
+        for slots in batches
+    )
+    for some in taken:
+        yield from some
+
+
+def _measure_batch(
+    slots: Sequence[_Slot], specimens: Sequence[Specimen], duration: float, seed: int
+) -> list[tuple[Recording, Run]]:
+    torch.set_num_threads(1)
+    runs = [_run(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
+    signals = measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
+    return [(_recording(slot, run, signal), run) for slot, run, signal in zip(slots, runs, signals, strict=True)]
 
 
 def _truth(run: Run) -> dict[str, object]:
@@ -126,6 +140,7 @@ def _truth(run: Run) -> dict[str, object]:
     return {
         "specimen": run.specimen.name,
         "condition": asdict(run.condition),
+        "values": run.specimen.true_values(),
         "fault": None if fault is None else {"kind": type(fault).__name__, **asdict(fault)},
     }
 
@@ -136,6 +151,7 @@ def build_rig(
     seed: int,
     size: str | RigSize = "small",
     file_format: str = "h5",
+    jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Index file of a virtual rig written to `folder`.
@@ -149,6 +165,7 @@ def build_rig(
     seed : which fleet.
     size : name in `SIZES`, or a size of one's own.
     file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
+    jobs : processes that work side by side.
     progress : called with recordings done and in all.
 
     Raises
@@ -164,17 +181,13 @@ def build_rig(
     plan = SIZES[size] if isinstance(size, str) else size
     total = len(_slots(plan))
     kept, files, runs, fleet = [], [], {}, {}
-    for recording, run in rig_recordings(seed, plan):
+    for recording, run in rig_recordings(seed, plan, jobs=jobs):
         path = folder / run.specimen.name / f"{recording.recording_id}.{file_format}"
         write_recording(recording, path)
         kept.append(recording)
         files.append(path)
         runs[recording.recording_id] = _truth(run)
-        fleet[run.specimen.name] = {
-            "values": run.specimen.true_values(),
-            "mount": run.specimen.mount,
-            "bearing": run.specimen.bearing,
-        }
+        fleet[run.specimen.name] = {"mount": run.specimen.mount, "bearing": run.specimen.bearing}
         if progress:
             progress(len(kept), total)
     truth = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "specimens": fleet, "recordings": runs}

@@ -78,6 +78,8 @@ def fit(
         held = None if validation is None else _tensors(validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         for number in range(len(history) + 1, settings.epochs + 1):
+            for group in optimizer.param_groups:
+                group["lr"] = settings.learning_rate_in(number)
             loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings.batch_size, seed, number)
             history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
             if checkpoint is not None:

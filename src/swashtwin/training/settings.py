@@ -8,6 +8,9 @@ from swashtwin.errors import InputError
 NORMALIZATIONS = ("window", "recording", "set", "none")
 """Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
 
+DECAYS = ("none", "cosine")
+"""How the learning rate changes over the epochs."""
+
 
 @dataclass(frozen=True)
 class TrainingSettings:
@@ -23,6 +26,9 @@ class TrainingSettings:
     """Windows per step."""
     learning_rate: float = 1e-3
     """Step size of Adam."""
+    decay: str = "none"
+    """``"none"`` keeps the learning rate, as the paper does; ``"cosine"`` lets it fall to nothing over the epochs (our
+    addition), so that the last epoch does not depend on where its last steps jumped."""
     weight_decay: float = 0.0
     """Factor of the squared weights in Adam's gradient."""
     class_weights: bool = False
@@ -41,8 +47,22 @@ class TrainingSettings:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
+        if self.decay not in DECAYS:
+            raise InputError(f"decay {self.decay!r} is none of {', '.join(DECAYS)}.")
         if self.normalization not in NORMALIZATIONS:
             raise InputError(f"normalization {self.normalization!r} is none of {', '.join(NORMALIZATIONS)}.")
+
+    def learning_rate_in(self, epoch: int) -> float:
+        """Learning rate in `epoch`, the first being 1.
+
+        Examples
+        --------
+        >>> [round(TrainingSettings(epochs=3, decay="cosine").learning_rate_in(epoch), 5) for epoch in (1, 2, 3)]
+        [0.001, 0.00075, 0.00025]
+        """
+        if self.decay == "none":
+            return self.learning_rate
+        return self.learning_rate * (1 + math.cos(math.pi * (epoch - 1) / self.epochs)) / 2
 
 
 PAPER_TRAINING = TrainingSettings()

@@ -219,7 +219,8 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
 def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swashtwin.rig.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
     monkeypatch.setattr("swashtwin.rig.writing.PRESSURES", (MPa(15),))
-    told = run_json("rig", tmp_path / "rig", "--seed", 3, "--format", "csv")
+    monkeypatch.chdir(tmp_path)
+    told = run_json("rig", "rig", "--seed", 3, "--format", "csv")
     report = run_json("inspect", told["index"])
     assert len(report["recordings"]) == 5
     assert not report["has_errors"]

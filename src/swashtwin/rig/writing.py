@@ -185,7 +185,7 @@ def build_rig(
         path = folder / run.specimen.name / f"{recording.recording_id}.{file_format}"
         write_recording(recording, path)
         kept.append(recording)
-        files.append(path)
+        files.append(path.relative_to(folder))
         runs[recording.recording_id] = _truth(run)
         fleet[run.specimen.name] = {"mount": run.specimen.mount, "bearing": run.specimen.bearing}
         if progress:

@@ -1,0 +1,86 @@
+"""How much nearer to the virtual rig's recordings a calibrated twin is than the nominal one.
+
+    python benchmarks/rig_calibration.py --fleets 5 --json
+
+Each pump of each fleet is calibrated on its swash plate recordings at 10 MPa. Errors are those on these recordings
+(``calibration``) and on its recordings at 15 MPa, which the calibration never saw (``held_out``). Figures on the
+virtual rig say nothing about a real pump (docs/rig.md).
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+
+import torch
+from joblib import Parallel, delayed
+
+from swashtwin.calibration import IPINN, Calibrator, GaussNewton, calibrate, measure, objective_of
+from swashtwin.calibration.agreement import Agreement, agreement
+from swashtwin.pump_files import load_pump
+from swashtwin.recording import Recording
+from swashtwin.rig import SIZES, rig_recordings
+from swashtwin.rig.fleet import RECESS
+from swashtwin.studies.result import spread
+from swashtwin.twin import Twin
+from swashtwin.units import MPa
+
+METHODS: dict[str, Calibrator] = {
+    "ipinn": IPINN(),
+    "ipinn_improved": IPINN.improved(),
+    "gauss_newton": GaussNewton(),
+    "gauss_newton_nuisances": GaussNewton(nuisances=("mount", "bearing", "excitation", "sensor")),
+}
+METRICS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
+
+
+def agreement_with(twin: Twin, recordings: Sequence[Recording]) -> Agreement:
+    """How near `twin`, taken to the recordings' condition, is to them."""
+    assert recordings[0].condition is not None
+    there = twin.at(recordings[0].condition)
+    measurement = measure(there, recordings)
+    with torch.no_grad():
+        scales = torch.tensor(there.scales.values(), dtype=torch.float64)
+        amplitude = objective_of(there, measurement).amplitude(there.values, scales=scales).numpy()
+    return agreement(measurement, there, amplitude)[0]
+
+
+def of_pump(recordings: Sequence[Recording]) -> dict[tuple[str, str], Agreement]:
+    """Agreement of the nominal and of each calibrated twin of one pump, on both sets of recordings."""
+    torch.set_num_threads(1)
+    at = {p: [r for r in recordings if r.condition and r.condition.discharge_pressure == p] for p in (MPa(10), MPa(15))}
+    condition = at[MPa(10)][0].condition
+    assert condition is not None
+    nominal = Twin(load_pump("25scy14-1b"), condition, RECESS)
+    twins = {"nominal": nominal}
+    twins |= {name: calibrate(nominal, at[MPa(10)], method=method).twin for name, method in METHODS.items()}
+    tests = {"calibration": at[MPa(10)], "held_out": at[MPa(15)]}
+    return {(twin, test): agreement_with(twins[twin], of) for twin in twins for test, of in tests.items()}
+
+
+def main() -> None:
+    """Print a table, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fleets", type=int, default=5, help="seeds 0... of the rig")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    asked = parser.parse_args()
+    pumps: list[list[Recording]] = []
+    for seed in range(asked.fleets):
+        taken = [r for r, _ in rig_recordings(seed, SIZES["small"], labels=("swash_plate",), jobs=asked.jobs)]
+        pumps += [[r for r in taken if r.specimen == name] for name in sorted({str(r.specimen) for r in taken})]
+    found = Parallel(n_jobs=asked.jobs)(delayed(of_pump)(pump) for pump in pumps)
+    rows = [
+        {"twin": twin, "test": test}
+        | {metric: spread([getattr(one[twin, test], metric) for one in found]) for metric in METRICS}
+        for twin, test in found[0]
+    ]
+    if asked.json:
+        print(json.dumps({"rows": rows, "pumps": len(pumps), "fleets": asked.fleets}))
+        return
+    for row in rows:
+        told = "  ".join(f"{metric} {row[metric]['mean']:.3f} +- {row[metric]['std']:.3f}" for metric in METRICS)
+        print(f"{row['test']:12s} {row['twin']:24s} {told}")
+
+
+if __name__ == "__main__":
+    main()

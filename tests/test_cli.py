@@ -213,7 +213,7 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
     assert "<html" in Path(told["report"]).read_text(encoding="utf-8")
     again = run("study", "case1", tmp_path / "rig-0", "--jobs", 1)
     assert "calibrated" in again.stdout
-    assert "no figure here says" in " ".join(again.stdout.split())
+    assert "No figure here says" in " ".join(again.stdout.split())
 
 
 def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

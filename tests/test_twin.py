@@ -19,6 +19,7 @@ from swashtwin.faults import (
     TiltedBlockFace,
     ValvePlateWear,
 )
+from swashtwin.forces import excitation_lines, fault_forces
 from swashtwin.integrators import RK4, rk4_trajectory
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.twin import Scales, Twin, prepare
@@ -88,6 +89,21 @@ def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
     assert off_piston_pass(twin)[0] == pytest.approx(share, rel=0.03)
 
 
+def test_a_loose_slipper_is_heard_between_the_piston_pass_lines_in_the_way_its_force_points(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    healthy, loose = Twin(pump, at_15), Twin(pump, at_15, LooseSlipper(mm(0.2)))
+    assert 1e-4 < off_piston_pass(loose)[0] < 6e-3
+    assert off_piston_pass(healthy)[0] < 1e-6
+    farther = Twin(pump, at_15, LooseSlipper(mm(0.4)))
+    assert off_piston_pass(farther)[0] > 2 * off_piston_pass(loose)[0]
+    lines = excitation_lines(pump, at_15, loose.fault, 3)
+    force = fault_forces(
+        pump, loose.structure, "T1", loose.fault, loose.values, at_15.speed * np.arange(4), lines
+    ).numpy()
+    np.testing.assert_allclose(force, -lines[:, None] * loose.structure.slipper_vector.numpy())
+
+
 def test_a_swash_plate_defect_puts_none_there(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
     assert off_piston_pass(twin)[0] < 1e-6
@@ -150,9 +166,20 @@ def test_an_rk4_run_stays_on_the_steady_state(pump: Pump, at_15: OperatingCondit
     assert float((marched - exact).abs().max() / exact.abs().max()) < 1e-7
 
 
-@pytest.mark.parametrize("fault", [SwashPlateDefect(**RECESS), BoreDefect(um(300)), ValvePlateWear(um(5))])
-def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
-    twin = Twin(pump, at_15, fault, bandwidth=450)  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("fault", "topology"),
+    [
+        (SwashPlateDefect(**RECESS), "T1"),
+        (SwashPlateDefect(**RECESS), "T2"),
+        (SwashPlateDefect(**RECESS, contact="physical"), "T1"),
+        (BoreDefect(um(300)), "T1"),
+        (ValvePlateWear(um(5)), "T1"),
+        (TiltedBlockFace(0.2), "T1"),
+    ],
+)
+def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition, fault: object, topology: str) -> None:
+    bandwidth = 220 if isinstance(fault, TiltedBlockFace) else 450
+    twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)  # type: ignore[arg-type]
     scale = twin.values
 
     def read(relative: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
@@ -169,6 +196,11 @@ def test_a_batch_of_values_is_each_by_itself(pump: Pump, at_15: OperatingConditi
     batch = twin.acceleration(values)
     for row, single in zip(batch, values, strict=True):
         torch.testing.assert_close(row, twin.acceleration(single))
+
+
+def test_twins_of_different_topologies_are_not_prepared_together(pump: Pump, at_15: OperatingCondition) -> None:
+    with pytest.raises(InputError, match="different topologies"):
+        prepare([Twin(pump, at_15), Twin(pump, at_15, topology="T2")])
 
 
 def test_twins_prepared_together_are_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:

@@ -1,6 +1,6 @@
 """Public names, and where each lives."""
 
-from .augmentation import PAPER_VARIATION as PAPER_VARIATION
+from .augmentation import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .augmentation import Variation as Variation
 from .augmentation import synthesize as synthesize
 from .baselines import FittedBaseline as FittedBaseline
@@ -98,11 +98,11 @@ from .windows import split_by_recording as split_by_recording
 
 __all__ = [
     "CLASSES",
+    "DEFAULT_VARIATION",
     "IPINN",
     "LEVELS",
     "NETWORKS",
     "PAPER_TRAINING",
-    "PAPER_VARIATION",
     "RK4",
     "VERSION",
     "ArtifactError",

@@ -23,9 +23,12 @@ from swashtwin.windows import WindowSet
 
 @dataclass(frozen=True)
 class Variation:
-    """What is drawn anew for each synthetic window; the shaft's phase always is.
+    """What is drawn anew for each synthetic window; the shaft's phase always is. Zero switches one off.
 
-    Widths follow physics.md, section 5, last paragraph. Zero switches one off.
+    Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
+    estimates of ours; those of severity and angle are also the virtual rig's own, so that results on the rig are those
+    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike, whatever a
+    calibration knew of each.
     """
 
     speed: float = 0.005
@@ -37,14 +40,14 @@ class Variation:
     angle: float = math.radians(0.5)
     """Standard deviation of the place of a swash plate defect [rad]."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
-    """Range of the oil temperature [K]; it acts on leakage."""
+    """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
     interfaces: float = 0.1
     """Standard deviation of the logarithm of each interface value."""
     sensor: float = 0.04
     """Standard deviation of each channel's gain, relative."""
 
 
-PAPER_VARIATION = Variation()
+DEFAULT_VARIATION = Variation()
 """The spread around the twin that is taken where nothing else is said."""
 
 
@@ -55,7 +58,7 @@ def synthesize(
     count: int,
     like: WindowSet,
     seed: int,
-    variation: Variation = PAPER_VARIATION,
+    variation: Variation = DEFAULT_VARIATION,
     background: bool = True,
 ) -> WindowSet:
     """Synthetic windows of one class, of the layout and the classes of `like`.

@@ -2,7 +2,7 @@
 
 A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
 is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the model is
-written in `loads` (chamber pressures) and `excitation` (displacements and impulses). Severities follow our own
+written in `loads` (chamber pressures), `excitation` (displacements, impulses) and `forces`. Severities follow our own
 derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's
 (DOI 10.1177/00202940261419020).
 """
@@ -188,7 +188,7 @@ class TiltedBlockFace(_Fault):
     """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and turns.
 
     K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion periodically
-    (`dynamics.periodic_terms`).
+    (`forces.periodic_terms`).
     """
 
     label: ClassVar[str] = "cylinder_block"

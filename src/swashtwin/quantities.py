@@ -98,5 +98,7 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
             raise InputError(f"{name} has no dimension {key!r}; it has {', '.join(known)}.")
         unit = "rad" if (type(fault), key) in _ANGLES else _UNITS.get(key, "1")
         number = parse(text, unit, name=f"{name}'s {key}")
+        if known[key].type is int and number != int(number):
+            raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
         values[key] = int(number) if known[key].type is int else number
     return replace(fault, **values)  # type: ignore[arg-type]

@@ -214,6 +214,8 @@ def prepare(twins: Sequence[Twin]) -> None:
 
     The twins must share the topology; each keeps its own lines as `Twin.pressure`.
     """
+    if len({twin.topology for twin in twins}) > 1:
+        raise InputError("twins of different topologies cannot be prepared together; prepare each kind by itself.")
     most = max(twin.n_lines for twin in twins)
     lines = force_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
     for twin, row in zip(twins, lines, strict=True):

@@ -32,7 +32,7 @@ def load_calibration(path: Path | str) -> Calibration:
         if table["format"] != FORMAT:
             raise ArtifactError(f"its format is {table['format']!r}; this version reads {FORMAT!r}")
         return _calibration(table)
-    except (KeyError, TypeError, ValueError) as cause:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
         raise ArtifactError(f"{path}: not a calibration, or a damaged one: {cause!s}.") from cause
 
 

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, is_dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from swashtwin.calibration.search import Calibrator, Progress, Search
 from swashtwin.pump import Interfaces
 from swashtwin.recording import Recording
 from swashtwin.twin import Twin
+from swashtwin.version import VERSION
 
 
 def calibrate(
@@ -82,7 +82,7 @@ def calibrate(
         settings={**_settings(method), "band": list(measurement.band), "seed": seed},
         simulations=found.simulations,
         wall_s=time.perf_counter() - started,
-        version=_version(),
+        version=VERSION,
     )
 
 
@@ -138,10 +138,3 @@ def _settings(method: Calibrator) -> dict[str, Any]:
     if hasattr(method, "solver"):
         settings["solver"] = repr(method.solver)
     return {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()}
-
-
-def _version() -> str:
-    try:
-        return version("swashtwin")
-    except PackageNotFoundError:
-        return "unknown"

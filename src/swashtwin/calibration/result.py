@@ -32,7 +32,7 @@ class Calibration:
     estimates: tuple[Estimate, ...]
     """The six values, in the order of `pump.PARAMETERS`."""
     covariance: Float[np.ndarray, "6 6"]
-    """Covariance of the logarithms of the values; synthesis may draw from it."""
+    """Covariance of the logarithms of the values."""
     fit_before: Agreement
     """How near the nominal twin is to the recordings."""
     fit_after: Agreement

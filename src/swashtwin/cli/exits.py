@@ -1,6 +1,7 @@
 """How a command ends: its exit code, and one line for whoever waits."""
 
 import errno
+import os
 import shutil
 import traceback
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.errors import SwashTwinError
+from swashtwin.errors import InputError, SwashTwinError
 
 BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
 """Exit codes; 0 is done and 2 a wrong command line."""
@@ -35,6 +36,8 @@ class GuardedGroup(TyperGroup):
             raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
         except SwashTwinError as cause:
             raise self._exit(f"error: {_line(cause)}", BAD_DATA) from cause
+        except MemoryError as cause:
+            raise self._exit("error: not enough memory; ask for less at a time.", BAD_DATA) from cause
         except OSError as cause:
             if cause.errno == errno.EPIPE:
                 raise
@@ -57,6 +60,16 @@ class GuardedGroup(TyperGroup):
 
 def _line(cause: object) -> str:
     return " ".join(str(cause).split())
+
+
+def require_target(path: Path, *suffixes: str) -> None:
+    """Refuse a file that cannot be written, before the work that it is to hold is done."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; name a file, such as {path / ('result' + (suffixes or ('',))[0])}.")
+    if suffixes and path.suffix not in suffixes:
+        raise InputError(f"{path} must end in {' or '.join(suffixes)}.")
+    if path.parent.exists() and not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path.parent} cannot be written to; name a file elsewhere.")
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, tell
-from swashtwin.cli.exits import resumable
+from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.options import Index, Json, Length, Seed, given, list_of
 from swashtwin.cli.recordings import Group
 
@@ -50,15 +50,17 @@ def train(
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
     from swashtwin.diagnosis import save_classifier
     from swashtwin.networks import build_network
-    from swashtwin.readers import read_recordings
+    from swashtwin.readers import declared_classes, read_recordings
     from swashtwin.training import TrainingSettings, fit
     from swashtwin.windows import check_disjoint, cut_windows, load_windows, split_by_recording
 
+    require_target(out)
     added = [load_windows(path) for path in add or ()]
     manifest = {name for _, names in added for name in names}
     layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
     windows = cut_windows(
         read_recordings(source),
+        classes=None if added else declared_classes(source),
         stride=window_stride,
         allow_partial_revolution=allow_partial_revolution,
         **layout,

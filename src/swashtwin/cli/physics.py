@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import (
     Dimensions,
     FaultDepth,
@@ -118,9 +119,9 @@ def calibrate(
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
-    out: Annotated[Path, typer.Option(help="File to write; the values go beside it as .toml.")] = Path(
-        "calibration.json"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
+    ] = Path("calibration.json"),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -134,6 +135,8 @@ def calibrate(
     from swashtwin.recording import select
     from swashtwin.twin import Twin
 
+    values_file = out.with_name(f"{out.stem}-interfaces.toml")
+    require_target(out, ".json")
     if method is not Method.ipinn and epochs is not None:
         raise typer.BadParameter("belongs to --method ipinn.", param_hint="--epochs")
     condition = condition_of(speed, pressure, temperature)
@@ -149,7 +152,7 @@ def calibrate(
             progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
         )
     found.save(out)
-    values = found.save_interfaces(out.with_suffix(".toml"))
+    values = found.save_interfaces(values_file)
     kept = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "left_out", "notes")
     facts = found.to_dict()
     result = {"calibration": out, "interfaces": values, **{name: facts[name] for name in kept}}

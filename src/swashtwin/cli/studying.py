@@ -38,6 +38,7 @@ def demo(
 
     folder = out / f"rig-{seed}"
     if (folder / "recordings.toml").is_file():
+        _require_this_rig(folder)
         note(f"using the rig that lies in {folder}")
     else:
         with whole_folder(folder), progress("recording on the virtual rig") as bar:
@@ -45,6 +46,18 @@ def demo(
     with resumable(f"the rig in {folder} is whole, and the same command takes it up"):
         result = _case_one(read_recordings(folder), "quick", [seed], jobs, out / "report")
     tell(result, as_json, lambda: _show_study(result))
+
+
+def _require_this_rig(folder: Path) -> None:
+    from swashtwin.errors import DataError
+    from swashtwin.readers import read_recordings
+    from swashtwin.rig import RIG_VERSION, SIZES
+
+    recordings, plan = read_recordings(folder), SIZES["small"]
+    origin = recordings[0].attributes.get("origin", "")
+    whole = len(recordings) == plan.specimens * plan.repeats * 15
+    if not (origin.endswith(f"version {RIG_VERSION}") and whole):
+        raise DataError(f"{folder} holds other recordings than the demo's rig; delete it, or name another --out.")
 
 
 @studies.command("case1")

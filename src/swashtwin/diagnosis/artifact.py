@@ -26,7 +26,7 @@ VERSION = "1"
 """Version of the file's form; another one is refused."""
 
 
-def save_classifier(classifier: FittedClassifier, path: Path) -> Path:
+def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
     """`path`, after the classifier was written to it whole.
 
     Raises
@@ -47,7 +47,7 @@ def save_classifier(classifier: FittedClassifier, path: Path) -> Path:
     return Path(path)
 
 
-def load_classifier(path: Path) -> FittedClassifier:
+def load_classifier(path: Path | str) -> FittedClassifier:
     """The classifier that `save_classifier` wrote, on the CPU; its predictions are those of the one saved.
 
     Raises

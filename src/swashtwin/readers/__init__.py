@@ -22,7 +22,7 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
 from swashtwin.readers.assembly import read_recording
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, write_recording
-from swashtwin.readers.index import read_recordings, save_index, write_index
+from swashtwin.readers.index import declared_classes, read_recordings, save_index, write_index
 from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
 
@@ -30,6 +30,7 @@ __all__ = [
     "SUFFIXES",
     "Entry",
     "IndexProposal",
+    "declared_classes",
     "narrow_index",
     "propose_index",
     "read_recording",

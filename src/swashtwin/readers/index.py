@@ -84,6 +84,12 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     return write_text(Path(path), tomli_w.dumps(dict(index)))
 
 
+def declared_classes(path: str | Path) -> tuple[str, ...] | None:
+    """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
+    classes = _load(index_path(Path(path))).get("classes")
+    return None if classes is None else tuple(str(name) for name in classes)
+
+
 def index_path(path: Path) -> Path:
     """The index file: `path` itself, or ``recordings.toml`` in the folder `path`."""
     if path.is_dir():

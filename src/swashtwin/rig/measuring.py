@@ -137,13 +137,14 @@ def measure(
     seeds : seed and recording id of each run, which address its random streams.
     """
     cases = [LoadCase(run.specimen.pump, run.condition, run.fault, run.specimen.clearances) for run in runs]
-    n_lines = int(BANDWIDTH / max(run.condition.shaft_frequency for run in runs))
+    n_lines = int(BANDWIDTH / min(run.condition.shaft_frequency for run in runs))
     pressures = force_lines(cases, n_lines, topology=TOPOLOGY)
     readings = []
     for run, pressure, (seed, name) in zip(runs, pressures, seeds, strict=True):
         rng = stream(seed, "reading", name)
         n = round(duration * sample_rate)
-        orders = np.arange(1, n_lines + 1)
+        pressure = pressure[: int(BANDWIDTH / run.condition.shaft_frequency) + 1]  # no run depends on its neighbors
+        orders = np.arange(1, len(pressure))
         path = run.specimen.housing.response(orders * run.condition.shaft_frequency)
         angle = shaft_angle(run.condition, n, sample_rate, rng)
         signal = synchronous_signal(shell_lines(run, pressure) * path, orders, angle)

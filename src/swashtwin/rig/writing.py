@@ -156,8 +156,7 @@ def build_rig(
 ) -> Path:
     """Index file of a virtual rig written to `folder`.
 
-    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of swashtwin reads it but
-    those that compare a calibration with it.
+    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of swashtwin reads it.
 
     Parameters
     ----------
@@ -173,7 +172,7 @@ def build_rig(
     InputError
         The folder holds files already, or the size is unknown.
     """
-    folder = Path(folder)
+    folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
     if folder.exists() and any(folder.iterdir()):

@@ -156,6 +156,8 @@ def run_case_one(
         device="cpu",
         version=VERSION,
         command=command,
+        splits={str(trial.seed): trial.roles() for trial in trials},
+        fingerprints={str(trial.seed): trial.fingerprints() for trial in trials},
     )
 
 
@@ -168,6 +170,14 @@ class _Trial:
     tests: dict[str, WindowSet]
     calibrations: tuple[Calibration, ...]
     manifest: tuple[str, ...]
+
+    def roles(self) -> dict[str, list[str]]:
+        measured = {"train": self.sets["measured"], **self.tests}
+        roles = {name: sorted(set(windows.recording_id.tolist())) for name, windows in measured.items()}
+        return {**roles, "calibration": list(self.manifest)}
+
+    def fingerprints(self) -> dict[str, str]:
+        return {name: windows.fingerprint() for name, windows in {**self.sets, **self.tests}.items()}
 
     def cells(self) -> dict[str, dict[str, int]]:
         return {name: _cells(windows) for name, windows in {**self.sets, **self.tests}.items()}
@@ -368,6 +378,7 @@ def _origin(recordings: Sequence[Recording]) -> str:
     if not origins:
         return "Recordings from files of the user."
     return (
-        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and none "
-        "of its values, and no figure here says how well the method works on a real pump."
+        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and "
+        "the pump's drawing with the twin, and synthesis draws severities from the widths that the rig uses. No "
+        "figure here says how well the method works on a real pump."
     )

@@ -1,14 +1,14 @@
 """What a study found, and the JSON it is told in.
 
 The schema is stable: ``{"study", "size", "seeds", "rows", "rivals", "wall_s", "device", "version", "command",
-"origin", "settings", "cells"}``. Each row holds the factors that name it (such as ``training_set`` and ``level``) and,
-under ``accuracy``, ``recall``, ``f1``, ``g_mean``, ``recording_accuracy`` and ``scarce_recall``, ``{"mean", "std",
-"values"}`` over the seeds.
+"origin", "settings", "cells", "splits", "fingerprints", "calibrations"}``. Each row holds the factors that name it (such
+as ``training_set`` and ``level``) and, under ``accuracy``, ``recall``, ``f1``, ``g_mean``, ``recording_accuracy`` and
+``scarce_recall``, ``{"mean", "std", "values"}`` over the seeds.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,10 @@ class StudyResult:
     """Version of swashtwin."""
     command: str
     """Command that repeats it."""
+    splits: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    """Recording ids by role (``train``, ``calibration``, ``L2``, ``L4``) under each seed."""
+    fingerprints: dict[str, dict[str, str]] = field(default_factory=dict)
+    """SHA-256 of every training and test set under each seed."""
 
     def rows(self, outcomes: Sequence[Outcome] | None = None) -> list[dict[str, Any]]:
         """One row for each (classifier,) training set and level, in the order they were run."""
@@ -127,7 +131,20 @@ class StudyResult:
             "origin": self.origin,
             "settings": self.settings,
             "cells": self.cells,
+            "splits": self.splits,
+            "fingerprints": self.fingerprints,
+            "calibrations": [_calibration_row(one) for one in self.calibrations],
         }
+
+
+def _calibration_row(calibration: Calibration) -> dict[str, Any]:
+    return {
+        "pump": calibration.twin.pump.name,
+        "recording_ids": list(calibration.recording_ids),
+        "fit_before": asdict(calibration.fit_before),
+        "fit_after": asdict(calibration.fit_after),
+        "estimates": [asdict(estimate) for estimate in calibration.estimates],
+    }
 
 
 _METRICS = {

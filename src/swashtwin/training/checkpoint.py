@@ -61,11 +61,14 @@ def load_checkpoint(
         raise ArtifactError(
             f"{path} has the format {metadata.get('format')!r}, this version reads {FORMAT!r}; delete it to start anew."
         )
-    saved = json.loads(metadata["run"])
-    _require_same_run(path, saved["run"], json.loads(json.dumps(run)))
-    network.load_state_dict(_under("network.", tensors))
-    optimizer.load_state_dict({**optimizer.state_dict(), "state": _moments(_under("optimizer.", tensors))})
-    return tuple(Epoch(**epoch) for epoch in saved["history"])
+    try:
+        saved = json.loads(metadata["run"])
+        _require_same_run(path, saved["run"], json.loads(json.dumps(run)))
+        network.load_state_dict(_under("network.", tensors))
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": _moments(_under("optimizer.", tensors))})
+        return tuple(Epoch(**epoch) for epoch in saved["history"])
+    except (KeyError, TypeError, AttributeError, RuntimeError, json.JSONDecodeError) as cause:
+        raise ArtifactError(f"{path} is damaged ({type(cause).__name__}); delete it to start again.") from cause
 
 
 def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -64,6 +64,7 @@ def fit(
         Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
     """
     _require_fitting(network, windows, validation)
+    _require_device(device)
     used = {*windows.recording_id.tolist(), *([] if validation is None else validation.recording_id.tolist())}
     used |= {str(name) for name in manifest}
     run = _description(network, windows, settings, seed, validation, sorted(used), device)
@@ -98,6 +99,13 @@ def fit(
         pressures=_known(windows.cell_pressure),
         speeds=_known(windows.speed),
     )
+
+
+def _require_device(device: str) -> None:
+    kind = device.partition(":")[0]
+    if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
+        usable = "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
+        raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
 
 
 def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet | None) -> None:

@@ -1,9 +1,9 @@
 """What a study found, and the JSON it is told in.
 
 The schema is stable: ``{"study", "size", "seeds", "rows", "rivals", "wall_s", "device", "version", "command",
-"origin", "settings", "cells", "splits", "fingerprints", "calibrations"}``. Each row holds the factors that name it (such
-as ``training_set`` and ``level``) and, under ``accuracy``, ``recall``, ``f1``, ``g_mean``, ``recording_accuracy`` and
-``scarce_recall``, ``{"mean", "std", "values"}`` over the seeds.
+"origin", "settings", "cells", "splits", "fingerprints", "calibrations"}``. Each row holds the factors that name it
+(such as ``training_set`` and ``level``) and, under ``accuracy``, ``recall``, ``f1``, ``g_mean``,
+``recording_accuracy`` and ``scarce_recall``, ``{"mean", "std", "values"}`` over the seeds.
 """
 
 import math

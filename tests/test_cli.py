@@ -2,6 +2,7 @@
 
 import json
 import resource
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 from typer.main import get_command
 from typer.testing import CliRunner, Result
 
@@ -25,6 +27,7 @@ from swashtwin.training import TrainingSettings
 from swashtwin.units import MPa
 from swashtwin.windows import load_windows
 
+ROOT = Path(__file__).parents[1]
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
 DEFECT = ("--fault", "swash_plate", "--depth", "0.08 mm")
@@ -510,3 +513,47 @@ def test_public_recordings_go_the_whole_way(
         assert verdict["label"] in classes
         warned = "proves nothing" in " ".join(verdict["notes"])
         assert warned == (verdict["recording_id"] not in scores["recordings"])
+
+
+def test_the_readme_s_way_to_one_s_own_recordings_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files named by class and pressure, as the README says, and a new one as a 16-bit WAV."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "my-recordings"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for label, tone in (("normal", 100.0), ("swash_plate", 400.0)):
+        for repeat in (1, 2, 3):
+            time = np.arange(25600) / 25600
+            reading = np.sin(2 * np.pi * tone * time) + 0.1 * rng.standard_normal(time.size)
+            header = "acceleration_z"
+            np.savetxt(folder / f"{label}_15MPa_{repeat}.csv", reading, header=header, comments="", fmt="%.5f")
+    soundfile.write(tmp_path / "new-recording.wav", np.sin(np.arange(25600) / 10) / 2, 25600, subtype="PCM_16")
+    lines = [
+        line.replace(".venv/bin/swashtwin ", "")
+        for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith(".venv/bin/swashtwin ") and ("my-recordings" in line or "new-recording" in line)
+    ]
+    assert [line.split()[0] for line in lines] == ["index", "inspect", "train", "evaluate", "diagnose"]
+    for line in lines:
+        words = shlex.split(line.replace("--epochs 12", "--epochs 1"))
+        if words[0] == "diagnose":
+            words += ["--names", "acceleration_z"]
+        run(*words)
+    assert (tmp_path / "diagnosis" / "report.html").is_file()
+
+
+def test_an_index_of_no_matching_file_says_so(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x\n1\n2\n")
+    assert "no file whose path matches" in one_line(run("index", tmp_path, "--include", "*.wav", code=3))
+
+
+def test_a_target_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    line = one_line(run("train", tmp_path / "nowhere.toml", "--out", tmp_path, code=3))
+    assert "is a folder; name a file" in line
+    line = one_line(run("calibrate", tmp_path / "n.toml", *AT_15, "--out", tmp_path / "pump.toml", code=3))
+    assert "must end in .json" in line
+
+
+def test_a_fractional_piston_is_refused(tmp_path: Path) -> None:
+    words = ("--fault", "piston", "--dimension", "piston=1.5", "--out", tmp_path / "s.h5")
+    assert "must be a whole number" in one_line(run("simulate", *AT_15, *words, code=3))

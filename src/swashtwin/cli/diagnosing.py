@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, say, table, tell
-from swashtwin.cli.options import Channels, Index, Json, Names, SampleRate, Seed, Unit, given
+from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Names, SampleRate, Seed, Unit, given
 from swashtwin.cli.recordings import read_all
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ def diagnose(
     paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
     sample_rate: SampleRate = None,
     unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     names: Names = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
@@ -58,7 +59,9 @@ def diagnose(
     from swashtwin.report import write_report
 
     classifier = diagnosis.load_classifier(model)
-    facts = given(sample_rate=sample_rate, unit=unit, channels=channels, names=names)
+    facts = given(
+        sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
+    )
     verdicts = [diagnosis.diagnose(classifier, recording) for recording in read_all(paths, **facts)]
     page = None if report is None else write_report(*verdicts, folder=report)
 

@@ -35,6 +35,9 @@ Dimensions = Annotated[
 
 SampleRate = Annotated[str | None, typer.Option(help='Readings per second where files do not say: "25.6 kHz".')]
 Unit = Annotated[str | None, typer.Option(help='Unit of the readings where files do not say: "g", "m/s^2", "1".')]
+CalibrationFactor = Annotated[
+    str | None, typer.Option(help='What one unit in the file stands for (full scale of an integer WAV): "50 m/s^2".')
+]
 Channels = Annotated[list[str] | None, typer.Option(help="Column or variable to read, by name or pattern; repeatable.")]
 Names = Annotated[list[str] | None, typer.Option(help="What to call each of the channels; repeatable.")]
 

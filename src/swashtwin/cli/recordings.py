@@ -8,7 +8,18 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import BAD_DATA, whole_folder
-from swashtwin.cli.options import Channels, Index, Json, Names, SampleRate, Seed, Unit, given, pairs_of
+from swashtwin.cli.options import (
+    CalibrationFactor,
+    Channels,
+    Index,
+    Json,
+    Names,
+    SampleRate,
+    Seed,
+    Unit,
+    given,
+    pairs_of,
+)
 
 if TYPE_CHECKING:
     from swashtwin.recording import Recording
@@ -84,7 +95,10 @@ def index(
     unit: Unit = None,
     channels: Channels = None,
     names: Names = None,
+    calibration_factor: CalibrationFactor = None,
     resample: Annotated[str | None, typer.Option(help='Rate to resample everything to, such as "12 kHz".')] = None,
+    speed: Annotated[str | None, typer.Option(help='Shaft speed where nothing says it: "860 rpm".')] = None,
+    pressure: Annotated[str | None, typer.Option(help='Discharge pressure where nothing says it: "15 MPa".')] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an index that exists.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -102,7 +116,10 @@ def index(
         unit=unit,
         channels=channels or None,
         names=names or None,
+        calibration_factor=calibration_factor,
         resample=resample,
+        speed=speed,
+        discharge_pressure=pressure,
         index_folder=path.parent,
     )
     _refuse_existing(path, overwrite)
@@ -124,13 +141,14 @@ def inspect(
     paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
     sample_rate: SampleRate = None,
     unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     as_json: Json = False,
 ) -> None:
     """Name what is wrong with recordings before they are used. Exit code 3 where something must not be used."""
     from swashtwin.inspection import inspect_recordings
 
-    facts = given(sample_rate=sample_rate, unit=unit, channels=channels)
+    facts = given(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
     report = inspect_recordings(read_all(paths, **facts))
 
     def show() -> None:

@@ -46,6 +46,9 @@ def propose_index(
     channels: Sequence[str | int] | None = None,
     names: Sequence[str] | None = None,
     resample: str | None = None,
+    speed: str | None = None,
+    discharge_pressure: str | None = None,
+    calibration_factor: str | None = None,
     index_folder: str | Path | None = None,
 ) -> IndexProposal:
     """Index of every file below `folder` that can be read.
@@ -60,7 +63,8 @@ def propose_index(
     columns : which column of the table holds which key of an entry, such as ``{"specimen": "bearing_id"}``; keys that
         no entry has become attributes. Bare numbers are rpm, Hz, MPa and degC. ``file`` and ``label`` need no naming.
     include : patterns of relative paths to keep, such as ``"normal_48k/*"``; all where empty.
-    sample_rate, unit, channels, names, resample : facts for every file that does not say them itself.
+    sample_rate, unit, channels, names, resample, speed, discharge_pressure, calibration_factor : facts for every file
+        that does not say them itself.
     index_folder : where the index will lie, if not in `folder`.
 
     Raises
@@ -72,7 +76,8 @@ def propose_index(
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder.")
     told = {"unit": unit, "channels": list(channels) if channels else None, "names": list(names) if names else None}
-    told |= {"sample_rate": sample_rate, "resample": resample}
+    told |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
+    told |= {"speed": speed, "discharge_pressure": discharge_pressure}
     defaults = {key: value for key, value in told.items() if value is not None}
     if table is None:
         facts = {name: _from_name(name, label_pattern) for name in _files(folder)}
@@ -80,6 +85,8 @@ def propose_index(
         facts = _from_table(folder, Path(table), columns or {})
     if include:
         facts = {name: fact for name, fact in facts.items() if any(fnmatchcase(name, pattern) for pattern in include)}
+        if not facts:
+            raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
     entries, skipped = _checked(folder, facts, defaults, strict=table is not None)
     if not entries:
         reason = skipped[0] if skipped else f"supported are {', '.join(SUFFIXES)}."

@@ -146,7 +146,8 @@ class Impact:
     speed: float
     """Speed of the impact [m/s]."""
     impulse: float
-    """Impulse [N s]; positive where it presses the slipper onto the swash plate, negative where it pulls it off."""
+    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/physics.md, section 5, it acts as
+    -F g0, whose sense against the pressure's forces is open: only the two impacts' opposite signs are certain."""
 
 
 def impacts(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[Impact, Impact]:

@@ -246,7 +246,10 @@ class GrooveErosion(_Fault):
 
 @dataclass(frozen=True)
 class LooseSlipper(_Fault):
-    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
+    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution.
+
+    The impacts act on the shaft's axis, without their moment about it.
+    """
 
     label: ClassVar[str] = "loose_slipper"
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})

@@ -146,7 +146,7 @@ class Impact:
     speed: float
     """Speed of the impact [m/s]."""
     impulse: float
-    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/physics.md, section 5, it acts as
+    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/physics.md section 5 it acts as
     -F g0, whose sense against the pressure's forces is open: only the two impacts' opposite signs are certain."""
 
 

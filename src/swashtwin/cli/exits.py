@@ -47,6 +47,8 @@ class GuardedGroup(TyperGroup):
         except Exception as cause:
             if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
                 raise
+            if type(cause).__name__ == "SafetensorError":  # how safetensors tells of a full disk
+                raise self._exit(f"error: {_line(cause)}; nothing is half-written.", BAD_DATA) from cause
             if ctx.params.get("debug"):
                 typer.echo(traceback.format_exc(), err=True)
             line = f"unexpected {type(cause).__name__}: {_line(cause)} This is a bug: please report it with the "

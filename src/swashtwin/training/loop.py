@@ -69,7 +69,7 @@ def fit(
     used |= {str(name) for name in manifest}
     run = _description(network, windows, settings, seed, validation, sorted(used), device)
     normalization = Normalization.fitted(settings.normalization, windows)
-    with _random_state_kept(device), _deterministic(settings.deterministic):
+    with _random_state_kept(device), _deterministic(settings.deterministic), _one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
         optimizer = torch.optim.Adam(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
@@ -161,6 +161,17 @@ def _random_state_kept(device: str) -> Iterator[None]:
     place = torch.device(device)
     with torch.random.fork_rng(devices=[place.index or 0] if place.type == "cuda" else []):
         yield
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """One thread for kernels this small: two that spin on a busy machine take many times longer (docs/protocol.md)."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 @contextmanager

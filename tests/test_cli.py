@@ -268,6 +268,11 @@ def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, An
     assert "rms" in run(*words, "--solver", "rk4").stdout
 
 
+def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
+    words = ("simulate", "--duration", "0.2 s", "--out", tmp_path / "s.h5", *AT_15)
+    assert run_json(*words, "--calibration", chain["calibrate"]["calibration"])["label"] == "swash_plate"
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

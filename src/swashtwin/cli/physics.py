@@ -56,10 +56,11 @@ def simulate(
     pressure: Pressure,
     pump: PumpName = "25scy14-1b",
     calibration: Annotated[
-        Path | None, typer.Option(help="Take the twin of this calibration, at the speed and pressure given.")
+        Path | None,
+        typer.Option(help="Take the twin and fault of this calibration, at the speed and pressure given."),
     ] = None,
     temperature: Temperature = None,
-    fault: FaultName = "normal",
+    fault: FaultName = "",
     length: FaultLength = None,
     width: FaultWidth = None,
     depth: FaultDepth = None,
@@ -78,11 +79,12 @@ def simulate(
     from swashtwin.units import parse
 
     condition = condition_of(speed, pressure, temperature)
-    flaw = fault_of(fault, length, width, depth, dimensions)
+    flaw = fault_of(fault or "normal", length, width, depth, dimensions)
     if calibration is None:
         twin = Twin(load_pump(pump), condition, flaw)
     else:
-        twin = load_calibration(calibration).twin.at(condition).with_fault(flaw)
+        calibrated = load_calibration(calibration).twin.at(condition)
+        twin = calibrated.with_fault(flaw) if fault else calibrated
     recording = twin.simulate(
         parse(duration, "s", name="duration"),
         parse(sample_rate, "Hz", name="sample_rate"),

@@ -38,7 +38,7 @@ class Variation:
     severity: float = 0.2
     """Standard deviation of the logarithm of the fault's severity."""
     angle: float = math.radians(0.5)
-    """Standard deviation of the place of a swash plate defect [rad]."""
+    """Standard deviation of the place of a swash plate or bore defect [rad]."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
     """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
     interfaces: float = 0.1

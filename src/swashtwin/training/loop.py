@@ -38,7 +38,7 @@ def fit(
     """Classifier trained on `windows`, as it stands after the last epoch.
 
     `network` gives the architecture only and stays as it is: a network of the same settings with weights drawn from
-    `seed` is trained. Same seed, windows, settings and machine, with as many threads: same bits.
+    `seed` is trained. Same seed, windows, settings and machine: same bits. On the CPU it runs on one thread.
 
     Parameters
     ----------

@@ -1,6 +1,5 @@
 """A pump, under a condition, with a fault: what its accelerometers would read."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -207,16 +206,3 @@ class Twin:
 
 def _gained(lines: Tensor, gain: Tensor | float) -> Tensor:
     return lines * (gain[..., None, None] if isinstance(gain, Tensor) else gain)
-
-
-def prepare(twins: Sequence[Twin]) -> None:
-    """Compute the chamber pressures of many twins in one batch, much faster than one by one.
-
-    The twins must share the topology; each keeps its own lines as `Twin.pressure`.
-    """
-    if len({twin.topology for twin in twins}) > 1:
-        raise InputError("twins of different topologies cannot be prepared together; prepare each kind by itself.")
-    most = max(twin.n_lines for twin in twins)
-    lines = force_lines([twin.load_case for twin in twins], most, topology=twins[0].topology)
-    for twin, row in zip(twins, lines, strict=True):
-        twin.__dict__["pressure"] = row[: twin.n_lines + 1]  # where cached_property keeps it

@@ -271,6 +271,8 @@ class Coupling:
 
     spring_stiffness: float = _unit("N/m")
     """Central spring [N/m]."""
+    spring_preload: float = _unit("N")
+    """Force of the central spring, which presses the block on the valve plate [N]."""
     lateral_ratio: float = _unit("1")
     """Lateral over axial stiffness of a piston in its bore, kappa_r [1]."""
 

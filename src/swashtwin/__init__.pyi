@@ -77,7 +77,12 @@ from .training import FittedClassifier as FittedClassifier
 from .training import TrainingSettings as TrainingSettings
 from .training import fit as fit
 from .twin import Scales as Scales
+from .twin import SlipperFilm as SlipperFilm
 from .twin import Twin as Twin
+from .twin import carry_over as carry_over
+from .twin import film_of as film_of
+from .twin import film_values as film_values
+from .twin import with_film as with_film
 from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius
@@ -134,6 +139,7 @@ __all__ = [
     "Scales",
     "Scores",
     "SealingLandScratch",
+    "SlipperFilm",
     "StabilityError",
     "StudyResult",
     "SwashPlateDefect",
@@ -152,12 +158,15 @@ __all__ = [
     "build_rig",
     "calibrate",
     "canonical_label",
+    "carry_over",
     "celsius",
     "cut_windows",
     "deg",
     "diagnose",
     "evaluate",
     "extract_features",
+    "film_of",
+    "film_values",
     "fit",
     "fit_extra_trees",
     "hertz",
@@ -189,6 +198,7 @@ __all__ = [
     "synthesize",
     "um",
     "unseen_recordings",
+    "with_film",
     "write_index",
     "write_recording",
     "write_report",

@@ -1,6 +1,7 @@
 """A pump, under a condition, with a fault: what its accelerometers would read."""
 
 from swashtwin.twin.batch import prepare
+from swashtwin.twin.film import SlipperFilm, carry_over, film_of, film_values, with_film
 from swashtwin.twin.model import Scales, Twin
 
-__all__ = ["Scales", "Twin", "prepare"]
+__all__ = ["Scales", "SlipperFilm", "Twin", "carry_over", "film_of", "film_values", "prepare", "with_film"]

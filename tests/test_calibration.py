@@ -103,6 +103,29 @@ def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
     assert any("miss the measured ones" in note for note in blind.notes)
 
 
+def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_more(twin: Twin) -> None:
+    twins = [twin.at(twin.condition.replaced(discharge_pressure=MPa(level))) for level in (15, 10, 5)]
+    recordings = [
+        replace(recording_of(one, DAMPER, seed=place), label=one.label, condition=one.condition)
+        for place, one in enumerate(twins)
+    ]
+    together = calibrate(twins, recordings, method=GaussNewton(starts=1))
+    alone = calibrate(twin, recordings, method=GaussNewton(starts=1))
+    assert together.recording_ids == ("rec-0", "rec-1", "rec-2")
+    assert together.left_out == ()
+    assert len(alone.left_out) == 2
+    assert [fit.condition.discharge_pressure for fit in together.fits] == [MPa(15), MPa(10), MPa(5)]
+    for letter in ("C_v", "K_v", "C_Hz", "K_Hz"):
+        assert together.estimate(letter).log_std < alone.estimate(letter).log_std
+        assert ratios(together, DAMPER)[letter] == pytest.approx(1, abs=3 * together.estimate(letter).log_std)
+
+
+def test_twins_that_differ_in_more_than_condition_are_not_calibrated_together(twin: Twin, recording: Recording) -> None:
+    other = replace(twin, topology="T2")
+    with pytest.raises(InputError, match="differ in condition only"):
+        calibrate([twin, other], [recording])
+
+
 def test_the_network_starts_at_the_nominal_values(twin: Twin, recording: Recording) -> None:
     objective = objective_of(twin, measure(twin, [recording]))
     for method in (IPINN(epochs=2), IPINN.improved(epochs=2)):
@@ -180,8 +203,8 @@ def test_a_perfect_model_leaves_the_noise_alone(calibration: Calibration) -> Non
     assert 0.01 < calibration.fit_after.relative_rmse < 0.06
     assert calibration.fit_before.relative_rmse > 0.2
     assert calibration.fit_after.spectrum_value_error < 0.01
-    shape = calibration.waveforms.measured.shape
-    assert shape == calibration.waveforms.calibrated.shape == (3, round(60 / 860 * RATE))
+    shape = calibration.fits[0].waveforms.measured.shape
+    assert shape == calibration.fits[0].waveforms.calibrated.shape == (3, round(60 / 860 * RATE))
 
 
 def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, tmp_path: Path) -> None:

@@ -169,11 +169,11 @@ def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, pag
 
 def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):
     first = folder / "figures" / "study_calibration_1_"
-    spectra, history = calibration.spectra, calibration.history
+    spectra, history = calibration.fits[0].spectra, calibration.history
     for name in ("measured", "deviation", "nominal", "calibrated"):
         np.testing.assert_array_equal(numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel())
     waveform = numbers(Path(f"{first}waveforms.csv"), f"{spectra.channels[1]}_calibrated")
-    np.testing.assert_array_equal(waveform, calibration.waveforms.calibrated[1])
+    np.testing.assert_array_equal(waveform, calibration.fits[0].waveforms.calibrated[1])
     values = numbers(Path(f"{first}estimates.csv"), "value")
     np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
     np.testing.assert_array_equal(numbers(Path(f"{first}losses.csv"), "frequency"), history.spectrum_loss)
@@ -204,9 +204,9 @@ def test_the_same_results_give_the_same_bytes(folder, study, tmp_path):
 
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
-    channels = ("<i>cover</i>", *calibration.spectra.channels[1:])
-    spectra = replace(calibration.spectra, channels=channels)
-    page = write_report(diagnosis, replace(calibration, spectra=spectra), folder=tmp_path).read_text(encoding="utf-8")
+    channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
+    fit = replace(calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels))
+    page = write_report(diagnosis, replace(calibration, fits=(fit,)), folder=tmp_path).read_text(encoding="utf-8")
     for markup in ("<b>pump", "<script", "<i>cover"):
         assert markup not in page
     assert "&lt;b&gt;pump&lt;/b&gt; &amp; &#34;7&#34; $x$ 振动" in page
@@ -326,7 +326,8 @@ def test_a_rival_that_does_better_is_told_at_once(study):
 
 def test_a_calibration_that_made_a_fit_worse_says_so(calibration):
     worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
-    answer = " ".join(calibration_answer(replace(calibration, fit_after=worse)))
+    fit = replace(calibration.fits[0], before=calibration.fit_before, after=worse)
+    answer = " ".join(calibration_answer(replace(calibration, fits=(fit,))))
     assert "(RMSE) ROSE from" in answer
     assert "(SVE) stayed" in answer
     assert "neither number is a test" in answer

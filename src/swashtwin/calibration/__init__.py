@@ -4,13 +4,13 @@
 gives a `Calibration`.
 """
 
-from swashtwin.calibration.agreement import Agreement, Spectra, Waveforms
+from swashtwin.calibration.agreement import Agreement, Fit, Spectra, Waveforms
 from swashtwin.calibration.gauss_newton import GaussNewton
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
 from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
-from swashtwin.calibration.objective import Objective, SearchSpace, objective_of, search_space
+from swashtwin.calibration.objective import Comparison, Objective, SearchSpace, objective_of, search_space
 from swashtwin.calibration.procedure import calibrate
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, History, Search
@@ -21,7 +21,9 @@ __all__ = [
     "Agreement",
     "Calibration",
     "Calibrator",
+    "Comparison",
     "Estimate",
+    "Fit",
     "GaussNewton",
     "History",
     "Measurement",

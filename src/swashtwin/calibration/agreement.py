@@ -1,12 +1,15 @@
 """How near a twin is to the measurement, as the paper reports it: waveforms, spectra, RMSE, PE, SVE."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 
 from swashtwin.calibration.measurement import Measurement
+from swashtwin.calibration.objective import Comparison
+from swashtwin.condition import OperatingCondition
 from swashtwin.recording import Recording
 from swashtwin.signals import (
     aligned,
@@ -76,6 +79,56 @@ class Spectra:
     """The twin before calibration."""
     calibrated: Float[np.ndarray, "channel order"]
     """The twin after calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How near a twin came to what was measured at one condition."""
+
+    condition: OperatingCondition
+    """The condition."""
+    recording_ids: tuple[str, ...]
+    """What was measured there; the waveforms are of the first."""
+    before: Agreement
+    """How near the nominal twin is."""
+    after: Agreement
+    """How near the calibrated twin is to the same recordings; no test of either."""
+    spectra: Spectra
+    """Lines before and after."""
+    waveforms: Waveforms
+    """One revolution before and after."""
+
+
+def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin) -> Fit:
+    """Fit of both twins, each taken to the comparison's condition."""
+    measurement, condition = comparison.measurement, comparison.twin.condition
+    amplitudes, agreements, excerpts = [], [], []
+    for twin in (nominal.at(condition), calibrated.at(condition)):
+        with torch.no_grad():
+            scales = torch.tensor(twin.scales.values(), dtype=torch.float64)
+            amplitudes.append(comparison.amplitude(twin.values, scales=scales).numpy())
+        near, measured, simulated = agreement(measurement, twin, amplitudes[-1])
+        agreements.append(near)
+        excerpts.append(simulated)
+    spectra = Spectra(
+        channels=measurement.channels,
+        orders=measurement.orders,
+        frequency=measurement.orders * condition.shaft_frequency,
+        measured=measurement.amplitude,
+        deviation=measurement.deviation,
+        nominal=amplitudes[0],
+        calibrated=amplitudes[1],
+    )
+    times = np.arange(measured.shape[1]) / measurement.recordings[0].sample_rate
+    before, after = agreements
+    waveforms = Waveforms(times, measured, *excerpts)
+    return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms)
+
+
+def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:
+    """Mean of each figure."""
+    names = [item.name for item in fields(Agreement)]
+    return Agreement(**{name: float(np.mean([getattr(one, name) for one in agreements])) for name in names})
 
 
 def agreement(

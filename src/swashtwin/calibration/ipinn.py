@@ -141,7 +141,7 @@ def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "
     DataError
         The recording is shorter.
     """
-    recording = objective.measurement.recordings[0]
+    recording = objective.comparisons[0].measurement.recordings[0]
     length = round(revolutions * objective.twin.condition.period * recording.sample_rate)
     if length > recording.signal.shape[1]:
         raise DataError(

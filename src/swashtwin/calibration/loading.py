@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration.agreement import Agreement, Spectra, Waveforms
+from swashtwin.calibration.agreement import Agreement, Fit, Spectra, Waveforms
 from swashtwin.calibration.archive import twin_from_dict
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.result import FORMAT, Calibration
 from swashtwin.calibration.search import History
+from swashtwin.condition import OperatingCondition
 from swashtwin.errors import ArtifactError, MissingFileError
 
 
@@ -37,22 +38,15 @@ def load_calibration(path: Path | str) -> Calibration:
 
 
 def _calibration(table: dict[str, Any]) -> Calibration:
-    spectra, history = table["spectra"], {**table["history"]}
+    history = {**table["history"]}
     best = int(history.pop("best"))
     return Calibration(
         twin=twin_from_dict(table["twin"]),
         nominal=twin_from_dict(table["nominal"]),
         estimates=tuple(_estimate(entry) for entry in table["estimates"]),
         covariance=np.array(table["covariance"], dtype=float),
-        fit_before=Agreement(**table["fit_before"]),
-        fit_after=Agreement(**table["fit_after"]),
+        fits=tuple(_fit(entry) for entry in table["fits"]),
         history=History(best=best, **{name: np.array(value, dtype=float) for name, value in history.items()}),
-        spectra=Spectra(
-            channels=tuple(spectra["channels"]),
-            orders=np.array(spectra["orders"], dtype=int),
-            **{n: np.array(v, dtype=float) for n, v in spectra.items() if n not in ("channels", "orders")},
-        ),
-        waveforms=Waveforms(**{name: np.array(value, dtype=float) for name, value in table["waveforms"].items()}),
         recording_ids=tuple(table["recording_ids"]),
         left_out=tuple((name, reason) for name, reason in table["left_out"]),
         notes=tuple(table["notes"]),
@@ -61,6 +55,22 @@ def _calibration(table: dict[str, Any]) -> Calibration:
         simulations=table["simulations"],
         wall_s=table["wall_s"],
         version=table["version"],
+    )
+
+
+def _fit(table: dict[str, Any]) -> Fit:
+    spectra = table["spectra"]
+    return Fit(
+        condition=OperatingCondition(**table["condition"]),
+        recording_ids=tuple(table["recording_ids"]),
+        before=Agreement(**table["before"]),
+        after=Agreement(**table["after"]),
+        spectra=Spectra(
+            channels=tuple(spectra["channels"]),
+            orders=np.array(spectra["orders"], dtype=int),
+            **{n: np.array(v, dtype=float) for n, v in spectra.items() if n not in ("channels", "orders")},
+        ),
+        waveforms=Waveforms(**{name: np.array(value, dtype=float) for name, value in table["waveforms"].items()}),
     )
 
 

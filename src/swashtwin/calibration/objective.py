@@ -1,7 +1,7 @@
 """What a calibration searches, and how far a twin is from the measurement."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -91,15 +91,13 @@ def search_space(twin: Twin, bounds: Mapping[str, tuple[float, float]] | float |
 
 
 @dataclass(frozen=True, eq=False)
-class Objective:
-    """Distance between a twin and a measurement, in line amplitudes: phases are dropped, as in the paper."""
+class Comparison:
+    """One twin beside one measurement at its condition, line by line: phases are dropped, as in the paper."""
 
     twin: Twin
     """The twin, computed up to the end of the measurement's band."""
     measurement: Measurement
     """What it shall come near to."""
-    space: SearchSpace
-    """Within which values."""
 
     @cached_property
     def _rows(self) -> Tensor:
@@ -135,19 +133,66 @@ class Objective:
         lines = self.twin.acceleration(values, scales=scales, solver=solver)
         return lines.index_select(-2, self._rows).index_select(-1, self._columns).abs()
 
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """Distance between a twin and what was measured of it at one or several conditions.
+
+    All comparisons share the six values and the scales: so a pump measured at three pressures is calibrated once.
+    Amplitudes of all comparisons, channels and orders stand in one row of *readings*.
+    """
+
+    comparisons: tuple[Comparison, ...]
+    """One for each condition."""
+    space: SearchSpace
+    """Within which values."""
+
+    @property
+    def twin(self) -> Twin:
+        """The first condition's twin; the others differ from it in condition only."""
+        return self.comparisons[0].twin
+
+    @cached_property
+    def measured(self) -> Float[Tensor, " reading"]:
+        """Measured amplitudes [m/s^2]."""
+        return torch.cat([one.measured.reshape(-1) for one in self.comparisons])
+
+    @cached_property
+    def sigma(self) -> Float[Tensor, " reading"]:
+        """Standard deviation of measured minus simulated amplitude [m/s^2]; see `Comparison.sigma`."""
+        return torch.cat([one.sigma.reshape(-1) for one in self.comparisons])
+
+    def amplitude(
+        self,
+        values: Float[Tensor, "*batch 6"],
+        *,
+        scales: Float[Tensor, "*batch 4"] | None = None,
+        solver: SteadySolver | None = None,
+    ) -> Float[Tensor, "*batch reading"]:
+        """Simulated amplitudes [m/s^2], differentiable with respect to `values` and `scales`."""
+        parts = [one.amplitude(values, scales=scales, solver=solver) for one in self.comparisons]
+        return torch.cat([part.flatten(-2) for part in parts], dim=-1)
+
     def spectrum_loss(
         self, values: Float[Tensor, "*batch 6"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
-        """RMSE between simulated and measured amplitudes over the RMS of the measured ones (the paper's L_freq)."""
-        difference = self.amplitude(values, solver=solver) - self.measured
-        return _root(difference.square().mean(dim=(-2, -1)) / self.measured.square().mean())
+        """RMSE between simulated and measured amplitudes over the RMS of the measured ones (the paper's L_freq).
+
+        With several conditions, the root of the mean of their squares, so that none counts more for being louder.
+        """
+        squares = [
+            (one.amplitude(values, solver=solver) - one.measured).square().mean(dim=(-2, -1))
+            / one.measured.square().mean()
+            for one in self.comparisons
+        ]
+        return _root(torch.stack(squares).mean(dim=0))
 
     def weighted_loss(
         self, values: Float[Tensor, "*batch 6"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
         difference = (self.amplitude(values, solver=solver) - self.measured) / self.sigma
-        return _root(difference.square().mean(dim=(-2, -1)))
+        return _root(difference.square().mean(dim=-1))
 
     def sensitivity(
         self,
@@ -156,7 +201,7 @@ class Objective:
         free: tuple[int, ...],
         *,
         solver: SteadySolver | None = None,
-    ) -> tuple[Float[Tensor, "channel order"], Float[Tensor, "channel order free"]]:
+    ) -> tuple[Float[Tensor, " reading"], Float[Tensor, "reading free"]]:
         """Amplitudes [m/s^2], and their exact derivatives with respect to logarithms.
 
         Parameters
@@ -181,11 +226,25 @@ def _root(square: Tensor) -> Tensor:
 
 
 def objective_of(
-    twin: Twin,
-    measurement: Measurement,
+    twins: Twin | Sequence[Twin],
+    measurements: Measurement | Sequence[Measurement],
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
 ) -> Objective:
-    """Objective of calibrating `twin` on `measurement`; only lines that the twin has are compared."""
+    """Objective of calibrating one pump on what was measured of it.
+
+    Parameters
+    ----------
+    twins : the pump's twin, or several that differ in condition only.
+    measurements : one for each twin; only lines that the twin has are compared.
+    bounds : see `search_space`.
+    """
+    twins = [twins] if isinstance(twins, Twin) else list(twins)
+    measurements = [measurements] if isinstance(measurements, Measurement) else list(measurements)
+    pairs = zip(twins, measurements, strict=True)
+    return Objective(tuple(_comparison(*pair) for pair in pairs), search_space(twins[0], bounds))
+
+
+def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft)
     common = np.isin(measurement.orders, limited.orders)
@@ -195,4 +254,4 @@ def objective_of(
         amplitude=measurement.amplitude[:, common],
         deviation=measurement.deviation[:, common],
     )
-    return Objective(twin=limited, measurement=kept, space=search_space(twin, bounds))
+    return Comparison(twin=limited, measurement=kept)

@@ -1,20 +1,20 @@
 """Calibration from recordings to result."""
 
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, is_dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any
 
-import numpy as np
 import torch
 
-from swashtwin.calibration.agreement import Spectra, Waveforms, agreement
+from swashtwin.calibration.agreement import fit_of
 from swashtwin.calibration.identifiability import Estimate, estimates_of, log_covariance
 from swashtwin.calibration.ipinn import IPINN
-from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, measure
+from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Measurement, measure
 from swashtwin.calibration.objective import Objective, objective_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, Progress, Search
+from swashtwin.errors import InputError
 from swashtwin.pump import Interfaces
 from swashtwin.recording import Recording
 from swashtwin.twin import Twin
@@ -22,7 +22,7 @@ from swashtwin.version import VERSION
 
 
 def calibrate(
-    twin: Twin,
+    twin: Twin | Sequence[Twin],
     recordings: Iterable[Recording],
     *,
     method: Calibrator | None = None,
@@ -40,7 +40,8 @@ def calibrate(
 
     Parameters
     ----------
-    twin : where to start; its interface values are the nominal ones.
+    twin : where to start; its interface values are the nominal ones. Several twins of one pump, which differ in
+        condition only, are calibrated together: one set of values for all of them.
     method : `IPINN` (the paper's) by default; `GaussNewton` takes a tenth of the time.
     bounds : where to search: a factor (10 by default), or (least, greatest) by parameter name or letter.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
@@ -58,55 +59,44 @@ def calibrate(
     started = time.perf_counter()
     method = IPINN() if method is None else method
     band = DEFAULT_BAND if band is None else band
-    measurement = measure(twin, recordings, band)
-    objective = objective_of(twin, measurement, bounds)
+    twins = [twin] if isinstance(twin, Twin) else list(twin)
+    measurements = _measured(twins, list(recordings), band)
+    objective = objective_of(twins, measurements, bounds)
     found = method.search(objective, seed=seed, progress=progress)
     covariance = log_covariance(objective, found.values, found.scales, found.nuisances)
     estimates = estimates_of(objective, found.values, covariance)
-    calibrated = twin.with_interfaces(Interfaces.from_values(found.values), found.scales)
-    fits, spectra, waveforms = _compared(objective, twin, calibrated)
+    nominal = twins[0]
+    calibrated = nominal.with_interfaces(Interfaces.from_values(found.values), found.scales)
     return Calibration(
         twin=calibrated,
-        nominal=twin,
+        nominal=nominal,
         estimates=estimates,
         covariance=covariance,
-        fit_before=fits[0],
-        fit_after=fits[1],
+        fits=tuple(fit_of(comparison, nominal, calibrated) for comparison in objective.comparisons),
         history=found.history,
-        spectra=spectra,
-        waveforms=waveforms,
-        recording_ids=measurement.recording_ids,
-        left_out=measurement.left_out,
+        recording_ids=tuple(name for one in measurements for name in one.recording_ids),
+        left_out=_left_out(measurements),
         notes=tuple(_notes(objective, found, estimates)),
         method=type(method).__name__,
-        settings={**_settings(method), "band": list(measurement.band), "seed": seed},
+        settings={**_settings(method), "band": list(measurements[0].band), "seed": seed},
         simulations=found.simulations,
         wall_s=time.perf_counter() - started,
         version=VERSION,
     )
 
 
-def _compared(objective: Objective, nominal: Twin, calibrated: Twin) -> tuple[Any, Spectra, Waveforms]:
-    measurement = objective.measurement
-    amplitudes, fits, excerpts = [], [], []
-    for twin in (nominal, calibrated):
-        with torch.no_grad():
-            scales = torch.tensor(twin.scales.values(), dtype=torch.float64)
-            amplitudes.append(objective.amplitude(twin.values, scales=scales).numpy())
-        fit, measured, simulated = agreement(measurement, twin, amplitudes[-1])
-        fits.append(fit)
-        excerpts.append(simulated)
-    spectra = Spectra(
-        channels=measurement.channels,
-        orders=measurement.orders,
-        frequency=measurement.orders * nominal.condition.shaft_frequency,
-        measured=measurement.amplitude,
-        deviation=measurement.deviation,
-        nominal=amplitudes[0],
-        calibrated=amplitudes[1],
-    )
-    times = np.arange(measured.shape[1]) / measurement.recordings[0].sample_rate
-    return fits, spectra, Waveforms(times, measured, *excerpts)
+def _measured(twins: Sequence[Twin], recordings: Sequence[Recording], band: tuple[float, float]) -> list[Measurement]:
+    constant = [name for name in (item.name for item in fields(Twin)) if name != "condition"]
+    for one in twins[1:]:
+        if any(getattr(one, name) != getattr(twins[0], name) for name in constant):
+            raise InputError("twins that are calibrated together must differ in condition only: twin.at(condition).")
+    return [measure(one, recordings, band) for one in twins]
+
+
+def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...]:
+    """What none of the measurements holds, with the reason of the first."""
+    used = {name for one in measurements for name in one.recording_ids}
+    return tuple(pair for pair in measurements[0].left_out if pair[0] not in used)
 
 
 def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:

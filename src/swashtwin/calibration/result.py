@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.agreement import Agreement, Spectra, Waveforms
+from swashtwin.calibration.agreement import Agreement, Fit, mean_agreement
 from swashtwin.calibration.archive import twin_to_dict
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.search import History
@@ -18,7 +18,7 @@ from swashtwin.files import write_text
 from swashtwin.pump import PARAMETERS
 from swashtwin.twin import Twin
 
-FORMAT = "swashtwin calibration 1"
+FORMAT = "swashtwin calibration 2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,10 @@ class Calibration:
     """The six values, in the order of `pump.PARAMETERS`."""
     covariance: Float[np.ndarray, "6 6"]
     """Covariance of the logarithms of the values."""
-    fit_before: Agreement
-    """How near the nominal twin is to the recordings."""
-    fit_after: Agreement
-    """How near the calibrated twin is to the same recordings; no test of either."""
+    fits: tuple[Fit, ...]
+    """How near both twins are to the recordings, one for each condition."""
     history: History
     """How the search went."""
-    spectra: Spectra
-    """Lines before and after."""
-    waveforms: Waveforms
-    """One revolution before and after."""
     recording_ids: tuple[str, ...]
     """Recordings it was calibrated on. They are training data: hand them to ``fit`` as ``manifest=``, and no test set
     may hold them."""
@@ -66,6 +60,16 @@ class Calibration:
         return next(estimate for estimate in self.estimates if name in (estimate.name, estimate.letter))
 
     @property
+    def fit_before(self) -> Agreement:
+        """How near the nominal twin is to the recordings, in the mean over the conditions."""
+        return mean_agreement([fit.before for fit in self.fits])
+
+    @property
+    def fit_after(self) -> Agreement:
+        """The same of the calibrated twin."""
+        return mean_agreement([fit.after for fit in self.fits])
+
+    @property
     def improvement(self) -> dict[str, float]:
         """By what share each figure of `fit_before` fell; negative where it rose."""
         before, after = asdict(self.fit_before), asdict(self.fit_after)
@@ -84,9 +88,8 @@ class Calibration:
             "covariance": self.covariance.tolist(),
             "fit_before": asdict(self.fit_before),
             "fit_after": asdict(self.fit_after),
+            "fits": [_fit(fit) for fit in self.fits],
             "history": _arrays(self.history),
-            "spectra": _arrays(self.spectra),
-            "waveforms": _arrays(self.waveforms),
             "recording_ids": list(self.recording_ids),
             "left_out": [list(pair) for pair in self.left_out],
             "notes": list(self.notes),
@@ -120,6 +123,16 @@ class Calibration:
     def save_interfaces(self, path: Path | str) -> Path:
         """`path`, after `interfaces_toml` was written to it."""
         return write_text(Path(path), self.interfaces_toml())
+
+
+def _fit(fit: Fit) -> dict[str, Any]:
+    figures = {name: asdict(getattr(fit, name)) for name in ("condition", "before", "after")}
+    return {
+        "recording_ids": list(fit.recording_ids),
+        **figures,
+        "spectra": _arrays(fit.spectra),
+        "waveforms": _arrays(fit.waveforms),
+    }
 
 
 def _arrays(record: Any) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """Figures of one calibration: excitation, waveforms, spectra, search, estimates."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
-from swashtwin.calibration import Calibration, Estimate
+from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
 from swashtwin.excitation import slipper_displacements
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.pump import PARAMETERS
@@ -30,10 +31,12 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
     with_excitation : draw the defect's displacement, where the twin has a swash plate defect.
     """
     figures = [] if not with_excitation else excitation(calibration.nominal, key)
+    band = calibration.settings.get("band", (math.nan, math.nan))
+    for fit in calibration.fits:
+        place = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
+        figures += [waveforms(fit, place, band), spectra(fit, place)]
     return [
         *figures,
-        waveforms(calibration, key),
-        spectra(calibration, key),
         estimates(calibration, key),
         losses(calibration, key),
         paths(calibration, key),
@@ -69,9 +72,9 @@ def excitation(twin: Twin, key: str) -> list[Drawing]:
 
 
 @styled()
-def waveforms(calibration: Calibration, key: str) -> Drawing:
+def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
     """One revolution measured, with the twin before (left) and after (right), a row for each sensor."""
-    record, channels = calibration.waveforms, calibration.spectra.channels
+    record, channels = fit.waveforms, fit.spectra.channels
     columns: dict[str, np.ndarray] = {"time_s": record.time}
     figure, axes = panels(len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row")
     for i, channel in enumerate(channels):
@@ -87,19 +90,19 @@ def waveforms(calibration: Calibration, key: str) -> Drawing:
         place.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
     for place in axes[-1]:
         place.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
-    low, high = calibration.settings.get("band", (math.nan, math.nan))
+    low, high = band
     caption = (
-        f"One revolution of recording {calibration.recording_ids[0]} (gray) and of the twin (color), both within "
+        f"One revolution of recording {fit.recording_ids[0]} (gray) and of the twin (color), both within "
         f"{low:g} to {high:g} Hz and aligned in time, since the shaft angle at which a recording starts is not known."
     )
-    title = "Waveforms before and after calibration"
+    title = f"Waveforms before and after calibration, {_pressure(fit)}"
     return drawn(f"{key}_waveforms", figure, columns, title=title, caption=caption)
 
 
 @styled()
-def spectra(calibration: Calibration, key: str) -> Drawing:
+def spectra(fit: Fit, key: str) -> Drawing:
     """Line amplitudes measured, before and after, a panel for each sensor, in decibels with m/s^2 beside."""
-    record = calibration.spectra
+    record = fit.spectra
     rows = [
         {
             "channel": channel,
@@ -115,7 +118,7 @@ def spectra(calibration: Calibration, key: str) -> Drawing:
     ]
     figure, axes = panels(len(record.channels), 1, 1.1 + 2.0 * len(record.channels), sharex=True)
     for i, place in enumerate(axes[:, 0]):
-        _spectrum_panel(place, calibration, i)
+        _spectrum_panel(place, record, i)
         place.set_title(words(record.channels[i]), loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
@@ -125,12 +128,15 @@ def spectra(calibration: Calibration, key: str) -> Drawing:
         "amplitude, within recordings or between them. 20 dB are a factor of 10; what lies more than "
         f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge, as zero does."
     )
-    title = "Spectra before and after calibration"
+    title = f"Spectra before and after calibration, {_pressure(fit)}"
     return drawn(f"{key}_spectra", figure, table(rows), title=title, caption=caption)
 
 
-def _spectrum_panel(place: Axes, calibration: Calibration, i: int) -> None:
-    record = calibration.spectra
+def _pressure(fit: Fit) -> str:
+    return f"{fit.condition.discharge_pressure / 1e6:.4g} MPa"
+
+
+def _spectrum_panel(place: Axes, record: Spectra, i: int) -> None:
     lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
     top = 20 * math.log10(max(lines.max(), 1e-9))
     floor = max(top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4)

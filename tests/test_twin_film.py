@@ -124,6 +124,18 @@ def test_warm_oil_takes_two_thirds_of_the_films_damping_and_no_stiffness(pump: P
     assert float(filmed.values[4] / cold.values[4]) == pytest.approx(thinner)
 
 
+def test_a_healthy_cover_shakes_more_with_warm_films_than_the_leakage_alone_would_make_it(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    def level(twin: Twin) -> float:
+        return float(twin.acceleration()[0].abs().square().sum().div(2).sqrt())
+
+    twin = Twin(pump, at_15)
+    conditions = [at_15.replaced(oil_temperature=celsius(warmth)) for warmth in (30, 60)]
+    assert [level(carry_over(twin, one)) for one in conditions] == pytest.approx([1.18, 1.70], rel=0.01)
+    assert [level(twin.at(one)) for one in conditions] == pytest.approx([1.42, 1.39], rel=0.01)
+
+
 def test_pressure_stiffens_the_films_and_leaves_their_damping(pump: Pump, at_15: OperatingCondition) -> None:
     high = Twin(pump, at_15)
     low = carry_over(high, at_15.replaced(discharge_pressure=MPa(5)))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin import chambers
+from swashtwin import chambers, loads
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError, SwashTwinError
 from swashtwin.faults import (
@@ -138,18 +138,6 @@ def test_a_shallow_recess_is_close_to_none(pump: Pump, at_15: OperatingCondition
     deep = chamber_pressures([LoadCase(pump, at_15, RECESS)], steps=224)
     assert abs(shallow.flow[1] / shallow.flow[0] - 1) < 1e-3
     assert deep.flow[0] < 0.9 * shallow.flow[0]
-
-
-def test_a_batch_equals_its_single_cases(pump: Pump) -> None:
-    conditions = [OperatingCondition(speed=rpm(600 + 300 * i), discharge_pressure=MPa(5 + 7 * i)) for i in range(3)]
-    faults = (None, DamScratch(1e-6), PistonWear(um(60)))
-    batch = [LoadCase(pump, condition, fault) for condition, fault in zip(conditions, faults, strict=True)]
-    together = chamber_pressures(batch, steps=448)
-    for index, case in enumerate(batch):
-        alone = chamber_pressures([case], steps=448)
-        np.testing.assert_allclose(together.chamber[index], alone.chamber[0], rtol=1e-9)
-        np.testing.assert_allclose(together.discharge[index], alone.discharge[0], rtol=1e-9)
-        assert together.flow[index] == pytest.approx(alone.flow[0], rel=1e-9)
 
 
 def test_pressures_repeat_after_two_revolutions_from_5_to_15_megapascal(pump: Pump) -> None:
@@ -298,3 +286,61 @@ def test_order_zero_is_the_mean_force(pump: Pump, at_15: OperatingCondition) -> 
     mean = force_lines([LoadCase(pump, at_15)], 7)[0, 0]
     assert mean[12].real == pytest.approx(-11378, rel=1e-3)
     assert np.all(mean.imag == 0)
+
+
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch) -> list[chambers.Chambers]:
+    """The operating points that are solved from here on, none being remembered."""
+    taken: list[chambers.Chambers] = []
+
+    def counted(one: chambers.Chambers, revolutions: int) -> tuple[np.ndarray, np.ndarray]:
+        taken.append(one)
+        return chambers.solve(one, revolutions)
+
+    loads._all_force_lines.cache_clear()
+    monkeypatch.setattr(loads, "solve", counted)
+    return taken
+
+
+def test_an_operating_point_is_solved_once(
+    pump: Pump, at_15: OperatingCondition, solved: list[chambers.Chambers]
+) -> None:
+    softer = replace(pump, sources={})
+    unpressed = (
+        None,
+        BoreDefect(um(300)),
+        TiltedBlockFace(0.2),
+        LooseSlipper(mm(0.2)),
+        replace(RECESS, contact="shared"),
+    )
+    first = force_lines([LoadCase(pump, at_15)], 30)
+    for fault in unpressed:
+        case = LoadCase(softer, at_15.replaced(), fault)
+        np.testing.assert_array_equal(force_lines([case], 20, topology="T1"), first[:, :21])
+        force_lines([case], 100, topology="T2")
+    assert len(solved) == 1
+    force_lines([LoadCase(pump, at_15.replaced(oil_temperature=320.0))], 30)
+    force_lines([LoadCase(pump, at_15, RECESS)], 30)
+    force_lines([LoadCase(pump, at_15, replace(RECESS, depth=mm(0.5)))], 30)
+    assert len(solved) == 4
+
+
+def test_what_is_remembered_cannot_be_changed_by_its_reader(
+    pump: Pump, at_15: OperatingCondition, solved: list[chambers.Chambers]
+) -> None:
+    case = [LoadCase(pump, at_15)]
+    first = force_lines(case, 30)
+    kept = first.copy()
+    first[:] = 0.0
+    np.testing.assert_array_equal(force_lines(case, 30), kept)
+
+
+def test_a_case_has_the_same_bits_in_any_batch(pump: Pump, at_15: OperatingCondition) -> None:
+    nine = replace(pump, rotating_group=replace(pump.rotating_group, piston_count=9, piston_diameter=mm(15)))
+    batch = [LoadCase(nine, at_15.replaced(speed=rpm(600 + 300 * i)), row[0]) for i, row in enumerate(REFERENCE)]
+    together = chamber_pressures(batch, steps=448)
+    for index, case in enumerate(batch):
+        alone = chamber_pressures([case], steps=448)
+        np.testing.assert_array_equal(together.chamber[index], alone.chamber[0])
+        np.testing.assert_array_equal(together.discharge[index], alone.discharge[0])
+        assert together.flow[index] == alone.flow[0]

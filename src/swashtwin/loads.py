@@ -7,8 +7,10 @@ healthy pump.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -29,6 +31,9 @@ from swashtwin.faults import (
 from swashtwin.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.pump import Pump
 from swashtwin.recess import slipper_profile
+
+_PRESSING = (PistonWear, SealingLandScratch, ValvePlateWear, DamScratch, GrooveErosion)
+"""Faults that act on the pressures, whatever their settings."""
 
 CRACKING_SHARE = 0.95
 """Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
@@ -152,36 +157,65 @@ def _cracking_pressure(case: LoadCase) -> float:
     return case.condition.discharge_pressure - CRACKING_SHARE * case.pump.line.relief_override
 
 
-def _tabulate(cases: Sequence[LoadCase], angle: np.ndarray) -> Chambers:
-    columns = [{**_over_angle(case, angle), **_over_pistons(case)} for case in cases]
-
-    def each(value: Callable[[LoadCase], float]) -> np.ndarray:
-        return np.array([value(case) for case in cases], dtype=float)
-
+def _tabulated(case: LoadCase, steps: int) -> Chambers:
     return Chambers(
-        **{name: np.stack([column[name] for column in columns], axis=-1) for name in columns[0]},
-        speed=each(lambda case: case.condition.speed),
-        bulk_modulus=each(lambda case: case.pump.oil.bulk_modulus),
-        air_fraction=each(lambda case: case.pump.oil.air_fraction),
-        suction_pressure=each(lambda case: case.condition.suction_pressure),
-        discharge_pressure=each(lambda case: case.condition.discharge_pressure),
-        case_pressure=each(lambda case: case.condition.case_pressure),
-        line_volume=each(lambda case: case.pump.line.volume),
-        relief_slope=each(_relief_slope),
-        cracking_pressure=each(_cracking_pressure),
+        **_over_angle(case, 2 * math.pi * np.arange(steps) / steps),
+        **_over_pistons(case),
+        speed=case.condition.speed,
+        bulk_modulus=case.pump.oil.bulk_modulus,
+        air_fraction=case.pump.oil.air_fraction,
+        suction_pressure=case.condition.suction_pressure,
+        discharge_pressure=case.condition.discharge_pressure,
+        case_pressure=case.condition.case_pressure,
+        line_volume=case.pump.line.volume,
+        relief_slope=_relief_slope(case),
+        cracking_pressure=_cracking_pressure(case),
     )
 
 
-def _named(cases: Sequence[LoadCase], index: int) -> str:
-    case = cases[index]
-    return (
+class _Starved(Exception):
+    """The pump leaks all that it displaces."""
+
+
+def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
+    chamber, discharge = solve(_tabulated(case, steps), revolutions)
+    excess = np.maximum(discharge - _cracking_pressure(case), 0.0)
+    flow = _relief_slope(case) * float(excess.mean())
+    if flow <= 0:
+        raise _Starved
+    return chamber, discharge, flow
+
+
+@contextmanager
+def _naming(index: int, case: LoadCase, steps: int) -> Iterator[None]:
+    """Say which case of a batch has failed."""
+    name = (
         f"case {index} ({case.pump.name}, {case.condition.speed * 30 / math.pi:.4g} rev/min, "
         f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault})"
     )
+    try:
+        yield
+    except NotConverged as failure:
+        raise SwashTwinError(
+            f"chamber pressures of {name} do not converge at shaft angle {math.degrees(failure.angle):.4g} deg; "
+            f"more steps than {steps} per revolution may help."
+        ) from failure
+    except _Starved:
+        raise InputError(
+            f"{name} leaks all it displaces and cannot hold its discharge pressure; "
+            "raise the speed, or lower discharge_pressure or oil_temperature."
+        ) from None
+
+
+def _whole(steps: int, case: LoadCase) -> int:
+    """`steps` rounded up to a multiple of the number of pistons."""
+    count = case.pump.rotating_group.piston_count
+    return -(-steps // count) * count
 
 
 def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
-    """Periodic pressures of all `cases`, integrated together.
+    """Periodic pressures of all `cases`.
 
     Parameters
     ----------
@@ -201,29 +235,20 @@ def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutio
         raise InputError(f"a batch needs pumps of one number of pistons, not {sorted(counts)}; call once for each.")
     if steps < 180 or revolutions < 1:
         raise InputError(f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1.")
-    count = counts.pop()
-    steps = -(-steps // count) * count
-    grid = 2 * math.pi * np.arange(steps) / steps
-    try:
-        chamber, discharge = solve(_tabulate(cases, grid), revolutions)
-    except NotConverged as failure:
-        raise SwashTwinError(
-            f"chamber pressures of {_named(cases, failure.case)} do not converge at shaft angle "
-            f"{math.degrees(failure.angle):.4g} deg; more steps than {steps} per revolution may help."
-        ) from failure
-    excess = np.maximum(discharge - np.array([[_cracking_pressure(case)] for case in cases]), 0.0)
-    flow = np.array([_relief_slope(case) for case in cases]) * excess.mean(axis=1)
-    if flow.min() <= 0:
-        raise InputError(
-            f"{_named(cases, int(flow.argmin()))} leaks all it displaces and cannot hold its discharge pressure; "
-            "raise the speed, or lower discharge_pressure or oil_temperature."
-        )
+    steps = _whole(steps, cases[0])
+    solutions = []
+    for index, case in enumerate(cases):
+        with _naming(index, case, steps):
+            solutions.append(_solved(case, steps, revolutions))
+    chamber, discharge, flow = zip(*solutions, strict=True)
     return ChamberPressures(
-        angle=2 * math.pi * np.arange(1, steps + 1) / steps,
-        chamber=chamber,
-        discharge=discharge,
-        flow=flow,
+        angle=_end_angles(steps), chamber=np.stack(chamber), discharge=np.stack(discharge), flow=np.array(flow)
     )
+
+
+def _end_angles(steps: int) -> np.ndarray:
+    """Shaft angle [rad] at the end of each step."""
+    return 2 * math.pi * np.arange(1, steps + 1) / steps
 
 
 def generalized_forces(
@@ -236,20 +261,30 @@ def generalized_forces(
     force : axial force A (p - p_case) on each piston [N].
     angle : shaft angle phi_j of each piston [rad].
     """
-    group, balance = pump.rotating_group, pump.valve_plate.balance_ratio
-    tangent = math.tan(group.swash_angle)
-    total = force.sum(axis=0)
-    upward = group.pitch_radius * (force * np.cos(angle)).sum(axis=0)
-    sideward = group.pitch_radius * (force * np.sin(angle)).sum(axis=0)
-    loads = np.zeros((total.size, 13))
-    loads[:, 2] = balance * total
-    loads[:, 3] = (balance - 1 - tangent**2) * upward
-    loads[:, 4] = (1 - balance) * sideward
-    loads[:, 7] = (1 - balance) * total
-    loads[:, 8] = (1 - balance + tangent**2) * upward
-    loads[:, 9] = -(1 - balance) * sideward
-    loads[:, 12] = -total
-    return loads
+    return _resultants(pump, force, np.cos(angle), np.sin(angle)).T @ _shares(pump).T
+
+
+def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """Sum of the piston forces [N], and their moments about x and y over the shaft angle [N m]."""
+    radius = pump.rotating_group.pitch_radius
+    return np.stack([force.sum(axis=0), radius * (force * cosine).sum(axis=0), radius * (force * sine).sum(axis=0)])
+
+
+def _shares(pump: Pump) -> np.ndarray:
+    """What each degree of freedom takes of the resultants, for topology T1."""
+    balance, tangent = pump.valve_plate.balance_ratio, math.tan(pump.rotating_group.swash_angle)
+    shares = np.zeros((13, 3))
+    shares[[2, 7, 12], 0] = balance, 1 - balance, -1.0
+    shares[[3, 8], 1] = balance - 1 - tangent**2, 1 - balance + tangent**2
+    shares[[4, 9], 2] = 1 - balance, balance - 1
+    return shares
+
+
+@lru_cache(maxsize=4)
+def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of the angle of each piston (piston, step)."""
+    angle = _end_angles(steps) + 2 * math.pi * np.arange(count)[:, None] / count
+    return np.cos(angle), np.sin(angle)
 
 
 def force_lines(
@@ -258,7 +293,7 @@ def force_lines(
     """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
 
     Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
-    exp(i k theta), where theta is 0 at top dead center of piston 0.
+    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `KEPT` operating points are remembered.
 
     Parameters
     ----------
@@ -274,20 +309,40 @@ def force_lines(
     """
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
-    pressures = chamber_pressures(cases, steps=max(steps, 2 * n_lines + 2))
-    to_zero = np.exp(-1j * np.arange(n_lines + 1) * pressures.angle[0])[:, None]
     lines = np.empty((len(cases), n_lines + 1, 13), dtype=complex)
     for index, case in enumerate(cases):
-        group = case.pump.rotating_group
-        around = 2 * math.pi * np.arange(group.piston_count) / group.piston_count
-        force = group.piston_area * (pressures.chamber[index] - case.condition.case_pressure)
-        loads = generalized_forces(case.pump, force, pressures.angle + around[:, None])
-        lines[index] = np.fft.rfft(loads, axis=0)[: n_lines + 1] * (2 / len(loads)) * to_zero
-        lines[index, 0] /= 2
-        unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
-        lines[index, 1, 5] += unbalance
-        lines[index, 1, 6] -= 1j * unbalance
+        whole = _whole(max(steps, 2 * n_lines + 2), case)
+        with _naming(index, case, whole):
+            lines[index] = _all_force_lines(_pressing(case), whole)[: n_lines + 1]
     if topology == "T2":
         lines[:, :, 7] += lines[:, :, 12]
         lines[:, :, 12] = 0
+    return lines
+
+
+def _pressing(case: LoadCase) -> LoadCase:
+    """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
+    recess = isinstance(case.fault, SwashPlateDefect) and case.fault.contact == "physical"
+    if case.fault is None or recess or isinstance(case.fault, _PRESSING):
+        return case
+    return replace(case, fault=None)
+
+
+KEPT = 64
+"""Operating points whose forces are remembered, of about 0.2 MB each."""
+
+
+@lru_cache(maxsize=KEPT)
+def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 13"]:
+    """Lines of one case for topology T1, as many as `steps` give."""
+    chamber, _, _ = _solved(case, steps, revolutions=2)
+    force = case.pump.rotating_group.piston_area * (chamber - case.condition.case_pressure)
+    resultants = _resultants(case.pump, force, *_turned(len(force), steps))
+    to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
+    lines = (np.fft.rfft(resultants) * (2 / steps) * to_zero).T @ _shares(case.pump).T
+    lines[0] /= 2
+    unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
+    lines[1, 5] += unbalance
+    lines[1, 6] -= 1j * unbalance
+    lines.flags.writeable = False
     return lines

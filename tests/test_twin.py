@@ -198,11 +198,6 @@ def test_a_batch_of_values_is_each_by_itself(pump: Pump, at_15: OperatingConditi
         torch.testing.assert_close(row, twin.acceleration(single))
 
 
-def test_twins_of_different_topologies_are_not_prepared_together(pump: Pump, at_15: OperatingCondition) -> None:
-    with pytest.raises(InputError, match="different topologies"):
-        prepare([Twin(pump, at_15), Twin(pump, at_15, topology="T2")])
-
-
 def test_twins_prepared_together_are_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:
     conditions = [at_15, at_15.replaced(discharge_pressure=MPa(5)), at_15.replaced(speed=80.0)]
     together = [Twin(pump, condition, PistonWear(um(40))) for condition in conditions]

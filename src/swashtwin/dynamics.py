@@ -14,12 +14,13 @@ Because the pistons are equal and equally spaced, their sum does not depend on t
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from swashtwin.errors import InputError
@@ -76,9 +77,8 @@ class Structure:
         ----------
         mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as the pump file says.
         """
-        interfaces = torch.einsum("...i,ijk->...jk", values[..., 1::2], self.interface_shapes)
         return (
-            interfaces
+            self._interfaces(values[..., 1::2])
             + _column(mount) * self.mount_stiffness
             + _column(bearing) * self.bearing_stiffness
             + self.spring_stiffness
@@ -86,11 +86,26 @@ class Structure:
 
     def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
         """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
-        return torch.einsum("...i,ijk->...jk", values[..., 0::2], self.interface_shapes) + self.fixed_damping
+        return self._interfaces(values[..., 0::2]) + self.fixed_damping
+
+    def _interfaces(self, factors: Tensor) -> Tensor:
+        """Sum of the interfaces' shapes; unlike a matrix product, of the same bits in any batch."""
+        return (factors[..., None, None] * self.interface_shapes).sum(dim=-3)
+
+    def to(self, device: torch.device | str, dtype: torch.dtype) -> "Structure":
+        """The same matrices on `device` in `dtype`; itself where they are so already."""
+        if self.mass.device == torch.device(device) and self.mass.dtype == dtype:
+            return self
+        return Structure(**{item.name: getattr(self, item.name).to(device, dtype) for item in fields(self)})
 
 
 def _column(factor: Tensor | float) -> Tensor | float:
     return factor[..., None, None] if isinstance(factor, Tensor) else factor
+
+
+def moved(tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]) -> Shaped[Tensor, "*shape"]:
+    """`tensor`, real or complex, on the device and in the precision of `like`."""
+    return tensor.to(like.device, like.dtype.to_complex() if tensor.is_complex() else like.dtype)
 
 
 def displacement_rows(pump: Pump, body: str, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 13"]:
@@ -185,8 +200,9 @@ def _bearings(pump: Pump) -> np.ndarray:
     return stiffness + bearings.axial_stiffness * np.outer(row, row)
 
 
+@lru_cache(maxsize=64)
 def assemble(pump: Pump, topology: str = "T1") -> Structure:
-    """Structure of `pump`, float64.
+    """Structure of `pump`, float64; the same object for equal pumps, so not to be written into.
 
     Parameters
     ----------

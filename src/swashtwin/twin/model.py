@@ -11,13 +11,13 @@ from torch import Tensor
 from swashtwin.condition import OperatingCondition
 from swashtwin.dynamics import Structure, Topology, assemble
 from swashtwin.errors import InputError
-from swashtwin.faults import Fault, TiltedBlockFace
-from swashtwin.forces import active_orders, excitation_lines, fault_forces, periodic_terms, worn_values
-from swashtwin.integrators import HarmonicBalance, SteadySolver, periodic_steady_state
+from swashtwin.faults import Fault, SwashPlateDefect
+from swashtwin.integrators import HarmonicBalance, SteadySolver
 from swashtwin.loads import LoadCase, force_lines
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.recording import Recording
 from swashtwin.signals import synchronous_signal
+from swashtwin.twin.response import Drive, drive_of, require_positive, respond
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,12 @@ class Twin:
         """Number of shaft orders within `bandwidth`."""
         return int(self.bandwidth / self.condition.shaft_frequency)
 
-    @cached_property
+    @property
     def structure(self) -> Structure:
         """Constant matrices."""
         return assemble(self.pump, self.topology)
 
-    @cached_property
+    @property
     def pressure(self) -> Complex[np.ndarray, "line 13"]:
         """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
         return force_lines([self.load_case], self.n_lines, topology=self.topology)[0]
@@ -97,15 +97,26 @@ class Twin:
         return LoadCase(self.pump, self.condition, self.fault)
 
     @cached_property
+    def drive(self) -> Drive:
+        """What excites the twin at any interface values; computed once."""
+        return drive_of(self.pump, self.condition, self.fault, self.topology, self.n_lines)
+
+    @property
     def orders(self) -> Int[np.ndarray, " line"]:
         """Shaft orders at which there is anything to compute (`forces.active_orders`)."""
-        if isinstance(self.fault, TiltedBlockFace):
-            return np.arange(1, self.n_lines + 1)
-        return active_orders(self.pressure, self._excitation)
+        return self.drive.orders
 
-    @cached_property
-    def _excitation(self) -> Complex[np.ndarray, " line"]:
-        return excitation_lines(self.pump, self.condition, self.fault, self.n_lines)
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
+        slipper = self.pump.rotating_group.slipper_diameter
+        if not isinstance(self.fault, SwashPlateDefect) or self.fault.effective_depth(slipper) == self.fault.depth:
+            return ()
+        size = f"{self.fault.length * 1e3:.4g} mm x {self.fault.width * 1e3:.4g} mm"
+        return (
+            f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth of "
+            f"{self.fault.depth * 1e3:.4g} mm counts as {self.fault.effective_depth(slipper) * 1e3:.4g} mm. The paper "
+            "has no such defect; this is an extrapolation of ours.",
+        )
 
     def at(self, condition: OperatingCondition) -> "Twin":
         """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""
@@ -118,8 +129,8 @@ class Twin:
     def with_interfaces(self, interfaces: Interfaces, scales: Scales | None = None) -> "Twin":
         """The same pump with other interface values and `scales`; the pressures do not depend on them and are kept."""
         other = replace(self, interfaces=interfaces, scales=scales or self.scales)
-        kept = ("pressure", "structure", "orders", "_excitation")
-        other.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
+        if "drive" in self.__dict__:
+            other.__dict__["drive"] = self.drive  # where cached_property keeps it
         return other
 
     def acceleration(
@@ -133,34 +144,23 @@ class Twin:
 
         Parameters
         ----------
-        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own.
+        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own. Their device and their
+            precision are those of the whole computation.
         scales : factors on mount, bearing, excitation and sensor; None takes the twin's own.
         solver : `HarmonicBalance` by default, `RK4` for the paper's.
+
+        Raises
+        ------
+        InputError
+            A value or a scale is not positive.
         """
-        solver = solver or HarmonicBalance()
         values = self.values if values is None else values
-        own = torch.tensor(self.scales.values(), dtype=torch.float64)
-        mount, bearing, excitation, sensor = (own if scales is None else scales).unbind(-1)
-        worn = worn_values(self.pump, self.fault, values)
-        stiffness, damping = self.structure.stiffness(worn, mount, bearing), self.structure.damping(worn)
-        terms = periodic_terms(self.pump, self.fault, worn)
-        orders = np.arange(self.n_lines + 1) if terms else self.orders
-        radians = orders * self.condition.speed
-        frequency = torch.as_tensor(radians)
-        defect = fault_forces(
-            self.pump, self.structure, self.topology, self.fault, worn, radians, self._excitation[orders]
-        )
-        force = torch.as_tensor(self.pressure[orders]) + _gained(defect, excitation)
-        force = force.expand(*worn.shape[:-1], *force.shape[-2:])
-        mass = self.structure.mass
-        if terms:
-            motion = periodic_steady_state(solver, mass, damping, stiffness, self.condition.speed, force, terms)
-            motion, frequency = motion[..., 1:, :], frequency[1:]
-        else:
-            motion = solver.steady_state(mass, damping, stiffness, frequency, force)
-        rows = self.structure.sensor_rows.to(motion.dtype)
-        read = torch.einsum("...kd,sd->...sk", motion, rows) * -(frequency**2)
-        return _gained(read, sensor)
+        scales = values.new_tensor(self.scales.values()) if scales is None else scales
+        require_positive(values, scales)
+        batch = torch.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
+        rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, 4).reshape(-1, 4)
+        lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
+        return lines.reshape(*batch, *lines.shape[1:])
 
     def simulate(
         self,
@@ -202,7 +202,3 @@ class Twin:
             specimen=self.pump.name,
             synthetic=True,
         )
-
-
-def _gained(lines: Tensor, gain: Tensor | float) -> Tensor:
-    return lines * (gain[..., None, None] if isinstance(gain, Tensor) else gain)

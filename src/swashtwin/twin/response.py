@@ -1,0 +1,162 @@
+"""From what drives twins to what their accelerometers read: one path for a single twin and for a batch.
+
+All that no interface value changes is computed once, as a `Drive`; the rest is a few array operations around one call
+of the solver. Rows are computed in chunks of bounded memory, each independent of its neighbors.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from operator import itemgetter
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.dynamics import Structure, Topology, assemble, moved
+from swashtwin.errors import InputError
+from swashtwin.faults import Fault, TiltedBlockFace
+from swashtwin.forces import FaultAction, active_orders, excitation_lines, fault_action, periodic_terms, wear_factors
+from swashtwin.integrators import SteadySolver, periodic_steady_state
+from swashtwin.loads import LoadCase, force_lines
+from swashtwin.pump import PARAMETERS, Pump
+
+WORKSPACE = 32 * 2**20
+"""Bytes that one chunk may take; larger batches are computed chunk by chunk."""
+_LINE_BYTES = 16 * (13 * 13 + 10 * 13)
+"""Bytes that one line of one row may take: a complex matrix and some vectors of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What excites one twin, or a batch of twins of one pump: its first axis has one entry for all rows or one each."""
+
+    structure: Structure
+    """Constant matrices."""
+    orders: Int[np.ndarray, " read"]
+    """Shaft orders that are read."""
+    frequency: Float[Tensor, "twin line"]
+    """Angular frequency of the lines [rad/s]; those that are read, and order 0 before them where `turning`."""
+    pressure: Complex[Tensor, "twin line 13"]
+    """Lines of the chamber pressures and of the unbalance [N, N m]."""
+    action: FaultAction
+    """How the fault acts."""
+    wear: Float[Tensor, "twin 6"]
+    """Factors on the interface values."""
+    turning: tuple[Pump, TiltedBlockFace] | None = None
+    """What makes the stiffness turn with the shaft; then there is one twin only."""
+
+    def to(self, like: Float[Tensor, "..."]) -> "Drive":
+        """The same drive on the device and in the precision of `like`."""
+        if self.wear.device == like.device and self.wear.dtype == like.dtype:
+            return self
+        there = self.mapped(lambda part: moved(part, like))
+        return replace(there, structure=self.structure.to(like.device, like.dtype))
+
+    def mapped(self, function: Callable[[Tensor], Tensor]) -> "Drive":
+        """The same drive with `function` applied to each tensor that has an entry for each twin."""
+        return replace(
+            self,
+            frequency=function(self.frequency),
+            pressure=function(self.pressure),
+            action=self.action.mapped(function),
+            wear=function(self.wear),
+        )
+
+
+def drive_of(pump: Pump, condition: OperatingCondition, fault: Fault | None, topology: Topology, n_lines: int) -> Drive:
+    """Drive of one twin up to order `n_lines`, float64."""
+    structure = assemble(pump, topology)
+    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
+    motion = excitation_lines(pump, condition, fault, n_lines)
+    turning = (pump, fault) if isinstance(fault, TiltedBlockFace) else None
+    orders = np.arange(1, n_lines + 1) if turning else active_orders(pressure, motion)
+    lines = np.arange(n_lines + 1) if turning else orders
+    action = fault_action(pump, structure, topology, fault, lines * condition.speed, motion[lines])
+    return Drive(
+        structure=structure,
+        orders=orders,
+        frequency=torch.as_tensor(lines * condition.speed)[None],
+        pressure=torch.as_tensor(pressure[lines])[None],
+        action=action.mapped(lambda part: part[None]),
+        wear=torch.as_tensor(wear_factors(pump, fault))[None],
+        turning=turning,
+    )
+
+
+def respond(
+    drive: Drive,
+    values: Float[Tensor, "row 6"],
+    scales: Float[Tensor, "row 4"],
+    solver: SteadySolver,
+    *,
+    recompute: bool = False,
+) -> Complex[Tensor, "row sensor read"]:
+    """Lines of acceleration [m/s^2] at the drive's orders, read by each sensor.
+
+    Parameters
+    ----------
+    drive : on the device and in the precision of `values`.
+    recompute : keep nothing for the gradient but compute it again; always so where there are several chunks.
+    """
+    most = 1 if drive.turning else rows_of(drive.orders.size)
+    recompute = (recompute or len(values) > most) and torch.is_grad_enabled()
+    parts = []
+    for start in range(0, len(values), most):
+        part = slice(start, start + most)
+        driven = drive if len(drive.wear) == 1 else drive.mapped(itemgetter(part))
+        arguments = (driven, values[part], scales[part], solver)
+        if recompute:
+            parts.append(checkpoint(_chunk, *arguments, use_reentrant=False, preserve_rng_state=False))
+        else:
+            parts.append(_chunk(*arguments))
+    return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+
+def rows_of(n_lines: int) -> int:
+    """How many rows of so many lines make a chunk."""
+    return max(1, WORKSPACE // (n_lines * _LINE_BYTES))
+
+
+def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
+    structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
+    mount, bearing, excitation, sensor = scales.unbind(-1)
+    worn = values * drive.wear
+    stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
+    force = drive.pressure
+    if drive.action.strains or drive.action.pushes:
+        fault = drive.action.forces(worn, structure.slipper_vector)
+        force = force + excitation[:, None, None] * fault
+    force = force.expand(len(values), -1, -1)
+    if drive.turning:
+        terms = periodic_terms(*drive.turning, worn)
+        motion = periodic_steady_state(solver, structure.mass, damping, stiffness, float(frequency[1]), force, terms)[
+            :, 1:
+        ]
+        frequency = frequency[1:]
+    else:
+        motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
+    read = (motion[..., None, :, :] * structure.sensor_rows[:, None]).sum(-1)  # the same bits in any batch
+    return read * (-(frequency**2) * sensor[:, None])[:, None]
+
+
+def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 4"]) -> None:
+    """Refuse interface values and scales that would make a spring push where it should pull.
+
+    Raises
+    ------
+    InputError
+        One is not positive; it is named.
+    """
+    names = (*PARAMETERS, "scales.mount", "scales.bearing", "scales.excitation", "scales.sensor")
+    for tensor, words in ((values, names[:6]), (scales, names[6:])):
+        if tensor.is_meta or not bool((tensor.detach() <= 0).any()):
+            continue
+        row = tensor.detach().reshape(-1, len(words))
+        row = row[(row <= 0).any(dim=1)][0]
+        at = int((row <= 0).nonzero()[0])
+        raise InputError(
+            f"{words[at]} ({float(row[at]):g}) must be positive; a search keeps it so by bounds or by logarithms."
+        )

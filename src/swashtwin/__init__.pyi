@@ -62,9 +62,12 @@ from .readers import propose_index as propose_index
 from .readers import read_recording as read_recording
 from .readers import read_recordings as read_recordings
 from .readers import save_index as save_index
+from .readers import write_blocks as write_blocks
 from .readers import write_index as write_index
 from .readers import write_recording as write_recording
+from .readers import write_series as write_series
 from .recording import Recording as Recording
+from .recording import joined as joined
 from .recording import select as select
 from .report import write_report as write_report
 from .rig import build_rig as build_rig
@@ -76,12 +79,17 @@ from .training import PAPER_TRAINING as PAPER_TRAINING
 from .training import FittedClassifier as FittedClassifier
 from .training import TrainingSettings as TrainingSettings
 from .training import fit as fit
+from .twin import Course as Course
 from .twin import Scales as Scales
 from .twin import SlipperFilm as SlipperFilm
 from .twin import Twin as Twin
 from .twin import carry_over as carry_over
+from .twin import course_blocks as course_blocks
 from .twin import film_of as film_of
 from .twin import film_values as film_values
+from .twin import simulate_course as simulate_course
+from .twin import steady_blocks as steady_blocks
+from .twin import whole_revolutions as whole_revolutions
 from .twin import with_film as with_film
 from .units import MPa as MPa
 from .units import bar as bar
@@ -114,6 +122,7 @@ __all__ = [
     "BiTCN",
     "BoreDefect",
     "Calibration",
+    "Course",
     "DamScratch",
     "DataError",
     "Diagnosis",
@@ -160,6 +169,7 @@ __all__ = [
     "canonical_label",
     "carry_over",
     "celsius",
+    "course_blocks",
     "cut_windows",
     "deg",
     "diagnose",
@@ -174,6 +184,7 @@ __all__ = [
     "hold_out_specimens",
     "inspect_recording",
     "inspect_recordings",
+    "joined",
     "load_calibration",
     "load_classifier",
     "load_pump",
@@ -194,12 +205,17 @@ __all__ = [
     "save_index",
     "save_windows",
     "select",
+    "simulate_course",
     "split_by_recording",
+    "steady_blocks",
     "synthesize",
     "um",
     "unseen_recordings",
+    "whole_revolutions",
     "with_film",
+    "write_blocks",
     "write_index",
     "write_recording",
     "write_report",
+    "write_series",
 ]

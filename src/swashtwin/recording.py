@@ -30,7 +30,9 @@ class Recording:
     label: str | None = None
     """Class of the pump's condition, or None where nobody knows."""
     condition: OperatingCondition | None = None
-    """Operating condition, or None where nobody wrote it down."""
+    """Operating condition, or None where nobody wrote it down; the mean where `speed` says that it changed."""
+    speed: Float[np.ndarray, " time"] | None = None
+    """Angular speed of the shaft at each reading [rad/s], or None where it did not change or nobody measured it."""
     specimen: str | None = None
     """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
     synthetic: bool = False
@@ -46,6 +48,21 @@ class Recording:
         if len(self.channels) != self.signal.shape[0]:
             raise DataError(
                 f"{self.recording_id}: {len(self.channels)} channel names for {self.signal.shape[0]} channels."
+            )
+        if self.speed is not None:
+            self._require_speed(self.speed)
+
+    def _require_speed(self, speed: Float[np.ndarray, " reading"]) -> None:
+        readings = self.signal.shape[1]
+        if speed.shape != (readings,):
+            raise DataError(
+                f"{self.recording_id}: speed has shape {speed.shape} for {readings} readings; one for each."
+            )
+        wrong = np.flatnonzero(~(np.isfinite(speed) & (speed >= 0)))
+        if wrong.size:
+            raise DataError(
+                f"{self.recording_id}: speed ({speed[wrong[0]]:g} rad/s at reading {wrong[0]}) must be zero or a "
+                "positive number."
             )
 
     @property
@@ -74,6 +91,36 @@ class Recording:
             raise InputError(f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}.")
         rows = [self.channels.index(name) for name in channels]
         return replace(self, signal=self.signal[rows], channels=tuple(channels))
+
+
+def joined(blocks: Iterable[Recording]) -> Recording:
+    """One recording of blocks that follow each other without a gap; the first one's facts hold for all.
+
+    Raises
+    ------
+    DataError
+        There is no block, or one differs from the first in channels, sample rate, id, or in whether it has a speed.
+    """
+    kept = list(blocks)
+    if not kept:
+        raise DataError("no block to make a recording of.")
+    for block in kept[1:]:
+        require_same_facts(kept[0], block)
+    speeds = [block.speed for block in kept if block.speed is not None]
+    signal = np.concatenate([block.signal for block in kept], axis=1)
+    return replace(kept[0], signal=signal, speed=np.concatenate(speeds) if speeds else None)
+
+
+def require_same_facts(first: Recording, block: Recording) -> None:
+    """Refuse a block that cannot continue `first`."""
+    for name in ("recording_id", "channels", "sample_rate", "unit"):
+        if getattr(block, name) != getattr(first, name):
+            raise DataError(
+                f"{first.recording_id}: a block has {name} {getattr(block, name)!r}, the first one "
+                f"{getattr(first, name)!r}."
+            )
+    if (block.speed is None) != (first.speed is None):
+        raise DataError(f"{first.recording_id}: some blocks have a speed and some have none.")
 
 
 def select(

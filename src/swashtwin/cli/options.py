@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -9,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from swashtwin.condition import OperatingCondition
     from swashtwin.faults import Fault
+    from swashtwin.integrators import SteadySolver
 
 T = TypeVar("T")
 
@@ -32,6 +34,17 @@ Dimensions = Annotated[
     list[str] | None,
     typer.Option("--dimension", metavar="NAME=QUANTITY", help='Any dimension of the fault: "clearance=60 um".'),
 ]
+
+
+class Solver(StrEnum):
+    """What solves the equations of motion."""
+
+    harmonic_balance = "harmonic-balance"
+    rk4 = "rk4"
+
+
+SolverName = Annotated[Solver, typer.Option(help="What solves the equations; rk4 is the paper's.")]
+Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
 
 SampleRate = Annotated[str | None, typer.Option(help='Readings per second where files do not say: "25.6 kHz".')]
 Unit = Annotated[str | None, typer.Option(help='Unit of the readings where files do not say: "g", "m/s^2", "1".')]
@@ -57,6 +70,18 @@ def fault_of(
 
     named = {"length": length, "width": width, "depth": depth} | pairs_of(dimensions, "--dimension")
     return read_fault(kind, **{name: text for name, text in named.items() if text is not None})
+
+
+def solver_of(name: Solver, step: str | None) -> "SteadySolver":
+    """Solver of the options; a step without rk4 is a wrong command line."""
+    from swashtwin.integrators import RK4, HarmonicBalance
+    from swashtwin.units import parse
+
+    if name is Solver.rk4:
+        return RK4(step=None if step is None else parse(step, "s", name="step"))
+    if step is not None:
+        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
+    return HarmonicBalance()
 
 
 def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:

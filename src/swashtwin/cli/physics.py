@@ -1,8 +1,8 @@
-"""Commands about twins: simulate, calibrate, synthesize."""
+"""Commands that teach twins and use what they learnt: calibrate, synthesize."""
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,11 +20,15 @@ from swashtwin.cli.options import (
     Pressure,
     PumpName,
     Seed,
+    Solver,
+    SolverName,
     Speed,
+    Step,
     Temperature,
     condition_of,
     fault_of,
     given,
+    solver_of,
 )
 
 if TYPE_CHECKING:
@@ -37,69 +41,6 @@ class Method(StrEnum):
 
     ipinn = "ipinn"
     gauss_newton = "gauss-newton"
-
-
-class Solver(StrEnum):
-    """What solves the equations of motion."""
-
-    harmonic_balance = "harmonic-balance"
-    rk4 = "rk4"
-
-
-SolverName = Annotated[Solver, typer.Option(help="What solves the equations; rk4 is the paper's.")]
-Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
-
-
-def simulate(
-    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms.")],
-    speed: Speed,
-    pressure: Pressure,
-    pump: PumpName = "25scy14-1b",
-    calibration: Annotated[
-        Path | None,
-        typer.Option(help="Take the twin and fault of this calibration, at the speed and pressure given."),
-    ] = None,
-    temperature: Temperature = None,
-    fault: FaultName = "",
-    length: FaultLength = None,
-    width: FaultWidth = None,
-    depth: FaultDepth = None,
-    dimensions: Dimensions = None,
-    duration: Annotated[str, typer.Option(help="Length of the recording.")] = "4 s",
-    sample_rate: Annotated[str, typer.Option(help="Readings per second and channel.")] = "25.6 kHz",
-    solver: SolverName = Solver.harmonic_balance,
-    step: Step = None,
-    as_json: Json = False,
-) -> None:
-    """Write what the accelerometers of a twin read, as a synthetic recording."""
-    from swashtwin.calibration import load_calibration
-    from swashtwin.pump_files import load_pump
-    from swashtwin.readers import write_recording
-    from swashtwin.twin import Twin
-    from swashtwin.units import parse
-
-    condition = condition_of(speed, pressure, temperature)
-    flaw = fault_of(fault or "normal", length, width, depth, dimensions)
-    if calibration is None:
-        twin = Twin(load_pump(pump), condition, flaw)
-    else:
-        calibrated = load_calibration(calibration).twin.at(condition)
-        twin = calibrated.with_fault(flaw) if fault else calibrated
-    recording = twin.simulate(
-        parse(duration, "s", name="duration"),
-        parse(sample_rate, "Hz", name="sample_rate"),
-        solver=_solver(solver, step),
-        recording_id=out.stem,
-    )
-    write_recording(recording, out)
-    rms = dict(zip(recording.channels, (recording.signal**2).mean(axis=1) ** 0.5, strict=True))
-    result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": recording.duration}
-    result |= {"sample_rate_hz": recording.sample_rate, "rms_m_s2": {name: float(v) for name, v in rms.items()}}
-
-    def show() -> None:
-        table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), [(n, float(v)) for n, v in rms.items()])
-
-    tell(result, as_json, show)
 
 
 def calibrate(
@@ -148,7 +89,7 @@ def calibrate(
         found = calibration.calibrate(
             twin,
             recordings,
-            method=_method(method, epochs, _solver(solver, step)),
+            method=_method(method, epochs, solver_of(solver, step)),
             seed=seed,
             bounds=bounds,
             progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
@@ -204,17 +145,6 @@ def synthesize(
     }
     result |= {"classes": windows.classes, "seed": seed}
     tell(result, as_json, lambda: say(f"{out}: {len(windows)} windows of {label}\nNext: swashtwin train --add {out}"))
-
-
-def _solver(name: Solver, step: str | None) -> "SteadySolver":
-    from swashtwin.integrators import RK4, HarmonicBalance
-    from swashtwin.units import parse
-
-    if name is Solver.rk4:
-        return RK4(step=None if step is None else parse(step, "s", name="step"))
-    if step is not None:
-        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
-    return HarmonicBalance()
 
 
 def _method(name: Method, epochs: int | None, solver: "SteadySolver") -> "Calibrator":

@@ -21,10 +21,11 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
 
 from swashtwin.readers.assembly import read_recording
 from swashtwin.readers.entry import Entry
-from swashtwin.readers.formats import SUFFIXES, write_recording
+from swashtwin.readers.formats import SUFFIXES, write_blocks, write_recording
 from swashtwin.readers.index import declared_classes, read_recordings, save_index, write_index
 from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
+from swashtwin.readers.series import require_room, write_series
 
 __all__ = [
     "SUFFIXES",
@@ -35,7 +36,10 @@ __all__ = [
     "propose_index",
     "read_recording",
     "read_recordings",
+    "require_room",
     "save_index",
+    "write_blocks",
     "write_index",
     "write_recording",
+    "write_series",
 ]

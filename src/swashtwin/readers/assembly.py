@@ -63,8 +63,11 @@ def recording_from(path: Path, entry: Entry) -> Recording:
     signal = np.stack(list(chosen.values())).astype(np.float64) * np.array(factors)[:, None]
     attributes = dict(raw.attributes) | dict(entry.attributes)
     condition = _condition(entry, where, attributes)
+    speed, measured_rate = own.speed if own else None, rate
     if entry.resample is not None:
         signal, rate = _resampled(signal, rate, entry, where, attributes)
+    if speed is not None and rate != measured_rate:
+        speed = np.interp(np.arange(signal.shape[1]) / rate, np.arange(len(speed)) / measured_rate, speed)
     attributes |= {"file": entry.file, "sha256": digest}
     return Recording(
         signal=signal,
@@ -74,6 +77,7 @@ def recording_from(path: Path, entry: Entry) -> Recording:
         unit=unit,
         label=entry.label or (own.label if own else None),
         condition=condition or (own.condition if own else None),
+        speed=speed,
         specimen=entry.specimen or (own.specimen if own else None),
         synthetic=entry.synthetic or bool(own and own.synthetic),
         attributes=attributes,

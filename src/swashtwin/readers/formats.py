@@ -1,6 +1,7 @@
 """Which module reads and writes which suffix, and what every file must pass before and after."""
 
 import warnings
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,9 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     """Path of the file that now holds the recording.
 
     ``.h5`` holds the whole recording; ``.mat``, ``.csv`` and ``.tdms`` lack label, condition and specimen and ``.wav``
-    also the unit, which `write_index` adds. The old file stays as it is until the new one is complete.
+    also the unit, which `write_index` adds. The speed of each reading is lost by all but ``.h5``: a column of another
+    unit beside the channels would be read back as one of them. The old file stays as it is until the new one is
+    complete.
 
     Raises
     ------
@@ -95,6 +98,31 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     with replacing(path) as partial:
         module.write(recording, partial)
     return path
+
+
+def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
+    """What is known of the recording that `path` now holds, with its first reading only.
+
+    The recording is that of `recording.joined`, but only one block is in memory at a time: for recordings that are
+    longer than memory allows. The old file stays as it is until the new one is complete.
+
+    Parameters
+    ----------
+    blocks : parts of one recording that follow each other without a gap, all with the facts of the first.
+    path : file to write, ``.h5``.
+
+    Raises
+    ------
+    InputError
+        Another suffix.
+    DataError
+        There is no block, or a block does not continue the first.
+    """
+    path, left = Path(path), iter(blocks)
+    module = _module(path, (".h5", ".hdf5"), "written block by block")
+    with replacing(path) as partial:
+        facts: Recording = module.write_stream(left, partial)
+    return facts
 
 
 def _module(path: Path, suffixes: tuple[str, ...], verb: str) -> Any:

@@ -1,0 +1,251 @@
+"""The command that lets a twin run: one recording, or a folder of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.options import (
+    Dimensions,
+    FaultDepth,
+    FaultLength,
+    FaultName,
+    FaultWidth,
+    Json,
+    Pressure,
+    PumpName,
+    Seed,
+    Solver,
+    SolverName,
+    Speed,
+    Step,
+    Temperature,
+    condition_of,
+    fault_of,
+    solver_of,
+)
+
+if TYPE_CHECKING:
+    from swashtwin.augmentation import Variation
+    from swashtwin.integrators import SteadySolver
+    from swashtwin.recording import Recording
+    from swashtwin.twin import Course, Twin
+
+_STREAMED = (".h5", ".hdf5")
+_SPARE = 1 << 15
+"""Readings' worth of room that a file takes beyond its readings, at most."""
+
+
+def simulate(
+    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --n a folder.")],
+    speed: Speed,
+    pressure: Pressure,
+    pump: PumpName = "25scy14-1b",
+    calibration: Annotated[
+        Path | None,
+        typer.Option(help="Take the twin and fault of this calibration, at the speed and pressure given."),
+    ] = None,
+    temperature: Temperature = None,
+    fault: FaultName = "",
+    length: FaultLength = None,
+    width: FaultWidth = None,
+    depth: FaultDepth = None,
+    dimensions: Dimensions = None,
+    duration: Annotated[str, typer.Option(help="Length of a recording.")] = "4 s",
+    sample_rate: Annotated[str, typer.Option(help="Readings per second and channel.")] = "25.6 kHz",
+    whole_revolutions: Annotated[
+        bool, typer.Option("--whole-revolutions", help="Refuse a duration after which the signal does not repeat.")
+    ] = False,
+    to_speed: Annotated[
+        str | None, typer.Option(help='Run from --speed (which may be "0 rpm") to this speed within the duration.')
+    ] = None,
+    to_pressure: Annotated[str | None, typer.Option(help="Go from --pressure to this one within the duration.")] = None,
+    jitter: Annotated[float, typer.Option(help="Standard deviation of the speed, relative, such as 0.005.")] = 0.0,
+    n: Annotated[int, typer.Option("--n", min=1, help="How many recordings; above 1 they go to the folder --out.")] = 1,
+    vary: Annotated[
+        bool,
+        typer.Option(help="With --n, draw speed, pressure, temperature, severity and interface values anew for each."),
+    ] = True,
+    seed: Seed = 0,
+    solver: SolverName = Solver.harmonic_balance,
+    step: Step = None,
+    as_json: Json = False,
+) -> None:
+    """Write what the accelerometers of a twin read, as synthetic recordings.
+
+    With --n, the shaft's phase is drawn for each recording, and a run that was interrupted goes on where it ended.
+    """
+    from swashtwin.units import parse
+
+    if n == 1:
+        require_target(out)
+    elif out.suffix in (*_STREAMED, ".mat", ".wav", ".csv", ".tdms"):
+        raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
+    seconds = parse(duration, "s", name="duration")
+    course = _course_of(seconds, speed, pressure, to_speed, to_pressure, jitter)
+    if course is not None and (solver is Solver.rk4 or step is not None):
+        raise typer.BadParameter("solves the steady state; a course is marched by its own step.", param_hint="--solver")
+    fastest = speed if course is None or course.speed[0] >= course.speed[-1] else str(to_speed)
+    flaw = fault_of(fault or "normal", length, width, depth, dimensions)
+    twin = _twin_of(pump, calibration, fault, fastest, pressure, temperature, flaw)
+    rate = parse(sample_rate, "Hz", name="sample_rate")
+    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed)
+    if whole_revolutions:
+        _require_whole_revolutions(plan, varied=vary and n > 1)
+    if n == 1:
+        _write_one(plan, out, as_json)
+    else:
+        _write_many(plan, out, n, _variation_of(temperature) if vary else None, as_json)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What every recording of a run has in common."""
+
+    twin: "Twin"
+    duration: float
+    sample_rate: float
+    solver: "SteadySolver"
+    course: "Course | None"
+    seed: int
+
+    @property
+    def size(self) -> int:
+        """Bytes of one recording in a file."""
+        columns = len(self.twin.pump.channels) + (self.course is not None)
+        return (round(self.duration * self.sample_rate) + _SPARE) * columns * 8
+
+    def blocks(self, twin: "Twin", phase: float, seed: int, name: str) -> "Iterator[Recording]":
+        """One recording of `twin`, a variation of the plan's own."""
+        from swashtwin.twin import course_blocks, steady_blocks
+
+        if self.course is None:
+            return steady_blocks(
+                twin, self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name
+            )
+        drawn, own = twin.condition, self.twin.condition
+        course = self.course.scaled(drawn.speed / own.speed, drawn.discharge_pressure / own.discharge_pressure)
+        return course_blocks(twin, course, self.sample_rate, phase=phase, seed=seed, recording_id=name)
+
+    def settings(self, variation: "Variation | None") -> dict[str, Any]:
+        """Whatever the recordings of a run depend on, but for their count."""
+        from dataclasses import asdict
+
+        from swashtwin.calibration.archive import twin_to_dict
+
+        course = None if self.course is None else {
+            name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.course).items()
+        }  # fmt: skip
+        return {
+            "twin": twin_to_dict(self.twin),
+            "duration_s": self.duration,
+            "sample_rate_hz": self.sample_rate,
+            "solver": repr(self.solver),
+            "course": course,
+            "variation": None if variation is None else asdict(variation),
+            "seed": self.seed,
+        }
+
+
+def _course_of(
+    duration: float, speed: str, pressure: str, to_speed: str | None, to_pressure: str | None, jitter: float
+) -> "Course | None":
+    """Course of the options; None where nothing changes."""
+    if to_speed is None and to_pressure is None and jitter == 0:
+        return None
+    import numpy as np
+
+    from swashtwin.twin import Course
+    from swashtwin.units import parse
+
+    ends = (("speed", "rad/s", speed, to_speed), ("pressure", "Pa", pressure, to_pressure))
+    speeds, pressures = (
+        [parse(start, unit, name=name), parse(start if end is None else end, unit, name=f"to_{name}")]
+        for name, unit, start, end in ends
+    )
+    return Course(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
+
+
+def _twin_of(
+    pump: str, calibration: Path | None, fault: str, speed: str, pressure: str, temperature: str | None, flaw: Any
+) -> "Twin":
+    from swashtwin.calibration import load_calibration
+    from swashtwin.pump_files import load_pump
+    from swashtwin.twin import Twin
+
+    condition = condition_of(speed, pressure, temperature)
+    if calibration is None:
+        return Twin(load_pump(pump), condition, flaw)
+    calibrated = load_calibration(calibration).twin.at(condition)
+    return calibrated.with_fault(flaw) if fault else calibrated
+
+
+def _variation_of(temperature: str | None) -> "Variation":
+    """The usual spread; a temperature that was given is kept."""
+    from swashtwin.augmentation import Variation
+    from swashtwin.units import parse
+
+    if temperature is None:
+        return Variation()
+    kelvin = parse(temperature, "K", name="temperature")
+    return Variation(temperature=(kelvin, kelvin))
+
+
+def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
+    from swashtwin.twin import whole_revolutions
+
+    if plan.course is not None or varied:
+        raise typer.BadParameter("needs a steady speed: --no-vary, and no course.", param_hint="--whole-revolutions")
+    whole_revolutions(plan.twin.condition, plan.duration, plan.sample_rate)
+
+
+def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
+    from swashtwin.readers import require_room, write_blocks, write_recording
+    from swashtwin.recording import joined
+
+    squares: list[Any] = []
+    counts: list[int] = []
+
+    def measured() -> "Iterator[Recording]":
+        for block in plan.blocks(plan.twin, 0.0, plan.seed, out.stem):
+            squares.append((block.signal**2).sum(axis=1))
+            counts.append(block.signal.shape[1])
+            yield block
+
+    if out.suffix.lower() in _STREAMED:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        require_room(out.parent, 1, plan.size)
+        facts = write_blocks(measured(), out)
+    else:
+        facts = joined(measured())
+        write_recording(facts, out)
+        if facts.speed is not None:
+            note(f"note: {out.suffix} has no place for the speed of each reading; write .h5 to keep it.")
+    values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
+    rms = dict(zip(facts.channels, values, strict=True))
+    result: dict[str, Any] = {"recording": out, "label": facts.label, "duration_s": sum(counts) / plan.sample_rate}
+    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms}
+    tell(result, as_json, lambda: table(f"{out}: {facts.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
+
+
+def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:
+    from swashtwin.augmentation import _draw as drawn
+    from swashtwin.readers import write_series
+    from swashtwin.seeding import derive_seed, stream
+
+    def blocks_of(number: int) -> "Iterator[Recording]":
+        twin = plan.twin if variation is None else drawn(plan.twin, variation, plan.seed, number)
+        phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
+        return plan.blocks(twin, phase, derive_seed(plan.seed, "course", number), folder.name)
+
+    with resumable("the recordings that are whole stay; the same command goes on"), progress("simulating") as bar:
+        index, made = write_series(
+            folder, count, blocks_of, settings=plan.settings(variation), bytes_each=plan.size, progress=bar
+        )
+    result = {"index": index, "recordings": count, "made": made, "label": plan.twin.label, "seed": plan.seed}
+    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate}
+    tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(made)} made now"))

@@ -1,0 +1,109 @@
+"""Steady recordings of any length, block by block, and when one repeats without a seam."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.errors import InputError
+from swashtwin.integrators import SteadySolver
+from swashtwin.recording import Recording
+from swashtwin.signals import synchronous_signal
+from swashtwin.twin.model import Twin
+
+BLOCK = 65536
+"""Readings that are computed at a time."""
+_SEAM = 1e-3
+"""Share of the time between two readings by which the end of a recording may miss its beginning."""
+
+
+def steady_blocks(
+    twin: Twin,
+    duration: float,
+    sample_rate: float,
+    *,
+    solver: SteadySolver | None = None,
+    phase: float = 0.0,
+    recording_id: str = "simulated",
+) -> Iterator[Recording]:
+    """The recording of `Twin.simulate`, bit for bit, in blocks, so that memory does not grow with its length.
+
+    Raises
+    ------
+    InputError
+        The sample rate is below twice the bandwidth, or there is no reading.
+    """
+    require_rate(twin, sample_rate)
+    readings = round(duration * sample_rate)
+    if readings < 1:
+        raise InputError(f"duration ({duration:g} s) must hold at least one reading at {sample_rate:g} Hz.")
+    with torch.no_grad():
+        lines = twin.acceleration(solver=solver).numpy()
+    for first in range(0, readings, BLOCK):
+        angle = phase + twin.condition.speed * np.arange(first, min(first + BLOCK, readings)) / sample_rate
+        yield Recording(
+            signal=synchronous_signal(lines, twin.orders, angle),
+            sample_rate=sample_rate,
+            recording_id=recording_id,
+            channels=twin.pump.channels,
+            label=twin.label,
+            condition=twin.condition,
+            specimen=twin.pump.name,
+            synthetic=True,
+        )
+
+
+def require_rate(twin: Twin, sample_rate: float) -> None:
+    """Refuse a sample rate at which the twin's highest lines would fold."""
+    if sample_rate < 2 * twin.bandwidth:
+        raise InputError(
+            f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({twin.bandwidth:g} Hz); "
+            f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
+        )
+
+
+def whole_revolutions(condition: OperatingCondition, duration: float, sample_rate: float) -> int:
+    """Number of revolutions in `duration` [s], where both it and the readings are whole: the signal then repeats.
+
+    Raises
+    ------
+    InputError
+        They are not; the nearest duration at which they are is offered, or the nearest speed.
+
+    Examples
+    --------
+    >>> from swashtwin.units import MPa, rpm
+    >>> at_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    >>> whole_revolutions(at_15, 3.0, 25600.0)
+    43
+    >>> whole_revolutions(at_15, 4.0, 25600.0)
+    Traceback (most recent call last):
+    ...
+    swashtwin.errors.InputError: duration (4 s) holds 57.3333 revolutions and 102400 readings, which must both be whole
+    for a signal that repeats; the nearest that does is 3 s (43 revolutions).
+    """
+    turns, per_turn = duration * condition.shaft_frequency, sample_rate / condition.shaft_frequency
+    nearest = max(1, round(turns))
+    if abs(nearest * per_turn - duration * sample_rate) < _SEAM and _is_whole(duration * sample_rate):
+        return nearest
+    offered = sorted(
+        (count for count in range(max(1, nearest - 1000), nearest + 1000) if _is_whole(count * per_turn)),
+        key=lambda count: abs(count - turns),
+    )
+    if offered:
+        offer = (
+            f"the nearest that does is {round(offered[0] * per_turn) / sample_rate:.15g} s ({offered[0]} revolutions)"
+        )
+    else:
+        speed = 2 * math.pi * nearest * sample_rate / max(1, round(duration * sample_rate))
+        offer = f"no duration near it does; at a speed of {speed:.15g} rad/s it holds {nearest}"
+    raise InputError(
+        f"duration ({duration:g} s) holds {turns:.6g} revolutions and {duration * sample_rate:.10g} readings, which "
+        f"must both be whole for a signal that repeats; {offer}."
+    )
+
+
+def _is_whole(readings: float) -> bool:
+    return abs(readings - round(readings)) < _SEAM

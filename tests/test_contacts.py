@@ -165,6 +165,14 @@ def test_a_film_that_cannot_pull_only_pushes_and_the_motion_settles_as_steps_get
     assert 0.2 < np.mean(pushing == 0) < 0.6
 
 
+def test_lifting_off_is_of_second_order_as_well_where_no_velocity_jumps(pump: Pump, at_15: OperatingCondition) -> None:
+    smooth = Case(pump, at_15, fault=replace(RECESS, edge="raised_cosine"))
+    fine = smooth.by_steps(LIFTING, 32768)
+    errors = [smooth.off(smooth.by_steps(LIFTING, steps), fine) for steps in (2048, 4096, 8192)]
+    assert errors[-1] < 2e-4
+    assert math.log2(errors[0] / errors[2]) / 2 == pytest.approx(2, abs=0.2)
+
+
 def test_a_healthy_pump_keeps_its_slippers_down_and_stays_linear(pump: Pump, at_15: OperatingCondition) -> None:
     healthy = Case(pump, at_15, fault=None)
     assert healthy.off(healthy.by_steps(LIFTING, 2048), healthy.by_steps(ALIKE, 2048)) < 1e-7

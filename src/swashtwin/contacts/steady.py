@@ -37,8 +37,8 @@ class Marching:
     """How finely and how long the march goes on."""
 
     steps: int = 8192
-    """Steps per revolution. The error falls with their square; where slippers lift off at half-sine edges, whose velocity
-    jumps, in proportion only."""
+    """Steps per revolution. The error falls with their square, but in proportion only where slippers lift off at
+    half-sine edges, whose velocity jumps."""
     tolerance: float = 1e-9
     """Change from one revolution to the next, relative to the motion, below which it repeats."""
     most: int = 100

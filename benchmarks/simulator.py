@@ -1,0 +1,240 @@
+"""Time, memory and accuracy of one value and gradient of a spectrum loss: our engines and their peers.
+
+    pip install -r benchmarks/requirements.txt
+    python benchmarks/simulator.py --json
+    python benchmarks/simulator.py --plot docs/figures
+    python benchmarks/simulator.py --profile
+
+One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on one core, each row
+in a process of its own. Peers step through it with the fourth-order Runge-Kutta method; stability asks for steps of
+1 us, and the revolution is cut into 72,000. They are given what costs time and is not theirs: the forces, computed
+beforehand, and the settled motion to start from, where the paper's way drops start-up revolutions first. Compilation is
+not counted. A peer that takes too long is timed over a share of the steps and scaled up (`measured_share`). `error` is
+that of the sensors' accelerations against the Runge-Kutta method at a quarter of the step, `error_radau` against
+scipy's Radau at a relative tolerance of 1e-10, `error_gradient` that of the slopes against other code. A peer that is
+not installed is named with what would install it.
+"""
+
+import argparse
+import json
+import math
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from peers import throughput
+from peers.measuring import Entry, alone, measured
+from peers.problem import STEPS_PER_REVOLUTION
+from peers.reference import references, slopes
+
+ENTRIES = (
+    Entry("steady", "ours: harmonic balance (default)", "ours", "Steady"),
+    Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
+    Entry("trajectory", "ours: RK4 with transient", "ours", "Trajectory"),
+    Entry("hold", "ours: first-order hold, 9 steps in one", "ours", "FirstOrderHold", stride=9),
+    Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
+    Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
+    Entry("jax_again", "JAX lax.scan RK4, unrolled, recomputing", "jax_side", "JaxScanAgain", "jax"),
+    Entry("diffrax", "diffrax RK4, RecursiveCheckpointAdjoint", "diffrax_side", "Diffrax", "diffrax"),
+    Entry("diffrax_all", "diffrax RK4, as many checkpoints as steps", "diffrax_side", "DiffraxRemembering", "diffrax"),
+    Entry("diffrax_forward", "diffrax RK4, ForwardMode", "diffrax_side", "DiffraxForward", "diffrax"),
+    Entry("torchdiffeq", "torchdiffeq rk4 (3/8 rule)", "ode_library", "TorchDiffEq", "torchdiffeq", steps=2000),
+    Entry("eager", "PyTorch eager RK4, autograd", "eager", "Eager"),
+)
+FINE = Entry("steady_rk4_fine", "ours: RK4 in steady state, quarter step", "ours", "SteadyRungeKutta", refine=4)
+SHORT = 20_000
+"""Steps of the second table."""
+BATCH = 200
+COUNTS = (100, 300, 1000)
+PACKAGES = ("swashtwin", "torch", "numpy", "scipy", "numba", "jax", "diffrax", "torchdiffeq")
+FLAT_MB = 2.0
+"""Memory may differ by so much and still be called flat."""
+
+
+def rows_at(n_steps: int) -> list[dict[str, Any]]:
+    """The table for so many of the peers' steps, errors left to be filled in."""
+    return [alone(measured, entry, n_steps) for entry in ENTRIES]
+
+
+def relative(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest difference over the largest of `wanted`, as far as both reach."""
+    length = min(len(found), len(wanted))
+    wanted = wanted[:length]
+    return float(np.abs(found[:length] - wanted).max() / np.abs(wanted).max())
+
+
+def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
+    """Rows with their errors, and without the motion from which these came."""
+    truth = alone(references, n_steps)
+    stepped: dict[int, np.ndarray] = {}
+    judged = []
+    for row in rows:
+        row = dict(row)
+        if "missing" not in row:
+            gains, found = row.pop("gains"), np.array(row.pop("slopes"))
+            if row["key"].startswith("steady"):
+                wanted = truth["steady_slopes"]
+            else:
+                timed = round(n_steps * row["measured_share"])
+                if timed not in stepped:
+                    stepped[timed] = alone(slopes, timed)
+                wanted = stepped[timed]
+            row["error"] = relative(gains, truth["quarter"])
+            row["error_radau"] = relative(gains, truth["radau"])
+            row["error_gradient"] = relative(found, wanted)
+        judged.append(row)
+    return judged
+
+
+def fastest(rows: list[dict[str, Any]], *keys: str) -> float:
+    """Least time [s] of a value and gradient among the rows of these keys; NaN where none was measured."""
+    times = [row["gradient_s"] for row in rows if row["key"] in keys and "missing" not in row]
+    return min(times, default=math.nan)
+
+
+def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """How many times longer the peers take than ours."""
+    steady, trajectory = fastest(rows, "steady"), fastest(rows, "trajectory")
+    eager, jax = fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
+    return {
+        "eager": eager / steady,
+        "diffrax": fastest(rows, "diffrax", "diffrax_all", "diffrax_forward") / steady,
+        "jax": jax / steady,
+        "torchdiffeq": fastest(rows, "torchdiffeq") / steady,
+        "steady_rk4_eager": eager / fastest(rows, "steady_rk4"),
+        "trajectory_eager": eager / trajectory,
+        "trajectory_jax": jax / trajectory,
+    }
+
+
+def memory_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Peak memory [MB] of the gradient in steady state, at the step and at a quarter of it."""
+    found = {row["key"]: row["memory_mb"] for row in rows if row["key"] in ("steady", "steady_rk4")}
+    fine = alone(measured, FINE, STEPS_PER_REVOLUTION)["memory_mb"]
+    flat = bool(abs(fine - found["steady_rk4"]) <= FLAT_MB)
+    return {
+        "harmonic_balance_mb": found["steady"],
+        "rk4_mb": found["steady_rk4"],
+        "rk4_four_times_the_steps_mb": fine,
+        "flat": flat,
+    }
+
+
+def batch_times() -> dict[str, float]:
+    """Value and gradient of one and of many sets of values."""
+    one, many = alone(throughput.ours, 1), alone(throughput.ours, BATCH)
+    return {"one_s": one, "two_hundred_s": many, "ratio": many / one}
+
+
+def bars_of(told: dict[str, Any]) -> list[dict[str, Any]]:
+    """What was asked for, what was found, and whether that is enough; None where it was not measured."""
+    ratios, memory, windows = told["ratios"], told["memory"], told["windows"]
+    growth = windows["at"][str(COUNTS[2])] / windows["at"][str(COUNTS[1])] / (COUNTS[2] / COUNTS[1])
+    asked = (
+        ("eager RK4 over steady state", ratios["eager"], "at least", 3000),
+        ("diffrax over steady state", ratios["diffrax"], "at least", 300),
+        ("JAX scan over steady state", ratios["jax"], "at least", 40),
+        ("eager RK4 over RK4 with transient", ratios["trajectory_eager"], "at least", 150),
+        ("JAX scan over RK4 with transient", ratios["trajectory_jax"], "at least", 1),
+        ("memory of the gradient in steady state [MB]", memory["harmonic_balance_mb"], "at most", 50),
+        ("its growth over four times the steps [MB]", memory["rk4_four_times_the_steps_mb"] - memory["rk4_mb"],
+         "at most", FLAT_MB),
+        (f"{BATCH} sets in one batch over one set", told["batch"]["ratio"], "at most", 40),
+        ("1,000 synthetic windows on two cores [s]", windows["wall_s"], "at most", 10),
+        ("time per window, 1,000 over 300 of them", growth, "at most", 1.15),
+    )  # fmt: skip
+    return [
+        {
+            "bar": name,
+            "found": found,
+            "wanted": f"{word} {bound}",
+            "passed": None if math.isnan(found) else bool(found >= bound if word == "at least" else found <= bound),
+        }
+        for name, found, word, bound in asked
+    ]
+
+
+def machine() -> dict[str, Any]:
+    """Where it was measured."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = None
+    return {"cores": os.cpu_count(), "python": platform.python_version(), "versions": versions}
+
+
+def everything() -> dict[str, Any]:
+    """All that is measured."""
+    rows = judge(rows_at(STEPS_PER_REVOLUTION), STEPS_PER_REVOLUTION)
+    short = judge(rows_at(SHORT), SHORT)
+    told = {
+        "rows": rows,
+        "ratios": ratios_of(rows),
+        "rows_at_20000_steps": short,
+        "ratios_at_20000_steps": ratios_of(short),
+        "batch": batch_times(),
+        "windows": alone(throughput.windows, COUNTS),
+        "accuracy": {
+            row["key"]: {name: row[name] for name in ("error", "error_radau", "error_gradient")}
+            for row in rows
+            if "missing" not in row
+        },
+        "memory": memory_of(rows),
+        "machine": machine(),
+    }
+    return {**told, "bars": bars_of(told)}
+
+
+def show(told: dict[str, Any]) -> None:
+    """Print the tables and the bars."""
+    for rows in (told["rows"], told["rows_at_20000_steps"]):
+        print(f"{'':44}{'steps':>8}{'value s':>10}{'gradient s':>12}{'MB':>8}{'error':>9}{'Radau':>9}{'slopes':>9}")
+        for row in rows:
+            if "missing" in row:
+                print(f"{row['name']:44}not installed: {row['missing']}")
+                continue
+            scaled = "" if row["measured_share"] == 1 else f"  scaled from {row['measured_share']:.1%}"
+            print(
+                f"{row['name']:44}{row['steps']:8d}{row['value_s']:10.3g}{row['gradient_s']:12.3g}"
+                f"{row['memory_mb']:8.3g}{row['error']:9.1e}{row['error_radau']:9.1e}{row['error_gradient']:9.1e}{scaled}"
+            )
+        print()
+    for name, ratio in told["ratios"].items():
+        print(f"{name}: {ratio:.3g} (at 20,000 steps {told['ratios_at_20000_steps'][name]:.3g})")
+    print()
+    for bar in told["bars"]:
+        verdict = {True: "met", False: "MISSED", None: "not measured"}[bar["passed"]]
+        print(f"{bar['bar']:48}{bar['found']:10.3g}  {bar['wanted']:16}{verdict}")
+
+
+def main() -> None:
+    """Print the tables, as JSON with ``--json``; or draw or profile instead."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw time against steps and batch size instead")
+    parser.add_argument("--profile", action="store_true", help="print where the time of one gradient goes instead")
+    arguments = parser.parse_args()
+    if arguments.plot:
+        from peers.figures import draw_scaling
+
+        draw_scaling(arguments.plot)
+        return
+    if arguments.profile:
+        from peers.profiling import shares
+
+        print(json.dumps(alone(shares), indent=1))
+        return
+    told = everything()
+    if arguments.json:
+        print(json.dumps(told, indent=1))
+    else:
+        show(told)
+
+
+if __name__ == "__main__":
+    main()

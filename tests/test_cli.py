@@ -1,6 +1,5 @@
 """The command line: what it prints, how it ends, and that one command's output feeds the next."""
 
-import json
 import resource
 import shlex
 import subprocess
@@ -12,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
+from commandline import AT_15, DEFECT, one_line, run, run_json
 from typer.main import get_command
-from typer.testing import CliRunner, Result
 
 import swashtwin
 from swashtwin.calibration import GaussNewton
@@ -29,28 +28,7 @@ from swashtwin.windows import load_windows
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
-AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
-DEFECT = ("--fault", "swash_plate", "--depth", "0.08 mm")
 TINY = ("--epochs", "1", "--stride", "32", "--channels", "8,8")
-
-
-def run(*words: object, code: int = 0) -> Result:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    assert result.exit_code == code, result.output
-    return result
-
-
-def run_json(*words: object, code: int = 0) -> dict[str, Any]:
-    told = json.loads(run(*words, "--json", code=code).stdout)
-    assert isinstance(told, dict)
-    return told
-
-
-def one_line(result: Result) -> str:
-    lines = [line for line in result.stderr.splitlines() if line.startswith("swashtwin: ")]
-    assert len(lines) == 1
-    assert "Traceback" not in result.stderr
-    return lines[0]
 
 
 @pytest.fixture(scope="module")
@@ -284,17 +262,6 @@ def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]
         (("train", "nowhere", "--add", "no.safetensors"), "no.safetensors does not exist"),
         (("pump", "show", "26scy"), "25scy14-1b"),
         (("rig", ".", "--seed", 0), "not empty"),
-        (("simulate", "--speed", "860", "--pressure", "15 MPa", "--out", "x.h5"), "has no unit"),
-        (("simulate", "--speed", "14 Hz", "--pressure", "15 MPa", "--out", "x.h5"), '"840 rpm"'),
-        (("simulate", "--speed", "860 rpm", "--pressure", "15 Pa", "--out", "x.h5"), "15 MPa is MPa(15)"),
-        (("simulate", *AT_15, "--fault", "swosh_plate", "--out", "x.h5"), "Did you mean 'swash_plate'?"),
-        (("simulate", *AT_15, *DEFECT, "--length=-30 mm", "--out", "x.h5"), "must be zero or a positive number"),
-        (("simulate", *AT_15, *DEFECT, "--width", "24 m", "--out", "x.h5"), "exceeds 0.3 m"),
-        (("simulate", *AT_15, "--fault", "piston", "--depth", "1 mm", "--out", "x.h5"), "it has clearance"),
-        (("simulate", *AT_15, "--depth", "1 mm", "--out", "x.h5"), "name a fault"),
-        (("simulate", *AT_15, "--solver", "rk4", "--step", "1 ms", "--out", "x.h5"), "stability limit"),
-        (("simulate", *AT_15, "--out", "x.exe"), "'.exe' cannot be written"),
-        (("simulate", *AT_15, "--sample-rate", "1 kHz", "--out", "x.h5"), "twice the twin's bandwidth"),
     ],
 )
 def test_bad_input_ends_with_one_line_and_code_3(
@@ -311,9 +278,6 @@ def test_bad_input_ends_with_one_line_and_code_3(
     [
         ("trian",),
         ("rig", "somewhere"),
-        ("simulate", *AT_15),
-        ("simulate", *AT_15, "--out", "x.h5", "--step", "1 us"),
-        ("simulate", *AT_15, "--out", "x.h5", "--dimension", "depth"),
         ("calibrate", "x", *AT_15, "--method", "guess"),
         ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--epochs", "5"),
         ("study", "case1", "x", "--seeds", "a,b"),
@@ -408,7 +372,6 @@ def test_testing_on_a_training_recording_is_refused(rig: Path, chain: dict[str, 
     "words",
     [
         ("pump", "new", "mine", "--folder", "."),
-        ("simulate", *AT_15, "--duration", "0.2 s", "--out", "full.h5"),
     ],
 )
 def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[str, ...], tmp_path: Path) -> None:
@@ -557,8 +520,3 @@ def test_a_target_that_cannot_be_written_is_refused_before_the_work(tmp_path: Pa
     assert "is a folder; name a file" in line
     line = one_line(run("calibrate", tmp_path / "n.toml", *AT_15, "--out", tmp_path / "pump.toml", code=3))
     assert "must end in .json" in line
-
-
-def test_a_fractional_piston_is_refused(tmp_path: Path) -> None:
-    words = ("--fault", "piston", "--dimension", "piston=1.5", "--out", tmp_path / "s.h5")
-    assert "must be a whole number" in one_line(run("simulate", *AT_15, *words, code=3))

@@ -97,8 +97,8 @@ class _PatientFile:
         self._file = file
         self.error: OSError | None = None
 
-    def write(self, data: memoryview) -> int:
-        """Number of bytes of `data`, written or not."""
+    def write(self, data: Any) -> int:
+        """Number of bytes of `data` (a memoryview, or what is like one), written or not."""
         left = memoryview(data)
         try:
             while self.error is None and left.nbytes:

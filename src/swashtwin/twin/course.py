@@ -31,11 +31,11 @@ class Shaft:
     """Angle at each knot [rad], 0 at top dead center of piston 0."""
 
     def at(self, time: Float[np.ndarray, " time"]) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
-        """Angle [rad] and angular speed [rad/s] at `time` [s]."""
+        """Angle [rad] and angular speed [rad/s] at `time` [s]; before the first knot its speed holds."""
         knot = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         rate = np.diff(self.speed) / np.diff(self.time)
         since = time - self.time[knot]
-        speed = self.speed[knot] + rate[knot] * since
+        speed = self.speed[knot] + rate[knot] * np.maximum(since, 0.0)
         return self.angle[knot] + (self.speed[knot] + speed) / 2 * since, speed
 
 

@@ -70,7 +70,8 @@ def whole_revolutions(condition: OperatingCondition, duration: float, sample_rat
     Raises
     ------
     InputError
-        They are not; the nearest duration at which they are is offered, or the nearest speed.
+        They are not; the nearest duration, of half to twice the length, at which they are is offered, or the nearest
+        speed.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def whole_revolutions(condition: OperatingCondition, duration: float, sample_rat
     if abs(nearest * per_turn - duration * sample_rate) < _SEAM and _is_whole(duration * sample_rate):
         return nearest
     offered = sorted(
-        (count for count in range(max(1, nearest - 1000), nearest + 1000) if _is_whole(count * per_turn)),
+        (count for count in range((nearest + 1) // 2, 2 * nearest + 1) if _is_whole(count * per_turn)),
         key=lambda count: abs(count - turns),
     )
     if offered:

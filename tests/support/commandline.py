@@ -1,0 +1,33 @@
+"""The command line, run within the tests."""
+
+import json
+from typing import Any
+
+from typer.testing import CliRunner, Result
+
+from swashtwin.cli import app
+
+AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
+DEFECT = ("--fault", "swash_plate", "--depth", "0.08 mm")
+
+
+def run(*words: object, code: int = 0) -> Result:
+    """What a command printed, after it ended with `code`."""
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def run_json(*words: object, code: int = 0) -> dict[str, Any]:
+    """The one JSON object that a command printed."""
+    told = json.loads(run(*words, "--json", code=code).stdout)
+    assert isinstance(told, dict)
+    return told
+
+
+def one_line(result: Result) -> str:
+    """The one line in which a command said why it ended."""
+    lines = [line for line in result.stderr.splitlines() if line.startswith("swashtwin: ")]
+    assert len(lines) == 1
+    assert "Traceback" not in result.stderr
+    return lines[0]

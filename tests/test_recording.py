@@ -3,6 +3,7 @@
 import math
 from copy import copy
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swashtwin.errors import DataError, InputError
-from swashtwin.recording import Recording, select
+from swashtwin.recording import Recording, joined, select
 
 LABELS = st.sampled_from(["normal", "piston", None])
 SPECIMENS = st.sampled_from(["A", "B", None])
@@ -66,6 +67,41 @@ def test_a_sample_rate_that_is_none_is_refused(rate: float) -> None:
 def test_each_channel_needs_one_name() -> None:
     with pytest.raises(DataError, match="a: 2 channel names for 3 channels"):
         replace(make(), channels=("x", "y"))
+
+
+def test_a_recording_keeps_its_speed_when_its_label_or_its_channels_change() -> None:
+    recording = replace(make(), speed=np.array([80.0, 82.0, 0.0, 81.0]))
+    for other in (recording.relabeled("piston"), recording.picked(["z"])):
+        assert other.speed is recording.speed
+
+
+@pytest.mark.parametrize(
+    ("speed", "said"),
+    [
+        (np.array([80.0, 81.0]), r"a: speed has shape \(2,\) for 4 readings"),
+        (np.array([[80.0, 81.0, 82.0, 83.0]]), r"a: speed has shape \(1, 4\) for 4 readings"),
+        (np.array([80.0, -1.0, 80.0, 80.0]), r"a: speed \(-1 rad/s at reading 1\) must be zero or a positive"),
+        (np.array([80.0, 80.0, 80.0, math.nan]), r"a: speed \(nan rad/s at reading 3\) must be zero or a positive"),
+    ],
+)
+def test_a_speed_that_is_none_of_the_readings_is_refused(speed: np.ndarray, said: str) -> None:
+    damaged = copy(make())
+    object.__setattr__(damaged, "speed", speed)  # the tests' type checker would refuse some of them earlier
+    with pytest.raises(DataError, match=said):
+        damaged.__post_init__()
+
+
+@given(cuts=st.lists(st.integers(1, 11), max_size=4, unique=True))
+def test_blocks_join_to_the_recording_they_were_cut_from(cuts: list[int]) -> None:
+    whole = Recording(np.arange(24.0).reshape(2, 12), 8.0, "a", channels=("x", "y"), speed=np.arange(12.0))
+    edges = [0, *sorted(cuts), 12]
+    blocks = [
+        replace(whole, signal=whole.signal[:, first:last], speed=np.arange(first, last, dtype=float))
+        for first, last in pairwise(edges)
+    ]
+    together = joined(iter(blocks))
+    np.testing.assert_array_equal(together.signal, whole.signal)
+    np.testing.assert_array_equal(together.speed, whole.speed)
 
 
 @given(

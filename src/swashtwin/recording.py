@@ -52,7 +52,7 @@ class Recording:
         if self.speed is not None:
             self._require_speed(self.speed)
 
-    def _require_speed(self, speed: Float[np.ndarray, " reading"]) -> None:
+    def _require_speed(self, speed: np.ndarray) -> None:
         readings = self.signal.shape[1]
         if speed.shape != (readings,):
             raise DataError(

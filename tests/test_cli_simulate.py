@@ -105,19 +105,7 @@ def test_a_temperature_that_is_given_is_kept(tmp_path: Path) -> None:
 
 
 def test_many_courses_follow_their_own_speeds(tmp_path: Path) -> None:
-    words = (
-        "simulate",
-        *AT_15,
-        *SHORT,
-        "--to-speed",
-        "900 rpm",
-        "--jitter",
-        0.002,
-        "--n",
-        2,
-        "--out",
-        tmp_path / "runs",
-    )
+    words = (*AT_15, *SHORT, "--to-speed", "900 rpm", "--jitter", 0.002, "--n", 2, "--out", tmp_path / "runs")
     first, second = read_recordings(run_json("simulate", *words)["index"])
     assert first.speed is not None
     assert second.speed is not None

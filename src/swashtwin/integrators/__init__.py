@@ -1,0 +1,51 @@
+"""Solvers of M x'' + C x' + K x = Q, differentiable and batched.
+
+In steady state every solver works line by line: forces and motions are one-sided complex amplitudes of the shaft orders
+``k = 0, 1, ...``, with ``x(t) = X_0 + Re sum_k X_k exp(i k omega t)``.
+
+- `HarmonicBalance` is exact for the equations: one `receptance` a line.
+- `RK4` is the periodic steady state that the fourth-order Runge-Kutta recursion itself reaches at its step: on a linear
+  system the recursion is a fixed map, whose response to each line is that of four receptances (docs/simulator.md).
+- `periodic_steady_state` adds parts of K and C that turn with the shaft to either.
+
+For motions that are not periodic, `rk4_trajectory`, `rk4_trajectory_of_lines`, `rk4_trajectory_with_breaks` and
+`first_order_hold_trajectory` march through time, all by `linear_recursion`.
+
+Everything takes leading batch axes, follows the device and the precision of what it is given, and has exact
+derivatives whose memory does not grow with the work. A batch gives each of its members what it would get alone.
+"""
+
+from swashtwin.integrators.definiteness import require_definite
+from swashtwin.integrators.periodic import PeriodicTerm, periodic_steady_state
+from swashtwin.integrators.receptances import receptance
+from swashtwin.integrators.recursion import linear_recursion
+from swashtwin.integrators.runge_kutta import rk4_limit, rk4_limits, rk4_map, stable_step, state_matrix
+from swashtwin.integrators.steady import RK4, HarmonicBalance, SteadySolver
+from swashtwin.integrators.trajectories import (
+    Trajectory,
+    first_order_hold_trajectory,
+    rk4_trajectory,
+    rk4_trajectory_of_lines,
+    rk4_trajectory_with_breaks,
+)
+
+__all__ = [
+    "RK4",
+    "HarmonicBalance",
+    "PeriodicTerm",
+    "SteadySolver",
+    "Trajectory",
+    "first_order_hold_trajectory",
+    "linear_recursion",
+    "periodic_steady_state",
+    "receptance",
+    "require_definite",
+    "rk4_limit",
+    "rk4_limits",
+    "rk4_map",
+    "rk4_trajectory",
+    "rk4_trajectory_of_lines",
+    "rk4_trajectory_with_breaks",
+    "stable_step",
+    "state_matrix",
+]

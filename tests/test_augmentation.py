@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from swashtwin import augmentation
 from swashtwin.augmentation import Variation, synthesize
 from swashtwin.baselines import fit_extra_trees
 from swashtwin.condition import OperatingCondition
@@ -48,6 +49,19 @@ def test_the_same_seed_gives_the_same_windows_and_another_seed_others(twin: Twin
     )
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 0.1
+
+
+def test_a_window_does_not_depend_on_those_made_beside_it(
+    twin: Twin, measured: WindowSet, pump: Pump, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = replace(twin, pump=replace(pump, name="other"), condition=twin.condition.replaced(speed=60.0))
+    few, many = (synthesize([twin, other], label="swash_plate", count=count, like=measured, seed=0) for count in (3, 7))
+    monkeypatch.setattr(augmentation, "_CHUNK", 2)
+    chunked = synthesize([twin, other], label="swash_plate", count=7, like=measured, seed=0)
+    np.testing.assert_array_equal(many.signal[:3], few.signal)
+    np.testing.assert_array_equal(many.signal, chunked.signal)
+    np.testing.assert_array_equal(many.recording_id, chunked.recording_id)
+    np.testing.assert_array_equal(many.speed[1::2], 60.0)
 
 
 def test_no_score_is_given_on_synthetic_windows(twin: Twin, measured: WindowSet) -> None:

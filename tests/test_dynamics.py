@@ -1,6 +1,7 @@
 """The matrices against physics.md: reference entries, invariants, and the 13 equations written out one by one."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -166,3 +167,27 @@ def test_the_swash_plane_is_normal_to_its_normal(pump: Pump) -> None:
 def test_an_unknown_topology_is_refused(pump: Pump) -> None:
     with pytest.raises(InputError, match="choose 'T1' or 'T2'"):
         assemble(pump, "T3")
+
+
+def test_a_structure_moves_to_another_device_and_precision(pump: Pump) -> None:
+    structure = assemble(pump)
+    assert structure.to("cpu", torch.float64) is structure
+    single = structure.to("cpu", torch.float32)
+    assert single.interface_shapes.dtype == single.sensor_rows.dtype == torch.float32
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
+    torch.testing.assert_close(single.stiffness(values.float()), structure.stiffness(values).float())
+    assert structure.to("meta", torch.float64).damping(values.to("meta")).device.type == "meta"
+
+
+def test_matrices_of_a_batch_have_the_bits_of_each_by_itself(pump: Pump) -> None:
+    structure = assemble(pump)
+    spread = torch.rand(37, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) + 0.5
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * spread
+    stiffness, damping = structure.stiffness(values, spread[:, 0], 0.9), structure.damping(values)
+    for row, one in enumerate(values):
+        assert torch.equal(structure.stiffness(one, spread[row, 0], 0.9), stiffness[row])
+        assert torch.equal(structure.damping(one), damping[row])
+
+
+def test_equal_pumps_share_one_structure(pump: Pump) -> None:
+    assert assemble(replace(pump, sources={})) is assemble(pump)

@@ -1,6 +1,7 @@
 """The twin against the levels that physics.md quotes, its solvers against each other, its gradients, its refusals."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from swashtwin.faults import (
     TiltedBlockFace,
     ValvePlateWear,
 )
-from swashtwin.forces import excitation_lines, fault_forces
+from swashtwin.forces import excitation_lines, fault_forces, periodic_terms, worn_values
 from swashtwin.integrators import RK4, rk4_trajectory
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.twin import Scales, Twin, prepare
@@ -237,3 +238,108 @@ def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_
     strongest = twin.orders[np.abs(lines_of(twin)[0]).argmax()]
     assert strongest * at_15.shaft_frequency == pytest.approx(401, abs=1)
     assert math.isclose(abs(lines_of(twin)[0, twin.orders == 28][0]), 1.251, rel_tol=0.01)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        None,
+        SwashPlateDefect(**RECESS),
+        SwashPlateDefect(**RECESS, contact="physical"),
+        BoreDefect(um(300)),
+        ValvePlateWear(um(5)),
+        LooseSlipper(mm(0.2)),
+    ],
+)
+def test_everything_follows_the_device_of_the_values(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
+    """On the device ``meta``, which holds no numbers, any constant left behind on the CPU is an error."""
+    twin = Twin(pump, at_15, fault, bandwidth=450)  # type: ignore[arg-type]
+    values = twin.values.expand(2, 6).to("meta").requires_grad_()
+    lines = twin.acceleration(values)
+    assert (lines.device.type, lines.dtype, lines.shape) == ("meta", torch.complex128, (2, 3, twin.orders.size))
+    lines.abs().sum().backward()
+    assert values.grad is not None
+    assert values.grad.device.type == "meta"
+
+
+def test_terms_that_turn_follow_the_device_and_the_precision_of_the_values(pump: Pump) -> None:
+    values = torch.ones(2, 6, dtype=torch.float32, device="meta")
+    (term,) = periodic_terms(pump, TiltedBlockFace(0.2), values)
+    assert (term.stiffness.device.type, term.stiffness.dtype) == ("meta", torch.complex64)
+    worn = worn_values(pump, ValvePlateWear(um(5)), values)
+    assert (worn.device.type, worn.dtype) == ("meta", torch.float32)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("fault", [SwashPlateDefect(**RECESS), TiltedBlockFace(0.2)])
+def test_a_gpu_gives_the_lines_of_the_processor(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
+    twin = Twin(pump, at_15, fault, bandwidth=2000)  # type: ignore[arg-type]
+    values = (twin.values * torch.tensor([[1.0], [1.5]], dtype=torch.float64)).requires_grad_()
+    there = values.detach().cuda().requires_grad_()
+    here_lines, there_lines = twin.acceleration(values), twin.acceleration(there)
+    torch.testing.assert_close(there_lines.cpu(), here_lines, rtol=1e-9, atol=1e-12)
+    here_lines.abs().sum().backward()
+    there_lines.abs().sum().backward()
+    assert values.grad is not None
+    assert there.grad is not None
+    torch.testing.assert_close(there.grad.cpu(), values.grad, rtol=1e-9, atol=0.0)
+
+
+@pytest.mark.parametrize("topology", ["T1", "T2"])
+@pytest.mark.parametrize("fault", [None, SwashPlateDefect(**RECESS), PistonWear(um(60)), LooseSlipper(mm(0.2))])
+def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
+    pump: Pump, at_15: OperatingCondition, fault: object, topology: str
+) -> None:
+    twin = Twin(pump, at_15, fault, topology=topology)  # type: ignore[arg-type]
+    values = twin.values * torch.tensor([[0.5], [1.0], [2.0]], dtype=torch.float64)
+    exact, single = twin.acceleration(values), twin.acceleration(values.float())
+    assert single.dtype == torch.complex64
+    error = (single - exact).abs().amax(dim=(1, 2)) / exact.abs().amax(dim=(1, 2))
+    assert 1e-7 < float(error.max()) < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("values", "scales", "name"),
+    [
+        ({1: -1e8}, {}, r"slipper_swash.stiffness \(-1e\+08\)"),
+        ({0: 0.0, 5: -1.0}, {}, r"slipper_swash.damping \(0\)"),
+        ({}, {1: -0.5}, r"scales.bearing \(-0.5\)"),
+    ],
+)
+def test_a_spring_that_would_push_is_refused_by_name(
+    pump: Pump, at_15: OperatingCondition, values: dict[int, float], scales: dict[int, float], name: str
+) -> None:
+    twin = Twin(pump, at_15)
+    batch, factors = twin.values.repeat(3, 1), torch.ones(3, 4, dtype=torch.float64)
+    for index, value in values.items():
+        batch[2, index] = value
+    for index, value in scales.items():
+        factors[1, index] = value
+    with pytest.raises(InputError, match=name + " must be positive"):
+        twin.acceleration(batch.requires_grad_(), scales=factors)
+
+
+def test_a_twin_says_where_a_slipper_bridges_its_defect(pump: Pump, at_15: OperatingCondition) -> None:
+    slipper = pump.rotating_group.slipper_diameter
+    narrow = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=slipper / 2)
+    (note,) = Twin(pump, at_15, narrow).notes()
+    assert "smaller than a slipper" in note
+    assert "depth of 0.6 mm counts as 0.15 mm" in note
+    assert "extrapolation" in note
+    for fault in (None, SwashPlateDefect(**RECESS), replace(narrow, depth=0.0), PistonWear(um(60))):
+        assert Twin(pump, at_15, fault).notes() == ()
+
+
+def test_other_interface_values_and_a_rebuilt_twin_solve_no_pressures_again(
+    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = SwashPlateDefect(**RECESS)
+    Twin(pump, at_15, fault).acceleration()
+    monkeypatch.setattr("swashtwin.loads.solve", None)
+    softer = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    for twin in (
+        Twin(pump, at_15.replaced(), fault, softer),
+        Twin(pump, at_15, fault.scaled(2.0), bandwidth=2000.0, scales=Scales(mount=2.0)),
+        Twin(pump, at_15, BoreDefect(um(300)), topology="T2"),
+    ):
+        assert torch.isfinite(twin.acceleration().abs()).all()

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from swashtwin.errors import InputError
 from swashtwin.seeding import stream
 from swashtwin.signals import synchronous_signal
-from swashtwin.twin import Twin, prepare
+from swashtwin.twin import Twin, accelerations
 from swashtwin.units import celsius
 from swashtwin.windows import WindowSet
 
@@ -46,6 +46,9 @@ class Variation:
     sensor: float = 0.04
     """Standard deviation of each channel's gain, relative."""
 
+
+_CHUNK = 64
+"""Windows that are made together; memory does not grow beyond them, and an interruption is heard between them."""
 
 DEFAULT_VARIATION = Variation()
 """The spread around the twin that is taken where nothing else is said."""
@@ -81,33 +84,30 @@ def synthesize(
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     _require_agreement(twins, label, count, like)
-    drawn = [_draw(twins[i % len(twins)], variation, seed, i) for i in range(count)]
-    prepare(drawn)
-    duration = like.length / like.sample_rate
-    rows, pressures, speeds, names, specimens = [], [], [], [], []
-    for i, one in enumerate(drawn):
-        source = twins[i % len(twins)]
-        rng = stream(seed, "window", label, i)
+    sources = [twins[i % len(twins)] for i in range(count)]
+    noises = {id(one): _noise(like, one) for one in twins} if background else {}
+    time = np.arange(like.length) / like.sample_rate
+    signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
+    for start in range(0, count, _CHUNK):
+        chunk = range(start, min(start + _CHUNK, count))
+        drawn = [_draw(sources[i], variation, seed, i) for i in chunk]
         with torch.no_grad():
-            lines = one.acceleration().numpy()
-        time = np.arange(like.length) * duration / like.length
-        signal = synchronous_signal(lines, one.orders, rng.uniform(0, 2 * np.pi) + one.condition.speed * time)
-        signal = signal * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
-        if background:
-            signal = signal + _noise(like, source, rng)
-        rows.append(signal)
-        pressures.append(source.condition.discharge_pressure)
-        speeds.append(source.condition.speed)
-        names.append(f"synthetic_{label}_{source.condition.discharge_pressure / 1e6:.4g}MPa_{seed}_{i}")
-        specimens.append(f"twin of {source.pump.name}")
+            batch = accelerations(drawn)
+        for i, one, lines in zip(chunk, drawn, batch.lines.numpy(), strict=True):
+            rng = stream(seed, "window", label, i)
+            angle = rng.uniform(0, 2 * np.pi) + one.condition.speed * time
+            window = synchronous_signal(lines[:, np.isin(batch.orders, one.orders)], one.orders, angle)
+            window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
+            signal[i] = window + noises[id(sources[i])].drawn(like, rng) if background else window
+    pressure = np.array([one.condition.discharge_pressure for one in sources])
     return WindowSet(
-        signal=np.stack(rows).astype(np.float32),
+        signal=signal,
         target=np.full(count, like.classes.index(label), dtype=np.int64),
         classes=like.classes,
-        recording_id=np.array(names),
-        specimen=np.array(specimens),
-        discharge_pressure=np.array(pressures),
-        speed=np.array(speeds),
+        recording_id=np.array([f"synthetic_{label}_{p / 1e6:.4g}MPa_{seed}_{i}" for i, p in enumerate(pressure)]),
+        specimen=np.array([f"twin of {one.pump.name}" for one in sources]),
+        discharge_pressure=pressure,
+        speed=np.array([one.condition.speed for one in sources]),
         start=np.zeros(count, dtype=np.int64),
         synthetic=np.ones(count, dtype=bool),
         sample_rate=like.sample_rate,
@@ -154,18 +154,30 @@ def _draw(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
     return replace(twin, condition=condition, fault=fault, interfaces=interfaces)
 
 
-def _noise(like: WindowSet, twin: Twin, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
-    """Noise with the spectrum of one measured window between its piston-pass lines, in random phase."""
-    window = like.signal[rng.choice(_quiet_windows(like, twin.condition.discharge_pressure))].astype(float)
-    spectrum = np.abs(np.fft.rfft(window - window.mean(axis=1, keepdims=True), axis=-1))
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
+
+    windows: Int[np.ndarray, " window"]
+    """Among which of the measured windows one is drawn."""
+    clear: Bool[np.ndarray, " frequency"]
+    """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
+
+    def drawn(self, like: WindowSet, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+        window = like.signal[rng.choice(self.windows)].astype(float)
+        spectrum = np.abs(np.fft.rfft(window - window.mean(axis=1, keepdims=True), axis=-1))
+        line, clear = np.arange(self.clear.size), self.clear
+        for row in spectrum:
+            row[~clear] = np.interp(line[~clear], line[clear], row[clear])
+        phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
+        return np.fft.irfft(spectrum * phase, like.length, axis=-1)
+
+
+def _noise(like: WindowSet, twin: Twin) -> _Noise:
     frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
     pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
     distance = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
-    clear = distance > 2.5 * frequency[1]
-    for row in spectrum:
-        row[~clear] = np.interp(frequency[~clear], frequency[clear], row[clear])
-    phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
-    return np.fft.irfft(spectrum * phase, like.length, axis=-1)
+    return _Noise(_quiet_windows(like, twin.condition.discharge_pressure), distance > 2.5 * frequency[1])
 
 
 def _quiet_windows(like: WindowSet, pressure: float) -> np.ndarray:

@@ -74,13 +74,17 @@ class FaultAction:
     """Whether `direct` is."""
 
     def forces(
-        self, values: Float[Tensor, "*rows 6"], slipper_vector: Float[Tensor, " 13"]
+        self,
+        values: Float[Tensor, "*rows 6"],
+        slipper_vector: Float[Tensor, " 13"],
+        gain: Float[Tensor, "*rows"],
     ) -> Complex[Tensor, "*fault line 13"]:
-        """Force lines [N, N m] at the frequencies of the displacement's lines."""
-        force = self.direct[..., None] * slipper_vector
+        """Force lines [N, N m] at the frequencies of the displacement's lines, times `gain`."""
+        strained = (values * gain[..., None])[..., None]
+        force = (self.direct * gain[..., None] if self.pushes else self.direct)[..., None] * slipper_vector
         if self.strains:
             for vector, damping, stiffness in ((self.film, 0, 1), (self.bore, 4, 5)):
-                film = values[..., stiffness, None] * self.motion + values[..., damping, None] * self.rate
+                film = strained[..., stiffness, :] * self.motion + strained[..., damping, :] * self.rate
                 force = force + film[..., None] * vector[..., None, :]
         return force
 
@@ -139,7 +143,7 @@ def fault_forces(
 ) -> Complex[Tensor, "*fault line 13"]:
     """Force lines [N, N m] of a fault whose displacement or impact `lines` are given at `frequency` [rad/s]."""
     action = fault_action(pump, structure, topology, fault, frequency, lines).mapped(lambda part: moved(part, values))
-    return action.forces(values, moved(structure.slipper_vector, values))
+    return action.forces(values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1]))
 
 
 def periodic_terms(pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:

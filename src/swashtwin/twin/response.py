@@ -23,10 +23,10 @@ from swashtwin.integrators import SteadySolver, periodic_steady_state
 from swashtwin.loads import LoadCase, force_lines
 from swashtwin.pump import PARAMETERS, Pump
 
-WORKSPACE = 32 * 2**20
-"""Bytes that one chunk may take; larger batches are computed chunk by chunk."""
-_LINE_BYTES = 16 * (13 * 13 + 10 * 13)
-"""Bytes that one line of one row may take: a complex matrix and some vectors of it."""
+WORKSPACE = 64 * 2**20
+"""Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""
+_LINE_BYTES = 12 * 13 * 16
+"""Bytes that one line of one row takes: a dozen complex vectors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def respond(
     drive : on the device and in the precision of `values`.
     recompute : keep nothing for the gradient but compute it again; always so where there are several chunks.
     """
-    most = 1 if drive.turning else rows_of(drive.orders.size)
+    most = rows_of(drive.orders.size)
     recompute = (recompute or len(values) > most) and torch.is_grad_enabled()
     parts = []
     for start in range(0, len(values), most):
@@ -127,8 +127,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
     stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
     force = drive.pressure
     if drive.action.strains or drive.action.pushes:
-        fault = drive.action.forces(worn, structure.slipper_vector)
-        force = force + excitation[:, None, None] * fault
+        force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
     force = force.expand(len(values), -1, -1)
     if drive.turning:
         terms = periodic_terms(*drive.turning, worn)
@@ -138,8 +137,8 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
         frequency = frequency[1:]
     else:
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
-    read = (motion[..., None, :, :] * structure.sensor_rows[:, None]).sum(-1)  # the same bits in any batch
-    return read * (-(frequency**2) * sensor[:, None])[:, None]
+    shell = motion[..., None, :, :5] * structure.sensor_rows[:, None, :5]  # sensors sit on the shell
+    return shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
 
 
 def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 4"]) -> None:

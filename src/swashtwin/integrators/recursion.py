@@ -10,6 +10,9 @@ from torch import Tensor
 
 from swashtwin.compiling import compiled
 
+COMPILED = torch.float64
+"""Precision that the compiled loop serves, on a CPU; 3 ms for 20,000 steps, matrix products 13 ms."""
+
 
 def linear_recursion(
     phi: Float[Tensor, "*#batch n n"], driven: Float[Tensor, "*#batch step n"], start: Float[Tensor, "*#batch n"]
@@ -57,7 +60,7 @@ class _Recursion(torch.autograd.Function):
 
 def _states(phi: Tensor, driven: Tensor, start: Tensor, backwards: bool) -> Tensor:
     states = driven.new_empty(driven.shape[0], driven.shape[1] + 1, driven.shape[2])
-    if driven.device.type == "cpu" and driven.dtype == torch.float64:
+    if driven.device.type == "cpu" and driven.dtype == COMPILED:
         columns = phi.mT.contiguous().numpy()
         _march(columns, driven.contiguous().numpy(), start.contiguous().numpy(), backwards, states.numpy())
     elif backwards:

@@ -3,6 +3,7 @@
     pip install -r benchmarks/requirements.txt
     python benchmarks/simulator.py --json
     python benchmarks/simulator.py --plot docs/figures
+    python benchmarks/simulator.py --edges docs/figures
     python benchmarks/simulator.py --profile
 
 One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on one core, each row
@@ -34,6 +35,7 @@ ENTRIES = (
     Entry("steady", "ours: harmonic balance (default)", "ours", "Steady"),
     Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
     Entry("trajectory", "ours: RK4 with transient", "ours", "Trajectory"),
+    Entry("trajectory_lines", "ours: RK4 with transient, from lines", "ours", "TrajectoryOfLines"),
     Entry("hold", "ours: first-order hold, 9 steps in one", "ours", "FirstOrderHold", stride=9),
     Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
     Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
@@ -97,7 +99,7 @@ def fastest(rows: list[dict[str, Any]], *keys: str) -> float:
 
 def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
     """How many times longer the peers take than ours."""
-    steady, trajectory = fastest(rows, "steady"), fastest(rows, "trajectory")
+    steady, trajectory = fastest(rows, "steady"), fastest(rows, "trajectory", "trajectory_lines")
     eager, jax = fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
     return {
         "eager": eager / steady,
@@ -217,12 +219,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw time against steps and batch size instead")
+    parser.add_argument("--edges", type=Path, metavar="FOLDER", help="draw what half-sine edges do to RK4 instead")
     parser.add_argument("--profile", action="store_true", help="print where the time of one gradient goes instead")
     arguments = parser.parse_args()
     if arguments.plot:
         from peers.figures import draw_scaling
 
         draw_scaling(arguments.plot)
+        return
+    if arguments.edges:
+        from peers.edges import draw_edges
+
+        draw_edges(arguments.edges)
         return
     if arguments.profile:
         from peers.profiling import shares

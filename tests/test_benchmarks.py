@@ -44,6 +44,7 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
     ("name", "of_class", "package"),
     [
         ("ours", "Trajectory", "swashtwin"),
+        ("ours", "TrajectoryOfLines", "swashtwin"),
         ("numba_adjoint", "Numba", "numba"),
         ("jax_side", "JaxScan", "jax"),
         ("jax_side", "JaxScanAgain", "jax"),
@@ -53,9 +54,8 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
     ],
 )
 def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
-    name: str, of_class: str, package: str, eager: tuple[float, np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+    name: str, of_class: str, package: str, eager: tuple[float, np.ndarray, np.ndarray]
 ) -> None:
-    monkeypatch.setenv("JAX_ENABLE_X64", "1")
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
     loss, slopes, velocities = result(name, of_class)

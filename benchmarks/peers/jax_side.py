@@ -11,6 +11,7 @@ from peers.contender import Contender
 from peers.problem import Problem
 
 Array = jax.Array
+jax.config.update("jax_enable_x64", True)
 
 
 class JaxTrajectory(Contender):

@@ -19,7 +19,6 @@ ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
-    "JAX_ENABLE_X64": "1",
     "JAX_PLATFORMS": "cpu",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
 }
@@ -139,3 +138,21 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
 def gains(velocities: np.ndarray) -> np.ndarray:
     """Mean acceleration [m/s^2] of each sensor between the compared moments."""
     return np.diff(velocities, axis=0) / (SAMPLED_EVERY * pump_twin().condition.period / STEPS_PER_REVOLUTION)
+
+
+def times_over_steps(entry: Entry, counts: tuple[int, ...]) -> list[tuple[int, float]]:
+    """Time [s] of one value and gradient for each number of the common steps; empty where the library is missing."""
+    settle()
+    try:
+        made = contender_class(entry)
+    except ImportError:
+        return []
+    values, times = pump_twin().values.numpy(), []
+    for count in counts:
+        per_revolution = STEPS_PER_REVOLUTION // entry.stride
+        contender = made(Problem(count // entry.stride, made.per_step, per_revolution))
+        contender.prepare(values)
+        if not times:
+            contender.gradient(values)
+        times.append((count, seconds(lambda: contender.gradient(values))))  # noqa: B023
+    return times

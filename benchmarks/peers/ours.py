@@ -6,7 +6,13 @@ from torch import Tensor
 
 from peers.contender import Contender, TorchTrajectory
 from peers.problem import FACTORS, Problem, equations, in_time, pump_twin
-from swashtwin.integrators import RK4, SteadySolver, first_order_hold_trajectory, rk4_trajectory
+from swashtwin.integrators import (
+    RK4,
+    SteadySolver,
+    first_order_hold_trajectory,
+    rk4_trajectory,
+    rk4_trajectory_of_lines,
+)
 
 
 class Steady(Contender):
@@ -55,25 +61,64 @@ class SteadyRungeKutta(Steady):
         return RK4(step=self.problem.step)
 
 
-class Trajectory(TorchTrajectory):
-    """Runge-Kutta as its exact map, the start included."""
+class Marching(TorchTrajectory):
+    """A march through time under forces of 13 columns; a subclass says which."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.mass = torch.as_tensor(equations().mass)
+        self.load, self.weight = self.load[:, 13:] * self.mass, self.weight[:, 13:] * self.mass[:, None]
+
+    def _velocities(self, values: Tensor) -> Tensor:
+        structure = pump_twin().structure
+        matrices = structure.mass, structure.damping(values), structure.stiffness(values)
+        return self.march(matrices, values)[:, 13:] @ structure.sensor_rows.T
+
+    def force(self, values: Tensor) -> Tensor:
+        """Forces (point, 13) at the values [N, N m]."""
+        return torch.addmm(self.load, self.motion, self.weight @ values)
 
     def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
-        """States, the start first."""
-        structure, mass = pump_twin().structure, torch.as_tensor(equations().mass)
-        damping, stiffness = structure.damping(values), structure.stiffness(values)
-        force = push[:, 13:] * mass
-        return rk4_trajectory(structure.mass, damping, stiffness, force, self.problem.step, self.start)
+        """Not asked for."""
+        raise NotImplementedError
+
+    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
+        """States (step, 26), the start first."""
+        raise NotImplementedError
 
 
-class FirstOrderHold(TorchTrajectory):
+class Trajectory(Marching):
+    """Runge-Kutta as its exact map, the start included."""
+
+    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
+        """States (step, 26), the start first."""
+        return rk4_trajectory(*matrices, self.force(values), self.problem.step, self.start)
+
+
+class TrajectoryOfLines(Marching):
+    """The same from the lines of the forces, which are never written out over time."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        twin, given = pump_twin(), equations()
+        self.frequency = torch.as_tensor(twin.orders * twin.condition.speed)
+        self.load, self.motion = torch.as_tensor(given.load), torch.as_tensor(given.motion)
+
+    def force(self, values: Tensor) -> Tensor:
+        """Lines of the forces (line, 13) [N, N m]."""
+        return torch.addmm(self.load, self.motion, (self.weight @ values).to(self.motion.dtype))
+
+    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
+        """States (step, 26), the start first."""
+        length = self.problem.step, self.problem.n_steps
+        return rk4_trajectory_of_lines(*matrices, self.frequency, self.force(values), *length, self.start)
+
+
+class FirstOrderHold(Marching):
     """The exact step under forces that run linearly; longer steps will do."""
 
     per_step = 1
 
-    def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
-        """States, the start first."""
-        structure, mass = pump_twin().structure, torch.as_tensor(equations().mass)
-        damping, stiffness = structure.damping(values), structure.stiffness(values)
-        force = push[:, 13:] * mass
-        return first_order_hold_trajectory(structure.mass, damping, stiffness, force, self.problem.step, self.start)
+    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
+        """States (step, 26), the start first."""
+        return first_order_hold_trajectory(*matrices, self.force(values), self.problem.step, self.start)

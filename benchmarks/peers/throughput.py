@@ -29,18 +29,20 @@ def sets_of_values(count: int) -> np.ndarray:
 def ours(count: int) -> float:
     """Time [s] of one value and gradient for each of `count` sets, as one batch in steady state."""
     settle()
+    run = gradient_of_sets(count)
+    run()
+    return seconds(run)
+
+
+def gradient_of_sets(count: int) -> Callable[[], Tensor]:
+    """Slopes of the sum of squared lines of so many sets, in one batch."""
     twin = pump_twin()
     values = torch.tensor(sets_of_values(count), requires_grad=True)
-
-    def gradient() -> Tensor:
-        return torch.autograd.grad(twin.acceleration(values).abs().square().sum(), values)[0]
-
-    gradient()
-    return seconds(gradient)
+    return lambda: torch.autograd.grad(twin.acceleration(values).abs().square().sum(), values)[0]
 
 
 def eager(count: int, n_steps: int) -> float:
-    """The same through a batched eager loop of `n_steps`, in steps a second's inverse [s per step]."""
+    """The same through a batched eager loop of `n_steps` [s per step]."""
     settle()
     run = eager_batch(count, n_steps)
     run()

@@ -129,6 +129,7 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         "steps": n_steps * entry.refine // entry.stride,
         "measured_share": share,
         "compile_s": compile_s,
+        "linear": made.linear,
         "loss": loss,
         "slopes": list(slopes * values),
         "gains": gains(velocities[:: SAMPLED_EVERY * entry.refine // entry.stride]),

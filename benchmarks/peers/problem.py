@@ -97,11 +97,13 @@ def equations() -> Equations:
     )
 
 
-def in_time(lines: np.ndarray, per_step: int, n_steps: int, per_revolution: int) -> np.ndarray:
-    """Lines at the twin's orders as readings at every 1/`per_step` of a step from 0 to `n_steps`."""
+def in_time(
+    lines: np.ndarray, per_step: int, n_steps: int, per_revolution: int, orders: np.ndarray | None = None
+) -> np.ndarray:
+    """Lines at `orders`, by default the twin's, as readings at every 1/`per_step` of a step from 0 to `n_steps`."""
     points = per_step * per_revolution
     spectrum = np.zeros((points // 2 + 1, lines.shape[1]), dtype=complex)
-    spectrum[pump_twin().orders] = lines * (points / 2)
+    spectrum[pump_twin().orders if orders is None else orders] = lines * (points / 2)
     return np.fft.irfft(spectrum, points, axis=0)[np.arange(per_step * n_steps + 1) % points]
 
 

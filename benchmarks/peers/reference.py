@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 from peers.measuring import gains, settle
 from peers.numba_adjoint import Numba
+from peers.one_sided import OneSided
 from peers.ours import SteadyRungeKutta
 from peers.problem import SAMPLED_EVERY, STEPS_PER_REVOLUTION, Problem, equations, pump_twin
 
@@ -25,6 +26,16 @@ def references(n_steps: int) -> dict[str, Any]:
         "radau": gains(radau(min(n_steps, STEPS_PER_REVOLUTION // RADAU_SHARE))),
         "steady_slopes": SteadyRungeKutta(fine).gradient(values)[1] * values,
     }
+
+
+def lifting(stride: int) -> dict[str, Any]:
+    """The same of slippers that lift off, which are no linear system: from a quarter of the row's own steps."""
+    settle()
+    values = pump_twin().values.numpy()
+    per_revolution = REFINED * STEPS_PER_REVOLUTION // stride
+    fine = OneSided(Problem(per_revolution, OneSided.per_step, per_revolution))
+    motion = gains(fine.velocities(values)[:: REFINED * SAMPLED_EVERY // stride])
+    return {"quarter": motion, "slopes": fine.gradient(values)[1] * values}
 
 
 def slopes(n_steps: int) -> np.ndarray:

@@ -90,10 +90,10 @@ def synthesize(
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
         chunk = range(start, min(start + _CHUNK, count))
-        drawn = [_draw(sources[i], variation, seed, i) for i in chunk]
+        varied = [drawn(sources[i], variation, seed, i) for i in chunk]
         with torch.no_grad():
-            batch = accelerations(drawn)
-        for i, one, lines in zip(chunk, drawn, batch.lines.numpy(), strict=True):
+            batch = accelerations(varied)
+        for i, one, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
             rng = stream(seed, "window", label, i)
             angle = rng.uniform(0, 2 * np.pi) + one.condition.speed * time
             window = synchronous_signal(lines[:, np.isin(batch.orders, one.orders)], one.orders, angle)
@@ -136,7 +136,13 @@ def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: Wind
             )
 
 
-def _draw(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
+def drawn(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
+    """`twin` with its condition, fault and interface values as `variation` spreads them.
+
+    Parameters
+    ----------
+    seed, index : address the draw; the same ones give the same twin.
+    """
     rng = stream(seed, "variation", twin.label, index)
     condition = replace(
         twin.condition,

@@ -246,10 +246,7 @@ class GrooveErosion(_Fault):
 
 @dataclass(frozen=True)
 class LooseSlipper(_Fault):
-    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution.
-
-    The impacts act on the shaft's axis, without their moment about it.
-    """
+    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
 
     label: ClassVar[str] = "loose_slipper"
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})
@@ -262,6 +259,9 @@ class LooseSlipper(_Fault):
     """Coefficient of restitution of the impacts, 0...1."""
     pulse: float = 2e-4
     """Duration of one impact [s]; 0.1...0.3 ms."""
+    motion: Literal["simulated", "pulses"] = "simulated"
+    """How its piston moves: marched between the stops of its joint (`contacts.loose_motion`), which gives the force
+    its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of docs/physics.md."""
 
 
 Fault = (

@@ -33,7 +33,7 @@ def excitation_lines(
         lines[1:] = displacement_lines(pump, condition, fault, n_lines)
     elif isinstance(fault, BoreDefect):
         lines[1:] = bore_lines(pump, condition, fault, n_lines)
-    elif isinstance(fault, LooseSlipper):
+    elif isinstance(fault, LooseSlipper) and fault.motion == "pulses":
         lines[1:] = impact_lines(pump, condition, fault, n_lines)
     return lines
 
@@ -113,7 +113,7 @@ def fault_action(
     share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
     rate, nowhere = torch.as_tensor(1j * frequency * lines), torch.zeros_like(slipper)
     none = FaultAction(motion, rate, film=nowhere, bore=nowhere, direct=torch.zeros_like(motion))
-    if isinstance(fault, LooseSlipper):
+    if isinstance(fault, LooseSlipper) and fault.motion == "pulses":
         return replace(none, direct=-motion, pushes=True)
     if isinstance(fault, BoreDefect):
         return replace(none, bore=pump.coupling.lateral_ratio * share * structure.lateral_vector, strains=True)

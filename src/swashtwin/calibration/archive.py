@@ -4,11 +4,12 @@ from dataclasses import asdict, fields
 from typing import Any, get_args
 
 from swashtwin.condition import OperatingCondition
+from swashtwin.contacts import SlipperContact
 from swashtwin.errors import ArtifactError
 from swashtwin.faults import Fault
 from swashtwin.pump import Bearings, Interfaces, Pump, Sensor
 from swashtwin.pump_files import SECTIONS
-from swashtwin.twin import Scales, Twin
+from swashtwin.twin import Scales, SensorPath, Twin
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:
@@ -28,6 +29,8 @@ def twin_to_dict(twin: Twin) -> dict[str, Any]:
         "topology": twin.topology,
         "bandwidth": twin.bandwidth,
         "scales": asdict(twin.scales),
+        "contact": asdict(twin.contact),
+        "path": None if twin.path is None else asdict(twin.path),
     }
 
 
@@ -48,6 +51,8 @@ def twin_from_dict(table: dict[str, Any]) -> Twin:
             topology=table["topology"],
             bandwidth=table["bandwidth"],
             scales=Scales(**table["scales"]),
+            contact=SlipperContact(**table["contact"]),
+            path=None if table["path"] is None else _path(table["path"]),
         )
     except (KeyError, TypeError, ValueError) as cause:
         raise ArtifactError(f"a saved twin is damaged or of another version: {cause}.") from cause
@@ -69,6 +74,11 @@ def _with_tuples(kind: type, table: dict[str, Any]) -> dict[str, Any]:
     if kind not in (Bearings, Sensor):
         return table
     return {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+
+
+def _path(table: dict[str, Any]) -> SensorPath:
+    residue = tuple(tuple(row) for row in table["residue"])
+    return SensorPath(**{name: tuple(table[name]) for name in ("gain", "frequency", "damping_ratio")}, residue=residue)
 
 
 def _fault(table: dict[str, Any] | None) -> Fault | None:

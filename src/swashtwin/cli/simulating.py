@@ -233,7 +233,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:
-    from swashtwin.augmentation import _draw as drawn
+    from swashtwin.augmentation import drawn
     from swashtwin.readers import write_series
     from swashtwin.seeding import derive_seed, stream
 

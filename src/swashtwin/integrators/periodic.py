@@ -11,6 +11,11 @@ from torch import Tensor
 from swashtwin.errors import InputError
 from swashtwin.integrators.steady import SteadySolver
 
+STANDSTILL = 40
+"""Iterations over which the change must halve; where it does not, and is below `ROUNDING`, it is rounding."""
+ROUNDING = 1e-8
+"""Change of the lines, relative to the largest, up to which ill-conditioned equations may leave it."""
+
 
 @dataclass(frozen=True, eq=False)
 class PeriodicTerm:
@@ -49,7 +54,7 @@ def periodic_steady_state(
     force : one-sided lines from order 0 (the mean), all orders without gaps.
     terms : what turns, of any orders; what they throw beyond the last line is lost.
     tolerance : change of the lines, relative to the largest, at which the iteration ends; no less than the number
-        format resolves.
+        format resolves, and up to `ROUNDING` where the equations are so ill-conditioned that it no longer falls.
     most : iterations after which it counts as failed.
 
     Raises
@@ -79,11 +84,15 @@ class _Iteration:
         lines = self.solve(equations, force)
         tolerance = max(self.tolerance, 4 * torch.finfo(lines.dtype).eps)
         moving = torch.ones(lines.shape[:-2], dtype=torch.bool, device=lines.device)
+        before: list[Tensor] = []
         for _ in range(self.most):
             updated = self.update(equations, force, amplitudes, lines)
             change, size = (updated - lines).abs().amax(dim=(-2, -1)), updated.abs().amax(dim=(-2, -1))
             lines = torch.where(moving[..., None, None], updated, lines)
             moving = moving & ~(change <= tolerance * size)
+            before.append(change)
+            if len(before) > STANDSTILL:  # rounding keeps it going
+                moving = moving & ~((change > before.pop(0) / 2) & (change <= ROUNDING * size))
             if not bool(moving.any()):
                 return lines
         raise InputError(

@@ -4,6 +4,7 @@ from swashtwin.twin.batch import OrderLines, accelerations, prepare
 from swashtwin.twin.course import Course
 from swashtwin.twin.film import SlipperFilm, carry_over, film_of, film_values, with_film
 from swashtwin.twin.model import Scales, Twin
+from swashtwin.twin.path import SensorPath, path_response
 from swashtwin.twin.steady import steady_blocks, whole_revolutions
 from swashtwin.twin.transient import course_blocks, simulate_course
 
@@ -11,6 +12,7 @@ __all__ = [
     "Course",
     "OrderLines",
     "Scales",
+    "SensorPath",
     "SlipperFilm",
     "Twin",
     "accelerations",
@@ -18,6 +20,7 @@ __all__ = [
     "course_blocks",
     "film_of",
     "film_values",
+    "path_response",
     "prepare",
     "simulate_course",
     "steady_blocks",

@@ -13,7 +13,6 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.errors import InputError
-from swashtwin.faults import TiltedBlockFace
 from swashtwin.forces import FaultAction
 from swashtwin.integrators import HarmonicBalance, SteadySolver
 from swashtwin.twin.model import Twin
@@ -97,7 +96,7 @@ def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
     """Indices of twins that are solved together: of one pump, with similar numbers of orders, within the memory."""
     groups: dict[tuple, list[int]] = {}
     for i, twin in enumerate(twins):
-        alone = i if isinstance(twin.fault, TiltedBlockFace) else None
+        alone = i if twin.drive.coupling is not None else None
         groups.setdefault((twin.pump, twin.topology, alone), []).append(i)
     for group in groups.values():
         chunk: list[int] = []
@@ -141,8 +140,22 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
             pushes=any(action.pushes for action in actions),
         ),
         wear=torch.cat([drive.wear for drive in drives]),
+        path=_stacked_paths(drives, orders, places),
     )
     return together.mapped(lambda part: part.repeat_interleave(inner, 0)) if inner > 1 else together
+
+
+def _stacked_paths(
+    drives: Sequence[Drive], orders: Int[np.ndarray, " line"], places: Sequence[np.ndarray]
+) -> Complex[Tensor, "twin sensor line"] | None:
+    if all(drive.path is None for drive in drives):
+        return None
+    sensors = drives[0].structure.sensor_rows.shape[0]
+    out = torch.ones(len(drives), sensors, orders.size, dtype=torch.complex128)
+    for row, place, drive in zip(out, places, drives, strict=True):
+        if drive.path is not None:
+            row[:, torch.as_tensor(place)] = drive.path[0]
+    return out
 
 
 def _spread(lines: Tensor, place: Int[np.ndarray, " own"], n_lines: int) -> Tensor:

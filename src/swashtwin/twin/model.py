@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.condition import OperatingCondition
+from swashtwin.contacts import ContactCheck, SlipperContact, check_contact, slipper_forces
 from swashtwin.dynamics import Structure, Topology, assemble
 from swashtwin.errors import InputError
 from swashtwin.faults import Fault, SwashPlateDefect
@@ -17,7 +18,11 @@ from swashtwin.loads import LoadCase, force_lines
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.recording import Recording
 from swashtwin.signals import synchronous_signal
-from swashtwin.twin.response import Drive, drive_of, require_positive, respond
+from swashtwin.twin.path import SensorPath
+from swashtwin.twin.response import Drive, drive_of, motion_of, require_positive, respond
+
+BONDED = SlipperContact()
+"""Slippers that are all alike and can pull, as the linear twin assumes."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,9 @@ class Scales:
 class Twin:
     """Model of one pump at one operating condition.
 
-    Linear and in steady state: acceleration at the multiples of the shaft frequency up to `bandwidth`. A defect with
-    half-sine edges excites all of them, so a level means little without the band it was taken in.
+    In steady state, and linear unless `contact` says otherwise: acceleration at the multiples of the shaft frequency up
+    to `bandwidth`. A defect with half-sine edges excites all of them, so a level means little without the band it was
+    taken in. `notes` says where a linear twin leaves its range.
     """
 
     pump: Pump
@@ -58,6 +64,10 @@ class Twin:
     """Highest frequency [Hz] that is computed."""
     scales: Scales = Scales()
     """Factors on mounting, bearings, excitation and sensors."""
+    contact: SlipperContact = BONDED
+    """What the slippers' films may do; by default all are alike and can pull, which makes the twin linear."""
+    path: SensorPath | None = None
+    """What stands between the rigid shell and the sensors; None is nothing."""
 
     def __post_init__(self) -> None:
         if self.bandwidth < self.pump.rotating_group.piston_count * self.condition.shaft_frequency:
@@ -99,24 +109,66 @@ class Twin:
     @cached_property
     def drive(self) -> Drive:
         """What excites the twin at any interface values; computed once."""
-        return drive_of(self.pump, self.condition, self.fault, self.topology, self.n_lines)
+        return self._drive()
+
+    def _drive(self, *, from_rest: bool = False) -> Drive:
+        return drive_of(
+            self.pump,
+            self.condition,
+            self.fault,
+            self.topology,
+            self.contact,
+            self.path,
+            self.n_lines,
+            from_rest=from_rest,
+        )
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
         """Shaft orders at which there is anything to compute (`forces.active_orders`)."""
         return self.drive.orders
 
+    def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:
+        """Force [N] of each slipper's film at `samples` shaft angles of a revolution, positive where it pushes.
+
+        The mean is that of pistons that slide in their bores (`coupling.hold_down`); the band is the twin's own.
+        """
+        drive = self._drive(from_rest=True)
+        with torch.no_grad():
+            scales = torch.tensor(self.scales.values(), dtype=torch.float64)
+            motion = motion_of(self.pump, drive, self.values, scales, self.n_lines)
+        return slipper_forces(
+            self.pump,
+            self.topology,
+            self.contact,
+            self.condition,
+            self.fault,
+            self.values,
+            motion,
+            excitation=self.scales.excitation,
+            samples=samples,
+        )
+
+    def contact_check(self) -> ContactCheck:
+        """Whether the slippers' films would have to pull, which no film can."""
+        return check_contact(self.slipper_forces())
+
     def notes(self) -> tuple[str, ...]:
         """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
+        notes = []
         slipper = self.pump.rotating_group.slipper_diameter
-        if not isinstance(self.fault, SwashPlateDefect) or self.fault.effective_depth(slipper) == self.fault.depth:
-            return ()
-        size = f"{self.fault.length * 1e3:.4g} mm x {self.fault.width * 1e3:.4g} mm"
-        return (
-            f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth of "
-            f"{self.fault.depth * 1e3:.4g} mm counts as {self.fault.effective_depth(slipper) * 1e3:.4g} mm. The paper "
-            "has no such defect; this is an extrapolation of ours.",
-        )
+        if isinstance(self.fault, SwashPlateDefect) and self.fault.effective_depth(slipper) != self.fault.depth:
+            size = f"{self.fault.length * 1e3:.4g} mm x {self.fault.width * 1e3:.4g} mm"
+            notes.append(
+                f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth "
+                f"of {self.fault.depth * 1e3:.4g} mm counts as {self.fault.effective_depth(slipper) * 1e3:.4g} mm. The "
+                "paper has no such defect; this is an extrapolation of ours."
+            )
+        if not self.contact.one_sided:
+            check = self.contact_check()
+            if not check.within_range:
+                notes.append(check.sentence())
+        return tuple(notes)
 
     def at(self, condition: OperatingCondition) -> "Twin":
         """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""

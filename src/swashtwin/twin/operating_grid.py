@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from swashtwin.contacts import loose_slipper_lines
 from swashtwin.dynamics import Structure
+from swashtwin.faults import LooseSlipper
 from swashtwin.forces import excitation_lines, fault_forces, worn_values
 from swashtwin.loads import LoadCase, chamber_pressures, force_lines
 from swashtwin.twin.course import Course, Shaft
@@ -148,6 +150,10 @@ def operating_grid(
     place, structure = np.full((len(speeds), len(pressures)), -1), twin.structure
     for row, (i, j) in enumerate(needed):
         place[i, j] = row
+        if isinstance(twin.fault, LooseSlipper) and twin.fault.motion == "simulated":
+            lines[row] += loose_slipper_lines(
+                twin.pump, conditions[row], twin.fault, int(reach.max()), topology=twin.topology
+            )
         lines[row] += _fault_lines(twin, structure, float(speeds[i]), int(reach.max()))
         lines[row, reach[i] + 1 :] = 0
     return OperatingGrid(speeds, pressures, place, lines, unbalance)

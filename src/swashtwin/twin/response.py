@@ -15,13 +15,16 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from swashtwin.condition import OperatingCondition
+from swashtwin.contacts import SlipperContact, loose_slipper_lines
 from swashtwin.dynamics import Structure, Topology, assemble, moved
 from swashtwin.errors import InputError
-from swashtwin.faults import Fault, TiltedBlockFace
-from swashtwin.forces import FaultAction, active_orders, excitation_lines, fault_action, periodic_terms, wear_factors
-from swashtwin.integrators import SteadySolver, periodic_steady_state
+from swashtwin.faults import Fault, LooseSlipper
+from swashtwin.forces import FaultAction, active_orders, excitation_lines, fault_action, wear_factors
+from swashtwin.integrators import HarmonicBalance, SteadySolver
 from swashtwin.loads import LoadCase, force_lines
 from swashtwin.pump import PARAMETERS, Pump
+from swashtwin.twin.coupling import Coupling, Problem, coupling_of, linear_motion
+from swashtwin.twin.path import SensorPath
 
 WORKSPACE = 64 * 2**20
 """Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""
@@ -38,15 +41,17 @@ class Drive:
     orders: Int[np.ndarray, " read"]
     """Shaft orders that are read."""
     frequency: Float[Tensor, "twin line"]
-    """Angular frequency of the lines [rad/s]; those that are read, and order 0 before them where `turning`."""
+    """Angular frequency of the lines [rad/s]: those that are read, after order 0 where there is a `coupling`."""
     pressure: Complex[Tensor, "twin line 13"]
     """Lines of the chamber pressures and of the unbalance [N, N m]."""
     action: FaultAction
     """How the fault acts."""
     wear: Float[Tensor, "twin 6"]
     """Factors on the interface values."""
-    turning: tuple[Pump, TiltedBlockFace] | None = None
-    """What makes the stiffness turn with the shaft; then there is one twin only."""
+    coupling: Coupling | None = None
+    """What couples the orders; then there is one twin only, and its lines begin with order 0."""
+    path: Complex[Tensor, "twin sensor read"] | None = None
+    """What stands between the shell and each sensor at the orders read; None is nothing."""
 
     def to(self, like: Float[Tensor, "..."]) -> "Drive":
         """The same drive on the device and in the precision of `like`."""
@@ -63,17 +68,35 @@ class Drive:
             pressure=function(self.pressure),
             action=self.action.mapped(function),
             wear=function(self.wear),
+            path=None if self.path is None else function(self.path),
         )
 
 
-def drive_of(pump: Pump, condition: OperatingCondition, fault: Fault | None, topology: Topology, n_lines: int) -> Drive:
-    """Drive of one twin up to order `n_lines`, float64."""
+def drive_of(
+    pump: Pump,
+    condition: OperatingCondition,
+    fault: Fault | None,
+    topology: Topology,
+    contact: SlipperContact,
+    path: SensorPath | None,
+    n_lines: int,
+    *,
+    from_rest: bool = False,
+) -> Drive:
+    """Drive of one twin up to order `n_lines`, float64.
+
+    Parameters
+    ----------
+    from_rest : let the lines begin with order 0 even where nothing couples the orders.
+    """
     structure = assemble(pump, topology)
     pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
+    if isinstance(fault, LooseSlipper) and fault.motion == "simulated":
+        pressure = pressure + loose_slipper_lines(pump, condition, fault, n_lines, topology=topology)
     motion = excitation_lines(pump, condition, fault, n_lines)
-    turning = (pump, fault) if isinstance(fault, TiltedBlockFace) else None
-    orders = np.arange(1, n_lines + 1) if turning else active_orders(pressure, motion)
-    lines = np.arange(n_lines + 1) if turning else orders
+    coupling = coupling_of(pump, condition, fault, topology, contact)
+    orders = active_orders(pressure, motion) if coupling is None else np.arange(1, n_lines + 1)
+    lines = np.concatenate([[0], orders]) if from_rest or coupling is not None else orders
     action = fault_action(pump, structure, topology, fault, lines * condition.speed, motion[lines])
     return Drive(
         structure=structure,
@@ -82,7 +105,8 @@ def drive_of(pump: Pump, condition: OperatingCondition, fault: Fault | None, top
         pressure=torch.as_tensor(pressure[lines])[None],
         action=action.mapped(lambda part: part[None]),
         wear=torch.as_tensor(wear_factors(pump, fault))[None],
-        turning=turning,
+        coupling=coupling,
+        path=None if path is None else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
     )
 
 
@@ -115,6 +139,22 @@ def respond(
     return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
+def motion_of(
+    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 4"], n_lines: int
+) -> Complex[Tensor, "line 13"]:
+    """Displacement lines 0...`n_lines` [m, rad] of one twin, of a drive `from_rest`."""
+    frequency = drive.frequency[0]
+    speed = float(frequency[1]) / int(drive.orders[0])
+    problem = Problem(drive.structure, values[None] * drive.wear, scales[None], drive.pressure, drive.action, speed)
+    if drive.coupling is None:
+        motion = linear_motion(pump, problem, frequency)[0]
+    else:
+        motion = drive.coupling.motion(problem, HarmonicBalance())[0]
+    out = motion.new_zeros(n_lines + 1, 13)
+    out[torch.as_tensor(np.concatenate([[0], drive.orders]))] = motion
+    return out
+
+
 def rows_of(n_lines: int) -> int:
     """How many rows of so many lines make a chunk."""
     return max(1, WORKSPACE // (n_lines * _LINE_BYTES))
@@ -124,21 +164,19 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
     structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
     mount, bearing, excitation, sensor = scales.unbind(-1)
     worn = values * drive.wear
-    stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
-    force = drive.pressure
-    if drive.action.strains or drive.action.pushes:
-        force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
-    force = force.expand(len(values), -1, -1)
-    if drive.turning:
-        terms = periodic_terms(*drive.turning, worn)
-        motion = periodic_steady_state(solver, structure.mass, damping, stiffness, float(frequency[1]), force, terms)[
-            :, 1:
-        ]
-        frequency = frequency[1:]
+    if drive.coupling is not None:
+        problem = Problem(structure, worn, scales, drive.pressure, drive.action, float(frequency[1]))
+        motion, frequency = drive.coupling.motion(problem, solver)[:, 1:], frequency[1:]
     else:
+        force = drive.pressure
+        if drive.action.strains or drive.action.pushes:
+            force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
+        stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
+        force = force.expand(len(values), -1, -1)
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
     shell = motion[..., None, :, :5] * structure.sensor_rows[:, None, :5]  # sensors sit on the shell
-    return shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
+    read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
+    return read if drive.path is None else read * drive.path
 
 
 def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 4"]) -> None:

@@ -122,6 +122,11 @@ def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: 
             "a tilted block face lets the stiffness turn with the shaft, which no transient follows yet; simulate it "
             "at a steady condition (Twin.simulate), or take another fault of the class, such as BoreDefect."
         )
+    if not twin.contact.linear:
+        raise InputError(
+            "slippers that differ or lift off are solved for in steady state only; simulate them at a steady condition "
+            "(Twin.simulate), or take SlipperContact() for the course."
+        )
     if start not in ("steady", "rest"):
         raise InputError(f"start ({start!r}) must be 'steady' or 'rest'.")
     if oversampling < 1 or readings < 1:

@@ -319,6 +319,19 @@ def test_what_a_gradient_keeps_of_twenty_thousand_steps_is_states(matrices: Matr
     assert sum(kept.values()) < 1.5 * states.untyped_storage().nbytes()
 
 
+def test_marches_in_single_precision_are_off_by_no_more_than_is_said(matrices: Matrices) -> None:
+    single = [part.float() for part in matrices]
+    lines = FREQUENCY.float(), LINES.to(torch.complex64)
+    found = rk4_trajectory_of_lines(*single, *lines, 0.8e-6, 20_000, random_start().float())
+    exact = rk4_trajectory_of_lines(*matrices, FREQUENCY, LINES, 0.8e-6, 20_000, random_start())
+    assert found.dtype == torch.float32
+    assert 1e-6 < relative(found.double(), exact) < 1e-3
+    force = written_out(torch.arange(2001, dtype=torch.float64) * 2e-5)
+    held = first_order_hold_trajectory(*single, force.float(), 2e-5)
+    assert held.dtype == torch.float32
+    assert relative(held.double(), first_order_hold_trajectory(*matrices, force, 2e-5)) < 1e-3
+
+
 def test_wrong_marches_are_refused(matrices: Matrices) -> None:
     rest = torch.zeros(3, 13, dtype=torch.float64)
     with pytest.raises(InputError, match="odd number"):
@@ -331,4 +344,10 @@ def test_wrong_marches_are_refused(matrices: Matrices) -> None:
         rk4_trajectory_of_lines(*matrices, FREQUENCY, LINES, 5e-6, 4)
     with pytest.raises(StabilityError, match="stability limit"):
         rk4_trajectory_with_breaks(*matrices, written_out, 5e-6, 1e-4, [])
+    mass, damping, stiffness = matrices
+    for growing in ((mass, -damping, stiffness), (mass, damping, -stiffness)):
+        with pytest.raises(StabilityError, match="own motion grows"):
+            rk4_limit(state_matrix(*growing))
+        with pytest.raises(StabilityError, match="own motion grows"):
+            RK4().steady_state(*growing, FREQUENCY, LINES)
     assert math.isclose(rk4_limit(state_matrix(*matrices)), 1e-6, rel_tol=2e-3)

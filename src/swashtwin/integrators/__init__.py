@@ -12,7 +12,11 @@ For motions that are not periodic, `rk4_trajectory`, `rk4_trajectory_of_lines`, 
 `first_order_hold_trajectory` march through time, all by `linear_recursion`.
 
 Everything takes leading batch axes, follows the device and the precision of what it is given, and has exact
-derivatives whose memory does not grow with the work. A batch gives each of its members what it would get alone.
+derivatives that keep forces and motions, never a matrix a line or a step. A batch gives each of its members what it
+would get alone.
+
+Single precision is off by up to 1e-4 of the largest motion in a line (2e-6 in the median of lines), and by 3e-4 after
+20,000 steps of a march: the damping of a film exceeds what decides the motion by orders of magnitude.
 """
 
 from swashtwin.integrators.definiteness import require_definite

@@ -29,8 +29,7 @@ def receptance(
     In double precision on a CPU, symmetric systems are solved by compiled elimination without pivots, coordinates that
     nothing couples apart from each other. That is safe for K and C positive definite; a line at which entries grow by
     more than 1e3 is solved again with pivots, and so is every system that is not symmetric. Elsewhere
-    `torch.linalg.solve` does the work. In single precision the lines of a pump are off by about 1e-4 of the largest,
-    for the damping of a film exceeds everything else by orders of magnitude.
+    `torch.linalg.solve` does the work, `ROWS` matrices at a time.
 
     Raises
     ------

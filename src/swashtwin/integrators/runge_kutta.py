@@ -28,10 +28,19 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
     """Largest time step [s] at which RK4 stays bounded, for each of the batch; on the CPU.
 
     Found by bisection on the amplification factor |1 + z + z^2/2 + z^3/6 + z^4/24| of every eigenvalue.
+
+    Raises
+    ------
+    StabilityError
+        No step is stable, for the motion itself grows.
     """
     rates = torch.linalg.eigvals(state.detach().cpu().double())
     limits = torch.empty(rates.shape[:-1], dtype=torch.float64)
     _find_limits(rates.reshape(-1, rates.shape[-1]).numpy(), limits.reshape(-1).numpy())
+    if not bool((limits > 0).all()):
+        raise StabilityError(
+            "no RK4 step is stable, because the pump's own motion grows: is a stiffness or a damping negative?"
+        )
     return limits
 
 
@@ -128,9 +137,10 @@ def _find_poles(beyond, poles):
 @compiled
 @no_type_check
 def _find_limits(rates, limits):
-    """Fill in the largest step at which no growth factor of a row of eigenvalues exceeds 1."""
+    """Fill in the largest step at which no growth factor of a row of eigenvalues exceeds 1, or 0 for none."""
     for row in range(rates.shape[0]):
-        low, high = 0.0, REACH / np.abs(rates[row]).max()
+        farthest = REACH / np.abs(rates[row]).max()
+        low, high = 0.0, farthest
         for _ in range(80):
             middle = (low + high) / 2
             stable = True
@@ -138,4 +148,4 @@ def _find_limits(rates, limits):
                 z = middle * rate
                 stable &= abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))) <= 1 + 1e-12
             low, high = (middle, high) if stable else (low, middle)
-        limits[row] = low
+        limits[row] = low if low > 1e-6 * farthest else 0.0

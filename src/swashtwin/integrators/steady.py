@@ -47,7 +47,8 @@ class HarmonicBalance:
 class RK4:
     """Steady state of the classical fourth-order Runge-Kutta recursion, the paper's solver.
 
-    Exact for the recursion: its answer to a line is that of four receptances (`runge_kutta.rk4_poles`).
+    Exact for the recursion: its answer to a line is that of four receptances (`runge_kutta.rk4_poles`). Differentiable
+    with respect to matrices and forces; step and frequencies are taken as given.
     """
 
     step: float | None = None

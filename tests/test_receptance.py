@@ -75,6 +75,19 @@ def test_a_batch_gives_the_bits_of_its_members(matrices: Matrices, frequency: Te
         assert torch.equal(together[one, 7:], alone)
 
 
+def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = matrices
+    force = some_lines(SETS, 51, 13)
+
+    def slopes(c: Tensor, k: Tensor, q: Tensor) -> tuple[Tensor, ...]:
+        arguments = c.clone().requires_grad_(), k.clone().requires_grad_(), q.clone().requires_grad_()
+        return torch.autograd.grad(receptance(mass, *arguments[:2], 1j * frequency, arguments[2]), arguments, q.conj())
+
+    together = slopes(damping, stiffness, force)
+    for found, alone in zip(together, slopes(damping[5], stiffness[5], force[5]), strict=True):
+        assert torch.equal(found[5], alone)
+
+
 def test_leading_axes_broadcast(matrices: Matrices, frequency: Tensor) -> None:
     mass, damping, stiffness = matrices
     speeds = torch.tensor([[0.9], [1.1]], dtype=torch.float64)

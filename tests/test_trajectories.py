@@ -270,13 +270,13 @@ def march(name: str, matrices: Matrices, force: Tensor, start: Tensor | None) ->
 
 
 @pytest.mark.parametrize("name", ["rk4", "lines", "hold"])
-def test_a_batch_of_marches_is_its_members(matrices: Matrices, name: str) -> None:
+def test_a_batch_of_marches_gives_the_bits_of_its_members(matrices: Matrices, name: str) -> None:
     several, forces, starts = batched(matrices), random(2, 1, 61, 13), torch.stack([random_start(i) for i in range(3)])
     together = march(name, several, forces, starts)
     for i in range(2):
         for j in range(3):
             alone = march(name, (several[0], several[1][j], several[2][j]), forces[i, 0], starts[j])
-            torch.testing.assert_close(together[i, j], alone, rtol=1e-9, atol=1e-20)
+            assert torch.equal(together[i, j], alone)
 
 
 @pytest.mark.parametrize("name", ["rk4", "lines", "hold"])
@@ -330,6 +330,12 @@ def test_marches_in_single_precision_are_off_by_no_more_than_is_said(matrices: M
     held = first_order_hold_trajectory(*single, force.float(), 2e-5)
     assert held.dtype == torch.float32
     assert relative(held.double(), first_order_hold_trajectory(*matrices, force, 2e-5)) < 1e-3
+
+
+def test_marches_stay_on_the_device_of_their_inputs(matrices: Matrices) -> None:
+    mass, damping, stiffness = (part.to("meta") for part in batched(matrices))
+    states = first_order_hold_trajectory(mass, damping, stiffness, random(9, 13).to("meta"), 1e-5)
+    assert (states.device.type, states.shape) == ("meta", (3, 9, 26))
 
 
 def test_wrong_marches_are_refused(matrices: Matrices) -> None:

@@ -69,6 +69,21 @@ def test_whole_revolutions_are_asked_for_or_offered(tmp_path: Path) -> None:
     assert "--no-vary" in run(*words, "--jitter", 0.01, code=2).stderr
 
 
+def test_a_twin_out_of_its_range_says_so_and_slippers_can_be_let_go(tmp_path: Path) -> None:
+    words = ("simulate", *AT_15, *DEFECT, *SHORT, "--out", tmp_path / "s.h5")
+    linear = run(*words)
+    assert "note: the linear twin pulls at its slippers" in linear.stderr
+    lifting = run_json(*words, "--one-sided")
+    assert lifting["notes"] == []
+    assert lifting["rms_m_s2"] != run_json(*words)["rms_m_s2"] != run_json(*words, "--unloaded", 0.4)["rms_m_s2"]
+
+
+def test_films_move_with_the_oil_when_asked_to(tmp_path: Path) -> None:
+    words = ("simulate", *AT_15, *SHORT, "--temperature", "30 degC", "--out", tmp_path / "s.h5")
+    still, moved = (run_json(*words, *more)["rms_m_s2"]["cover_z"] for more in ((), ("--films",)))
+    assert moved < 0.9 * still
+
+
 # ---- many
 
 

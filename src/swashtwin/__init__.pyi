@@ -11,6 +11,8 @@ from .calibration import GaussNewton as GaussNewton
 from .calibration import calibrate as calibrate
 from .calibration import load_calibration as load_calibration
 from .condition import OperatingCondition as OperatingCondition
+from .contacts import ContactCheck as ContactCheck
+from .contacts import SlipperContact as SlipperContact
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import diagnose as diagnose
 from .diagnosis import load_classifier as load_classifier
@@ -80,9 +82,12 @@ from .training import FittedClassifier as FittedClassifier
 from .training import TrainingSettings as TrainingSettings
 from .training import fit as fit
 from .twin import Course as Course
+from .twin import OrderLines as OrderLines
 from .twin import Scales as Scales
+from .twin import SensorPath as SensorPath
 from .twin import SlipperFilm as SlipperFilm
 from .twin import Twin as Twin
+from .twin import accelerations as accelerations
 from .twin import carry_over as carry_over
 from .twin import course_blocks as course_blocks
 from .twin import film_of as film_of
@@ -122,6 +127,7 @@ __all__ = [
     "BiTCN",
     "BoreDefect",
     "Calibration",
+    "ContactCheck",
     "Course",
     "DamScratch",
     "DataError",
@@ -142,12 +148,15 @@ __all__ = [
     "MissingFileError",
     "Network",
     "OperatingCondition",
+    "OrderLines",
     "PistonWear",
     "Pump",
     "Recording",
     "Scales",
     "Scores",
     "SealingLandScratch",
+    "SensorPath",
+    "SlipperContact",
     "SlipperFilm",
     "StabilityError",
     "StudyResult",
@@ -160,6 +169,7 @@ __all__ = [
     "ValvePlateWear",
     "Variation",
     "WindowSet",
+    "accelerations",
     "add_noise",
     "available_pumps",
     "bar",

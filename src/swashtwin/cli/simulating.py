@@ -1,7 +1,7 @@
 """The command that lets a twin run: one recording, or a folder of them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,6 +31,7 @@ from swashtwin.cli.options import (
 
 if TYPE_CHECKING:
     from swashtwin.augmentation import Variation
+    from swashtwin.condition import OperatingCondition
     from swashtwin.integrators import SteadySolver
     from swashtwin.recording import Recording
     from swashtwin.twin import Course, Twin
@@ -71,6 +72,15 @@ def simulate(
         typer.Option(help="With --n, draw speed, pressure, temperature, severity and interface values anew for each."),
     ] = True,
     seed: Seed = 0,
+    one_sided: Annotated[
+        bool, typer.Option("--one-sided", help="Let slippers lift off where a linear film would pull at them.")
+    ] = False,
+    unloaded: Annotated[
+        float, typer.Option(min=0, max=1, help="Stiffness of a slipper on the suction side over that of a loaded one.")
+    ] = 1.0,
+    films: Annotated[
+        bool, typer.Option("--films", help="Let the films' values move with the oil's temperature and the pressure.")
+    ] = False,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     as_json: Json = False,
@@ -79,6 +89,7 @@ def simulate(
 
     With --n, the shaft's phase is drawn for each recording, and a run that was interrupted goes on where it ended.
     """
+    from swashtwin.contacts import SlipperContact
     from swashtwin.units import parse
 
     if n == 1:
@@ -91,7 +102,12 @@ def simulate(
         raise typer.BadParameter("solves the steady state; a course is marched by its own step.", param_hint="--solver")
     fastest = speed if course is None or course.speed[0] >= course.speed[-1] else str(to_speed)
     flaw = fault_of(fault or "normal", length, width, depth, dimensions)
-    twin = _twin_of(pump, calibration, fault, fastest, pressure, temperature, flaw)
+    condition = condition_of(fastest, pressure, temperature)
+    twin = _twin_of(pump, calibration, condition, films=films)
+    twin = twin.with_fault(flaw) if fault or calibration is None else twin
+    twin = replace(twin, contact=SlipperContact(unloaded=unloaded, one_sided=one_sided))
+    for text in twin.notes():
+        note(f"note: {text}")
     rate = parse(sample_rate, "Hz", name="sample_rate")
     plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed)
     if whole_revolutions:
@@ -170,18 +186,18 @@ def _course_of(
     return Course(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
 
 
-def _twin_of(
-    pump: str, calibration: Path | None, fault: str, speed: str, pressure: str, temperature: str | None, flaw: Any
-) -> "Twin":
+def _twin_of(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
+    """Twin of the pump, healthy, or of the calibration, with its fault; `films` moves the values with the oil."""
     from swashtwin.calibration import load_calibration
     from swashtwin.pump_files import load_pump
-    from swashtwin.twin import Twin
+    from swashtwin.twin import Twin, carry_over
 
-    condition = condition_of(speed, pressure, temperature)
     if calibration is None:
-        return Twin(load_pump(pump), condition, flaw)
-    calibrated = load_calibration(calibration).twin.at(condition)
-    return calibrated.with_fault(flaw) if fault else calibrated
+        known = load_pump(pump)
+        twin = Twin(known, condition.replaced(oil_temperature=known.oil.reference_temperature))
+    else:
+        twin = load_calibration(calibration).twin
+    return carry_over(twin, condition) if films else twin.at(condition)
 
 
 def _variation_of(temperature: str | None) -> "Variation":
@@ -228,7 +244,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
     rms = dict(zip(facts.channels, values, strict=True))
     result: dict[str, Any] = {"recording": out, "label": facts.label, "duration_s": sum(counts) / plan.sample_rate}
-    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms}
+    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": list(plan.twin.notes())}
     tell(result, as_json, lambda: table(f"{out}: {facts.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
 
 
@@ -247,5 +263,5 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
             folder, count, blocks_of, settings=plan.settings(variation), bytes_each=plan.size, progress=bar
         )
     result = {"index": index, "recordings": count, "made": made, "label": plan.twin.label, "seed": plan.seed}
-    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate}
+    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": list(plan.twin.notes())}
     tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(made)} made now"))

@@ -78,7 +78,7 @@ class ContactCheck:
             return f"the slippers' films push throughout the revolution {held}: within the linear model's range"
         return (
             f"the linear twin pulls at its slippers during {self.pulling:.0%} of the revolution {held}: results lie "
-            "outside the linear model's range; SlipperContact(one_sided=True) keeps the films from pulling"
+            "outside the linear model's range; SlipperContact(one_sided=True), or --one-sided, lets slippers lift off"
         )
 
 

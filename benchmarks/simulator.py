@@ -31,14 +31,13 @@ from peers.measuring import Entry, alone, measured
 from peers.problem import STEPS_PER_REVOLUTION
 from peers.reference import lifting, references, slopes
 
-LIFTING_STRIDE = 9
 ENTRIES = (
     Entry("steady", "ours: harmonic balance (default)", "ours", "Steady"),
     Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
     Entry("trajectory", "ours: RK4 with transient", "ours", "Trajectory"),
     Entry("trajectory_lines", "ours: RK4 with transient, from lines", "ours", "TrajectoryOfLines"),
     Entry("hold", "ours: first-order hold, 9 steps in one", "ours", "FirstOrderHold", stride=9),
-    Entry("contact", "ours: slippers that lift off", "one_sided", "OneSided", stride=LIFTING_STRIDE),
+    Entry("contact", "ours: slippers that lift off", "ours", "LiftingOff"),
     Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
     Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
     Entry("jax_again", "JAX lax.scan RK4, unrolled, recomputing", "jax_side", "JaxScanAgain", "jax"),
@@ -81,7 +80,7 @@ def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
             gains, found = row.pop("gains"), np.array(row.pop("slopes"))
             wanted = {"slopes": truth["steady_slopes"], **truth}
             if not row.pop("linear"):
-                wanted = {**alone(lifting, LIFTING_STRIDE), "radau": None}
+                wanted = alone(lifting, n_steps)
             elif not row["key"].startswith("steady"):
                 timed = round(n_steps * row["measured_share"])
                 if timed not in stepped:

@@ -22,6 +22,11 @@ class Contender(ABC):
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
 
+    @property
+    def steps(self) -> int:
+        """Steps that it takes."""
+        return self.problem.n_steps
+
     def prepare(self, values: np.ndarray) -> float:
         """Compile what computes the gradient; returns how long it took [s]."""
         return 0.0

@@ -126,7 +126,7 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         "value_s": value_s / share,
         "gradient_s": gradient_s / share,
         "memory_mb": memory_mb / share,
-        "steps": n_steps * entry.refine // entry.stride,
+        "steps": round(contender.steps / share),
         "measured_share": share,
         "compile_s": compile_s,
         "linear": made.linear,

@@ -1,11 +1,15 @@
 """Our own engines."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from peers.contender import Contender, TorchTrajectory
 from peers.problem import FACTORS, Problem, equations, in_time, pump_twin
+from swashtwin.contacts import Marching as March
+from swashtwin.contacts import SlipperContact
 from swashtwin.integrators import (
     RK4,
     SteadySolver,
@@ -13,6 +17,7 @@ from swashtwin.integrators import (
     rk4_trajectory,
     rk4_trajectory_of_lines,
 )
+from swashtwin.twin import Twin
 
 
 class Steady(Contender):
@@ -22,9 +27,18 @@ class Steady(Contender):
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
-        self.twin = pump_twin()
+        self.twin = self.made_twin()
         with torch.no_grad():
             self.target = self.twin.acceleration(torch.as_tensor(problem.nominal * FACTORS)).abs()
+
+    @property
+    def steps(self) -> int:
+        """None; a line has no step."""
+        return 0
+
+    def made_twin(self) -> Twin:
+        """The twin whose acceleration is taken."""
+        return pump_twin()
 
     def solver(self) -> SteadySolver | None:
         """None takes the twin's default, harmonic balance."""
@@ -50,15 +64,36 @@ class Steady(Contender):
         with torch.no_grad():
             lines = self.twin.acceleration(torch.as_tensor(values), solver=self.solver()).numpy().T
         rate = 1j * self.twin.condition.speed * self.twin.orders[:, None]
-        return in_time(lines / rate, 1, self.problem.n_steps, self.problem.per_revolution)
+        length = self.problem.n_steps, self.problem.per_revolution
+        return in_time(lines / rate, 1, *length, self.twin.orders)
 
 
 class SteadyRungeKutta(Steady):
     """The periodic steady state of the Runge-Kutta recursion itself."""
 
+    @property
+    def steps(self) -> int:
+        """Those of a revolution, though none is taken."""
+        return self.problem.per_revolution
+
     def solver(self) -> SteadySolver:
         """At the problem's step."""
         return RK4(step=self.problem.step)
+
+
+class LiftingOff(Steady):
+    """The settled motion where a slipper's film can only push: no linear system, but one that is marched."""
+
+    linear = False
+
+    @property
+    def steps(self) -> int:
+        """Those of a revolution, the twin's own."""
+        return March().steps
+
+    def made_twin(self) -> Twin:
+        """The same twin with such slippers."""
+        return replace(pump_twin(), contact=SlipperContact(one_sided=True))
 
 
 class Marching(TorchTrajectory):

@@ -1,15 +1,17 @@
 """What the contenders' results are compared with: a quarter of the step, scipy's Radau, and slopes from other code."""
 
+from functools import partial
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from peers.measuring import gains, settle
 from peers.numba_adjoint import Numba
-from peers.one_sided import OneSided
-from peers.ours import SteadyRungeKutta
+from peers.ours import LiftingOff, SteadyRungeKutta
 from peers.problem import SAMPLED_EVERY, STEPS_PER_REVOLUTION, Problem, equations, pump_twin
+from swashtwin.contacts import Marching, slipper_steady_state
 
 REFINED = 4
 RADAU_SHARE = 4
@@ -28,14 +30,15 @@ def references(n_steps: int) -> dict[str, Any]:
     }
 
 
-def lifting(stride: int) -> dict[str, Any]:
-    """The same of slippers that lift off, which are no linear system: from a quarter of the row's own steps."""
+def lifting(n_steps: int) -> dict[str, Any]:
+    """The same of slippers that lift off, which are no linear system: from a march at a quarter of the twin's step."""
     settle()
     values = pump_twin().values.numpy()
-    per_revolution = REFINED * STEPS_PER_REVOLUTION // stride
-    fine = OneSided(Problem(per_revolution, OneSided.per_step, per_revolution))
-    motion = gains(fine.velocities(values)[:: REFINED * SAMPLED_EVERY // stride])
-    return {"quarter": motion, "slopes": fine.gradient(values)[1] * values}
+    finer = partial(slipper_steady_state, marching=Marching(steps=REFINED * Marching().steps))
+    with patch("swashtwin.twin.coupling.slipper_steady_state", finer):
+        fine = LiftingOff(Problem(n_steps))
+        motion = gains(fine.velocities(values)[::SAMPLED_EVERY])
+        return {"quarter": motion, "radau": None, "slopes": fine.gradient(values)[1] * values}
 
 
 def slopes(n_steps: int) -> np.ndarray:

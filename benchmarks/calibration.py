@@ -95,15 +95,15 @@ def loss_row(name: str, solver: SteadySolver) -> Row:
     """Value, and value with gradient, of one spectrum loss."""
     target = objective()
     before = memory()
-    values = target.twin.values.requires_grad_()
+    point = target.start.clone().requires_grad_()
 
     def gradient() -> Tensor:
-        return torch.autograd.grad(target.spectrum_loss(values, solver=solver), values)[0]
+        return torch.autograd.grad(target.spectrum_loss(point, solver=solver), point)[0]
 
-    value_s = seconds(lambda: target.spectrum_loss(values.detach(), solver=solver), 20)
+    value_s = seconds(lambda: target.spectrum_loss(target.start, solver=solver), 20)
     gradient_s = seconds(gradient, 20)
-    exact = target.spectrum_loss(values.detach(), solver=HarmonicBalance()).item()
-    error = abs(target.spectrum_loss(values.detach(), solver=solver).item() / exact - 1)
+    exact = target.spectrum_loss(target.start, solver=HarmonicBalance()).item()
+    error = abs(target.spectrum_loss(target.start, solver=solver).item() / exact - 1)
     return Row(name, value_s, gradient_s, memory() - before, error)
 
 
@@ -153,9 +153,10 @@ def eager_loss(target: Objective, values: Tensor, step: float, n: int) -> Tensor
     states = eager_states(equations(target, values), step, n)
     readings = torch.diff(states[:, 13:], dim=0) / step @ target.twin.structure.sensor_rows.T
     angle = target.twin.condition.speed * step * torch.arange(len(readings), dtype=torch.float64)
-    turns = torch.exp(-1j * angle[:, None] * torch.as_tensor(target.measurement.orders))
+    turns = torch.exp(-1j * angle[:, None] * torch.as_tensor(target.comparisons[0].measurement.orders))
     amplitude = (2 / len(readings) * (readings.T.to(turns.dtype) @ turns)).abs()
-    return ((amplitude - target.measured).square().mean() / target.measured.square().mean()).sqrt()
+    measured = target.comparisons[0].measured
+    return ((amplitude - measured).square().mean() / measured.square().mean()).sqrt()
 
 
 def eager_row() -> Row:
@@ -184,7 +185,7 @@ def method_row(name: str, method: IPINN | GaussNewton) -> Row:
     started = time.perf_counter()
     found = method.search(target, seed=0)
     wall = time.perf_counter() - started
-    value_s = seconds(lambda: target.spectrum_loss(target.twin.values), 20) * found.simulations
+    value_s = seconds(lambda: target.spectrum_loss(target.start), 20) * found.simulations
     ratio = found.values / (target.space.nominal * FACTORS)
     return Row(name, value_s, wall, memory() - before, float(np.abs(ratio[[2, 4]] - 1).max()))
 

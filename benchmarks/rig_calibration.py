@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import torch
 from joblib import Parallel, delayed
 
-from swashtwin.calibration import IPINN, Calibrator, GaussNewton, calibrate, measure, objective_of
+from swashtwin.calibration import IPINN, Calibrator, GaussNewton, Nuisances, calibrate, measure, objective_of
 from swashtwin.calibration.agreement import Agreement, agreement
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
@@ -24,11 +24,12 @@ from swashtwin.studies.result import spread
 from swashtwin.twin import Twin
 from swashtwin.units import MPa
 
-METHODS: dict[str, Calibrator] = {
-    "ipinn": IPINN(),
-    "ipinn_improved": IPINN.improved(),
-    "gauss_newton": GaussNewton(),
-    "gauss_newton_nuisances": GaussNewton(nuisances=("mount", "bearing", "excitation", "sensor")),
+METHODS: dict[str, tuple[Calibrator, Nuisances]] = {
+    "ipinn": (IPINN(), Nuisances()),
+    "ipinn_improved": (IPINN.improved(), Nuisances()),
+    "gauss_newton": (GaussNewton(), Nuisances()),
+    "gauss_newton_usual": (GaussNewton(), Nuisances.usual()),
+    "gauss_newton_housing": (GaussNewton(), Nuisances.housing()),
 }
 METRICS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
 
@@ -38,10 +39,8 @@ def agreement_with(twin: Twin, recordings: Sequence[Recording]) -> Agreement:
     assert recordings[0].condition is not None
     there = twin.at(recordings[0].condition)
     measurement = measure(there, recordings)
-    with torch.no_grad():
-        scales = torch.tensor(there.scales.values(), dtype=torch.float64)
-        amplitude = objective_of(there, measurement).amplitude(there.values, scales=scales).numpy()
-    return agreement(measurement, there, amplitude)[0]
+    (comparison,) = objective_of(there, measurement).comparisons
+    return agreement(comparison.measurement, there, comparison.amplitude_of(there))[0]
 
 
 def of_pump(recordings: Sequence[Recording]) -> dict[tuple[str, str], Agreement]:
@@ -52,7 +51,8 @@ def of_pump(recordings: Sequence[Recording]) -> dict[tuple[str, str], Agreement]
     assert condition is not None
     nominal = Twin(load_pump("25scy14-1b"), condition, RECESS)
     twins = {"nominal": nominal}
-    twins |= {name: calibrate(nominal, at[MPa(10)], method=method).twin for name, method in METHODS.items()}
+    for name, (method, nuisances) in METHODS.items():
+        twins[name] = calibrate(nominal, at[MPa(10)], method=method, nuisances=nuisances).twin
     tests = {"calibration": at[MPa(10)], "held_out": at[MPa(15)]}
     return {(twin, test): agreement_with(twins[twin], of) for twin in twins for test, of in tests.items()}
 

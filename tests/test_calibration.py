@@ -14,6 +14,7 @@ from swashtwin.calibration import (
     Calibration,
     Calibrator,
     GaussNewton,
+    Nuisances,
     calibrate,
     load_calibration,
     measure,
@@ -26,7 +27,7 @@ from swashtwin.integrators import RK4
 from swashtwin.pump import Interfaces, Pump
 from swashtwin.recording import Recording
 from swashtwin.signals import add_noise
-from swashtwin.twin import Scales, Twin
+from swashtwin.twin import Scales, SensorPath, Twin
 from swashtwin.units import MPa, mm
 
 RATE = 6400.0
@@ -95,8 +96,8 @@ def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
     wrong = replace(twin, scales=Scales(mount=1.2, bearing=0.85, excitation=1.3, sensor=1.0))
     recording = recording_of(wrong, DAMPER)
     blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
-    method = GaussNewton(starts=1, nuisances=("mount", "bearing", "excitation"))
-    aware = calibrate(twin, [recording], method=method)
+    freed = Nuisances.usual(sensor=0.0)
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed)
     assert aware.twin.scales.values() == pytest.approx((1.2, 0.85, 1.3, 1.0), rel=0.05)
     assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.1)
     assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 3
@@ -156,8 +157,8 @@ def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recordi
 def test_steps_too_large_stay_within_the_bounds(twin: Twin, recording: Recording) -> None:
     objective = objective_of(twin, measure(twin, [recording], (0, 1000)), 2.0)
     history = IPINN(epochs=25, learning_rate=0.05).search(objective, seed=0).history
-    assert (history.values >= objective.space.lower).all()
-    assert (history.values <= objective.space.upper).all()
+    assert (history.points >= objective.unknowns.lower - 1e-12).all()
+    assert (history.points <= objective.unknowns.upper + 1e-12).all()
     assert history.boundary_loss.max() > 0
 
 
@@ -275,12 +276,37 @@ def test_impossible_settings_are_refused(settings: dict[str, float], message: st
         IPINN(**settings)  # type: ignore[arg-type]
 
 
-def test_an_unknown_nuisance_is_refused_and_the_known_named() -> None:
-    with pytest.raises(InputError, match="choose among mount, bearing, excitation, sensor"):
-        GaussNewton(nuisances=("gain",))
+@pytest.mark.parametrize(
+    ("prior", "message"), [({"mount": -1.0}, "zero or a positive number"), ({"modes": 7}, "must not exceed 6")]
+)
+def test_impossible_priors_are_refused(prior: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Nuisances(**prior)  # type: ignore[arg-type]
+
+
+def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin: Twin) -> None:
+    path = SensorPath((1.1, 1.0, 0.9), (1150.0, 1900.0), (0.03, 0.025), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
+    recording = recording_of(replace(twin, path=path), DAMPER)
+    blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=Nuisances(gains=0.1, modes=2))
+    assert aware.twin.path is not None
+    assert aware.twin.path.frequency == pytest.approx(path.frequency, rel=0.02)
+    assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 5
+    assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.15)
+    assert len(aware.posterior.point) == 6 + 3 + 2 + 2 + 6
+
+
+def test_draws_of_the_posterior_spread_as_its_covariance_says(calibration: Calibration) -> None:
+    points = calibration.posterior.draws(400, seed=0)
+    spread = points.std(axis=0) / np.sqrt(np.diag(calibration.posterior.covariance))
+    identified = [i for i, one in enumerate(calibration.estimates) if one.verdict == "identified"]
+    np.testing.assert_allclose(spread[identified], 1, atol=0.12)
+    np.testing.assert_array_equal(calibration.posterior.draws(3, seed=0), points[:3])
+    assert (points >= calibration.posterior.unknowns.lower).all()
+    assert (points <= calibration.posterior.unknowns.upper).all()
 
 
 def test_the_covariance_belongs_to_the_deviations(calibration: Calibration) -> None:
-    std = np.sqrt(np.diag(calibration.covariance))
+    std = np.sqrt(np.diag(calibration.posterior.covariance))
     assert [estimate.log_std for estimate in calibration.estimates] == pytest.approx(std.tolist())
     assert all(math.isfinite(value) for value in std)

@@ -10,10 +10,13 @@ from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
 from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
-from swashtwin.calibration.objective import Comparison, Objective, SearchSpace, objective_of, search_space
+from swashtwin.calibration.objective import Comparison, Objective, objective_of
+from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.procedure import calibrate
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, History, Search
+from swashtwin.calibration.space import SearchSpace, search_space
+from swashtwin.calibration.unknowns import Nuisances, Unknowns
 
 __all__ = [
     "DEFAULT_BAND",
@@ -27,10 +30,13 @@ __all__ = [
     "GaussNewton",
     "History",
     "Measurement",
+    "Nuisances",
     "Objective",
+    "Posterior",
     "Search",
     "SearchSpace",
     "Spectra",
+    "Unknowns",
     "Waveforms",
     "calibrate",
     "load_calibration",

@@ -104,9 +104,7 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin) -> Fit:
     measurement, condition = comparison.measurement, comparison.twin.condition
     amplitudes, agreements, excerpts = [], [], []
     for twin in (nominal.at(condition), calibrated.at(condition)):
-        with torch.no_grad():
-            scales = torch.tensor(twin.scales.values(), dtype=torch.float64)
-            amplitudes.append(comparison.amplitude(twin.values, scales=scales).numpy())
+        amplitudes.append(comparison.amplitude_of(twin))
         near, measured, simulated = agreement(measurement, twin, amplitudes[-1])
         agreements.append(near)
         excerpts.append(simulated)

@@ -10,9 +10,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.objective import Objective
-from swashtwin.calibration.search import NUISANCE_PRIOR, NUISANCES, free_logarithms
 from swashtwin.pump import LETTERS, PARAMETERS
-from swashtwin.twin import Scales
 
 Verdict = Literal["identified", "weak", "not identified", "at bound"]
 
@@ -51,32 +49,30 @@ class Estimate:
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
 
 
-def log_covariance(
-    objective: Objective, values: Float[np.ndarray, " 6"], scales: Scales, nuisances: tuple[str, ...] = ()
-) -> Float[np.ndarray, "6 6"]:
-    """Covariance of the logarithms of the six values at a solution.
+def posterior_covariance(
+    objective: Objective, point: Float[np.ndarray, " unknown"]
+) -> Float[np.ndarray, "unknown unknown"]:
+    """Covariance of the coordinates at a solution, all constants that were not searched being taken as right.
 
-    Inverse of the Fisher information J' W J plus the priors: for values the width of their bounds, for `nuisances`
-    their own; these are then integrated out, all other constants being taken as right. Where the twin misses the lines
-    by more than expected (`Objective.sigma`), the information is divided by as much as the mean square exceeds 1.
+    Inverse of the Fisher information J' W J plus the priors: for the six values the width of their bounds, for
+    nuisances their own. Where the twin misses the lines by more than expected (`Comparison.sigma`), the information is
+    divided by as much as the mean square exceeds 1.
     """
-    free = free_logarithms(nuisances)
-    logs = torch.as_tensor(np.log(values)), torch.as_tensor(np.log(scales.values()))
-    amplitude, slope = objective.sensitivity(*logs, free)
+    amplitude, slope = objective.sensitivity(torch.as_tensor(point))
     misfit = float(((amplitude - objective.measured) / objective.sigma).square().mean())
-    jacobian = (slope / objective.sigma[..., None]).reshape(-1, len(free)).numpy() / math.sqrt(max(1.0, misfit))
-    spread = [NUISANCE_PRIOR[NUISANCES[index - 6]] for index in free[6:]]
-    prior = np.concatenate([objective.space.prior_std, spread])
+    jacobian = (slope / objective.sigma[:, None]).numpy() / math.sqrt(max(1.0, misfit))
+    prior = objective.unknowns.deviation
     scaled = jacobian * prior  # in units of the prior: well conditioned however flat a direction is
-    covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(free)))
-    return (covariance * np.outer(prior, prior))[:6, :6]
+    covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior)))
+    return covariance * np.outer(prior, prior)
 
 
 def estimates_of(
-    objective: Objective, values: Float[np.ndarray, " 6"], covariance: Float[np.ndarray, "6 6"]
+    objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
 ) -> tuple[Estimate, ...]:
-    """Each value with its interval and verdict."""
+    """Each of the six values with its interval and verdict."""
     space = objective.space
+    values, covariance = np.exp(point[:6]), covariance[:6, :6]
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(6)
     found = []

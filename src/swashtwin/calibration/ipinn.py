@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from swashtwin.calibration.objective import Objective
 from swashtwin.calibration.search import EXACT, History, Progress, Search, one_thread
+from swashtwin.calibration.unknowns import REACH
 from swashtwin.errors import DataError, InputError
 from swashtwin.integrators import SteadySolver
 from swashtwin.seeding import derive_seed
@@ -79,15 +80,16 @@ class IPINN:
         compare = objective.spectrum_loss if self.spectrum == "linear" else objective.weighted_loss
         lower, upper = torch.as_tensor(objective.space.lower), torch.as_tensor(objective.space.upper)
         spectrum_losses, boundary_losses = np.empty(self.epochs), np.empty(self.epochs)
-        path = np.empty((self.epochs, 6))
+        path = np.empty((self.epochs, len(objective.unknowns)))
         with one_thread(), torch.random.fork_rng(devices=[]):
             torch.manual_seed(derive_seed(seed, "ipinn", "weights"))
-            network = ParameterNetwork(self, window, objective.space.nominal)
+            network = ParameterNetwork(self, window, objective)
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
             for epoch in range(self.epochs):
-                values = network(window)
+                values, rest = network(window)
                 possible = torch.minimum(torch.maximum(values, lower), upper)
-                spectrum_loss = compare(possible, solver=self.solver)
+                point = torch.cat([possible.log(), rest])
+                spectrum_loss = compare(point, solver=self.solver)
                 boundary_loss = objective.space.boundary_loss(values)
                 loss = spectrum_loss + boundary_loss
                 if not torch.isfinite(loss):
@@ -96,41 +98,46 @@ class IPINN:
                 loss.backward()
                 optimizer.step()
                 spectrum_losses[epoch], boundary_losses[epoch] = spectrum_loss.item(), boundary_loss.item()
-                path[epoch] = possible.detach().numpy()
+                path[epoch] = point.detach().numpy()
                 if progress is not None:
                     progress(epoch + 1, self.epochs, loss.item())
         best = int(np.argmin(spectrum_losses + boundary_losses))
         history = History(spectrum_losses, boundary_losses, path, best)
-        return Search(values=path[best], history=history, simulations=self.epochs)
+        return Search(point=path[best], history=history, simulations=self.epochs)
 
 
 class ParameterNetwork(nn.Module):
-    """The paper's network, from a measured window to six interface values."""
+    """The paper's network, from a measured window to six interface values and whatever else is searched."""
 
     scale: Tensor
+    center: Tensor
+    deviation: Tensor
 
-    def __init__(
-        self, settings: IPINN, window: Float[Tensor, "channel time"], nominal: Float[np.ndarray, " 6"]
-    ) -> None:
+    def __init__(self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective) -> None:
         super().__init__()
         self.logarithms = settings.values == "logarithms"
+        unknowns, nominal = objective.unknowns, objective.space.nominal
         sizes = (window.shape[0], *settings.channels)
         layers: list[nn.Module] = []
         for before, after in pairwise(sizes):
             layers += [nn.Conv1d(before, after, settings.kernel, settings.stride, settings.kernel // 2), nn.ReLU()]
         self.features = nn.Sequential(*layers, nn.AdaptiveAvgPool1d(1), nn.Flatten(0))
-        self.dense = nn.Linear(sizes[-1], 6)
+        self.dense = nn.Linear(sizes[-1], len(unknowns))
         magnitude = nominal if self.logarithms else 10 ** np.floor(np.log10(nominal))
         self.register_buffer("scale", torch.as_tensor(magnitude))
-        start = np.zeros(6) if self.logarithms else nominal / magnitude
+        self.register_buffer("center", torch.as_tensor(unknowns.start[6:]))
+        self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[6:]))
+        start = np.zeros(len(unknowns))
+        start[:6] = 0 if self.logarithms else nominal / magnitude
         with torch.no_grad():
             self.dense.bias.zero_()
             self.dense.bias.copy_(torch.as_tensor(start) - self.dense(self.features(window)))
 
-    def forward(self, window: Float[Tensor, "channel time"]) -> Float[Tensor, " 6"]:
-        """Interface values, float64."""
-        base = self.dense(self.features(window)).double()
-        return self.scale * (base.exp() if self.logarithms else base)
+    def forward(self, window: Float[Tensor, "channel time"]) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
+        """Interface values, and the other coordinates within four deviations of their priors' means; float64."""
+        given = self.dense(self.features(window)).double()
+        values = self.scale * (given[:6].exp() if self.logarithms else given[:6])
+        return values, self.center + self.deviation * REACH * torch.tanh(given[6:] / REACH)
 
 
 def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:

@@ -9,6 +9,7 @@ import numpy as np
 from swashtwin.calibration.agreement import Agreement, Fit, Spectra, Waveforms
 from swashtwin.calibration.archive import twin_from_dict
 from swashtwin.calibration.identifiability import Estimate
+from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.result import FORMAT, Calibration
 from swashtwin.calibration.search import History
 from swashtwin.condition import OperatingCondition
@@ -44,7 +45,7 @@ def _calibration(table: dict[str, Any]) -> Calibration:
         twin=twin_from_dict(table["twin"]),
         nominal=twin_from_dict(table["nominal"]),
         estimates=tuple(_estimate(entry) for entry in table["estimates"]),
-        covariance=np.array(table["covariance"], dtype=float),
+        posterior=Posterior.from_dict(table["posterior"]),
         fits=tuple(_fit(entry) for entry in table["fits"]),
         history=History(best=best, **{name: np.array(value, dtype=float) for name, value in history.items()}),
         recording_ids=tuple(table["recording_ids"]),

@@ -1,6 +1,5 @@
-"""What a calibration searches, and how far a twin is from the measurement."""
+"""How far a twin is from the measurement, and how that changes with what is searched."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,83 +10,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from swashtwin.calibration.measurement import Measurement
-from swashtwin.errors import InputError
+from swashtwin.calibration.space import SearchSpace, search_space
+from swashtwin.calibration.unknowns import Nuisances, Unknowns, unknowns_of
 from swashtwin.integrators import SteadySolver
-from swashtwin.pump import LETTERS, PARAMETERS
 from swashtwin.twin import Twin
-
-DEFAULT_FACTOR = 10.0
-"""The search reaches from a tenth of each nominal value to ten times it."""
 
 MODEL_ERROR = 0.05
 """Relative error of every simulated line that even the right values leave; our estimate, as in docs/physics.md."""
 FLOOR = 0.02
 """Least standard deviation of a line [m/s^2], from both sides together; as in docs/physics.md."""
-
-
-@dataclass(frozen=True, eq=False)
-class SearchSpace:
-    """Bounds of the six interface values.
-
-    All bounds are positive, and positive values make K and C positive definite: every point within is a stable pump.
-    """
-
-    nominal: Float[np.ndarray, " 6"]
-    """Where the search starts, in the order of `pump.PARAMETERS`."""
-    lower: Float[np.ndarray, " 6"]
-    """Least values."""
-    upper: Float[np.ndarray, " 6"]
-    """Greatest values."""
-
-    @property
-    def prior_std(self) -> Float[np.ndarray, " 6"]:
-        """Standard deviation of ln value where only the bounds are known: that of a uniform density of ln value."""
-        return np.log(self.upper / self.lower) / math.sqrt(12)
-
-    @property
-    def log_center(self) -> Float[np.ndarray, " 6"]:
-        """Natural logarithm of the geometric middle of the bounds."""
-        return np.log(self.upper * self.lower) / 2
-
-    def boundary_loss(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch"]:
-        """Mean over the parameters of how far each lies beyond its bounds, relative to the bound."""
-        lower, upper = torch.as_tensor(self.lower), torch.as_tensor(self.upper)
-        return (torch.relu(values / upper - 1) + torch.relu(1 - values / lower)).mean(dim=-1)
-
-
-def search_space(twin: Twin, bounds: Mapping[str, tuple[float, float]] | float | None = None) -> SearchSpace:
-    """Bounds around the twin's interface values.
-
-    Parameters
-    ----------
-    bounds : a factor for all, or (least, greatest) by parameter name or letter for some, a factor of 10 for the others.
-
-    Raises
-    ------
-    InputError
-        An unknown parameter, or bounds that do not hold the nominal value.
-
-    Examples
-    --------
-    ``search_space(twin, {"C_sw": (5e5, 5e6)})``
-    """
-    nominal = twin.values.numpy()
-    factor = float(bounds) if isinstance(bounds, int | float) else DEFAULT_FACTOR
-    if not (math.isfinite(factor) and factor > 1):
-        raise InputError(f"bounds ({factor:g}) must be a factor above 1, such as 10.")
-    lower, upper = nominal / factor, nominal * factor
-    names = {**{name: i for i, name in enumerate(PARAMETERS)}, **{LETTERS[n]: i for i, n in enumerate(PARAMETERS)}}
-    for name, (least, greatest) in bounds.items() if isinstance(bounds, Mapping) else ():
-        if name not in names:
-            raise InputError(f"bounds name {name!r}, which is none of {', '.join(names)}.")
-        index = names[name]
-        if not 0 < least <= nominal[index] <= greatest or least == greatest:
-            raise InputError(
-                f"bounds of {name} ({least:g}, {greatest:g}) must be positive and hold the nominal value "
-                f"{nominal[index]:g}."
-            )
-        lower[index], upper[index] = least, greatest
-    return SearchSpace(nominal=nominal, lower=lower, upper=upper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +39,10 @@ class Comparison:
         return torch.as_tensor(np.flatnonzero(np.isin(self.twin.orders, self.measurement.orders)))
 
     @cached_property
+    def _frequency(self) -> Tensor:
+        return torch.as_tensor(self.measurement.orders * self.twin.condition.shaft_frequency)
+
+    @cached_property
     def measured(self) -> Float[Tensor, "channel order"]:
         """Measured amplitudes [m/s^2]."""
         return torch.as_tensor(self.measurement.amplitude)
@@ -123,29 +58,37 @@ class Comparison:
         return torch.as_tensor(np.sqrt(variance))
 
     def amplitude(
-        self,
-        values: Float[Tensor, "*batch 6"],
-        *,
-        scales: Float[Tensor, "*batch 4"] | None = None,
-        solver: SteadySolver | None = None,
+        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel order"]:
-        """Simulated amplitudes [m/s^2], differentiable with respect to `values` and `scales`."""
-        lines = self.twin.acceleration(values, scales=scales, solver=solver)
-        return lines.index_select(-2, self._rows).index_select(-1, self._columns).abs()
+        """Simulated amplitudes [m/s^2] at `point`, differentiable."""
+        lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
+        lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
+        path = unknowns.response_of(point, self._frequency)
+        return (lines if path is None else lines * path).abs()
+
+    def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
+        """Amplitudes [m/s^2] that `twin`, with its own values, has where this comparison has lines."""
+        limited = replace(twin, bandwidth=self.twin.bandwidth)
+        with torch.no_grad():
+            lines = limited.acceleration().index_select(-2, self._rows)
+        columns = np.flatnonzero(np.isin(limited.orders, self.measurement.orders))
+        return lines[:, columns].abs().numpy()
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
     """Distance between a twin and what was measured of it at one or several conditions.
 
-    All comparisons share the six values and the scales: so a pump measured at three pressures is calibrated once.
-    Amplitudes of all comparisons, channels and orders stand in one row of *readings*.
+    All comparisons share what is searched, one *point* of `unknowns`: so a pump measured at three pressures is
+    calibrated once. Amplitudes of all comparisons, channels and orders stand in one row of *readings*.
     """
 
     comparisons: tuple[Comparison, ...]
     """One for each condition."""
     space: SearchSpace
-    """Within which values."""
+    """Bounds of the six values."""
+    unknowns: Unknowns
+    """What is searched."""
 
     @property
     def twin(self) -> Twin:
@@ -162,62 +105,62 @@ class Objective:
         """Standard deviation of measured minus simulated amplitude [m/s^2]; see `Comparison.sigma`."""
         return torch.cat([one.sigma.reshape(-1) for one in self.comparisons])
 
+    @cached_property
+    def start(self) -> Float[Tensor, " unknown"]:
+        """The point of the nominal twin."""
+        return torch.as_tensor(self.unknowns.start)
+
+    def point_of(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch unknown"]:
+        """Point of the six `values`, all else being as the twin has it."""
+        rest = self.start[6:].expand(*values.shape[:-1], -1)
+        return torch.cat([values.log(), rest], dim=-1)
+
     def amplitude(
-        self,
-        values: Float[Tensor, "*batch 6"],
-        *,
-        scales: Float[Tensor, "*batch 4"] | None = None,
-        solver: SteadySolver | None = None,
+        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch reading"]:
-        """Simulated amplitudes [m/s^2], differentiable with respect to `values` and `scales`."""
-        parts = [one.amplitude(values, scales=scales, solver=solver) for one in self.comparisons]
+        """Simulated amplitudes [m/s^2], differentiable."""
+        parts = [one.amplitude(self.unknowns, point, solver=solver) for one in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
 
     def spectrum_loss(
-        self, values: Float[Tensor, "*batch 6"], *, solver: SteadySolver | None = None
+        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
         """RMSE between simulated and measured amplitudes over the RMS of the measured ones (the paper's L_freq).
 
         With several conditions, the root of the mean of their squares, so that none counts more for being louder.
         """
         squares = [
-            (one.amplitude(values, solver=solver) - one.measured).square().mean(dim=(-2, -1))
+            (one.amplitude(self.unknowns, point, solver=solver) - one.measured).square().mean(dim=(-2, -1))
             / one.measured.square().mean()
             for one in self.comparisons
         ]
         return _root(torch.stack(squares).mean(dim=0))
 
     def weighted_loss(
-        self, values: Float[Tensor, "*batch 6"], *, solver: SteadySolver | None = None
+        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
-        difference = (self.amplitude(values, solver=solver) - self.measured) / self.sigma
+        difference = (self.amplitude(point, solver=solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
 
-    def sensitivity(
-        self,
-        log_values: Float[Tensor, " 6"],
-        log_scales: Float[Tensor, " 4"],
-        free: tuple[int, ...],
-        *,
-        solver: SteadySolver | None = None,
-    ) -> tuple[Float[Tensor, " reading"], Float[Tensor, "reading free"]]:
-        """Amplitudes [m/s^2], and their exact derivatives with respect to logarithms.
+    def prior_loss(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch"]:
+        """Sum of squares of how far each coordinate is from the mean of its prior, in standard deviations."""
+        center, deviation = torch.as_tensor(self.unknowns.center), torch.as_tensor(self.unknowns.deviation)
+        return ((point - center) / deviation).square().sum(dim=-1)
 
-        Parameters
-        ----------
-        free : which logarithms: 0...5 are the values, 6...9 the scales.
-        """
-        point = torch.cat([log_values, log_scales]).detach()
-        directions = torch.eye(10, dtype=point.dtype)[list(free)]
-        logs = point.repeat(len(free), 1).requires_grad_()
-        amplitude = self.amplitude(logs[:, :6].exp(), scales=logs[:, 6:].exp(), solver=solver)
+    def sensitivity(
+        self, point: Float[Tensor, " unknown"], *, solver: SteadySolver | None = None
+    ) -> tuple[Float[Tensor, " reading"], Float[Tensor, "reading unknown"]]:
+        """Amplitudes [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
+        directions = torch.eye(len(point), dtype=point.dtype)
+        points = point.detach().repeat(len(point), 1).requires_grad_()
+        amplitude = self.amplitude(points, solver=solver)
         # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
         # forward derivative along that direction. One batch holds all directions.
         weights = torch.zeros_like(amplitude, requires_grad=True)
-        (backward,) = torch.autograd.grad(amplitude, logs, weights, create_graph=True)
+        (backward,) = torch.autograd.grad(amplitude, points, weights, create_graph=True)
         (slope,) = torch.autograd.grad((backward * directions).sum(), weights)
-        return amplitude[0].detach(), slope.movedim(0, -1)
+        return amplitude[0].detach(), slope.T
 
 
 def _root(square: Tensor) -> Tensor:
@@ -225,10 +168,15 @@ def _root(square: Tensor) -> Tensor:
     return (square + 1e-24).sqrt()
 
 
+NONE = Nuisances()
+"""Only the six values are searched."""
+
+
 def objective_of(
     twins: Twin | Sequence[Twin],
     measurements: Measurement | Sequence[Measurement],
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
+    nuisances: Nuisances = NONE,
 ) -> Objective:
     """Objective of calibrating one pump on what was measured of it.
 
@@ -237,16 +185,19 @@ def objective_of(
     twins : the pump's twin, or several that differ in condition only.
     measurements : one for each twin; only lines that the twin has are compared.
     bounds : see `search_space`.
+    nuisances : what is searched beside the six values.
     """
     twins = [twins] if isinstance(twins, Twin) else list(twins)
     measurements = [measurements] if isinstance(measurements, Measurement) else list(measurements)
     pairs = zip(twins, measurements, strict=True)
-    return Objective(tuple(_comparison(*pair) for pair in pairs), search_space(twins[0], bounds))
+    comparisons = tuple(_comparison(*pair) for pair in pairs)
+    space = search_space(twins[0], bounds)
+    return Objective(comparisons, space, unknowns_of(twins[0], measurements[0].channels, space, nuisances))
 
 
 def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
     shaft = twin.condition.shaft_frequency
-    limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft)
+    limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders)
     kept = replace(
         measurement,

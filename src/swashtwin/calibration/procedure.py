@@ -8,14 +8,15 @@ from typing import Any
 import torch
 
 from swashtwin.calibration.agreement import fit_of
-from swashtwin.calibration.identifiability import Estimate, estimates_of, log_covariance
+from swashtwin.calibration.identifiability import Estimate, estimates_of, posterior_covariance
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Measurement, measure
-from swashtwin.calibration.objective import Objective, objective_of
+from swashtwin.calibration.objective import NONE, Objective, objective_of
+from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, Progress, Search
+from swashtwin.calibration.unknowns import Nuisances
 from swashtwin.errors import InputError
-from swashtwin.pump import Interfaces
 from swashtwin.recording import Recording
 from swashtwin.twin import Twin
 from swashtwin.version import VERSION
@@ -29,6 +30,7 @@ def calibrate(
     seed: int = 0,
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
     band: tuple[float, float] | None = None,
+    nuisances: Nuisances = NONE,
     progress: Progress | None = None,
 ) -> Calibration:
     """Twin whose piston-pass lines come nearest to those of measured recordings, and how far to trust its six values.
@@ -45,6 +47,7 @@ def calibrate(
     method : `IPINN` (the paper's) by default; `GaussNewton` takes a tenth of the time.
     bounds : where to search: a factor (10 by default), or (least, greatest) by parameter name or letter.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
+    nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
     progress : called with (steps done, steps in all, loss).
 
     Raises
@@ -61,17 +64,18 @@ def calibrate(
     band = DEFAULT_BAND if band is None else band
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     measurements = _measured(twins, list(recordings), band)
-    objective = objective_of(twins, measurements, bounds)
+    objective = objective_of(twins, measurements, bounds, nuisances)
     found = method.search(objective, seed=seed, progress=progress)
-    covariance = log_covariance(objective, found.values, found.scales, found.nuisances)
-    estimates = estimates_of(objective, found.values, covariance)
+    covariance = posterior_covariance(objective, found.point)
+    estimates = estimates_of(objective, found.point, covariance)
     nominal = twins[0]
-    calibrated = nominal.with_interfaces(Interfaces.from_values(found.values), found.scales)
+    posterior = Posterior(objective.unknowns, measurements[0].channels, found.point, covariance)
+    calibrated = posterior.twin_at(nominal, found.point)
     return Calibration(
         twin=calibrated,
         nominal=nominal,
         estimates=estimates,
-        covariance=covariance,
+        posterior=posterior,
         fits=tuple(fit_of(comparison, nominal, calibrated) for comparison in objective.comparisons),
         history=found.history,
         recording_ids=tuple(name for one in measurements for name in one.recording_ids),
@@ -101,8 +105,10 @@ def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...
 
 def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:
     notes = []
-    power = objective.amplitude(objective.twin.values).square().mean() / objective.measured.square().mean()
-    ratio = float(power.sqrt())
+    with torch.no_grad():
+        nominal = objective.amplitude(objective.start)
+        lines = objective.amplitude(torch.as_tensor(found.point))
+    ratio = float((nominal.square().mean() / objective.measured.square().mean()).sqrt())
     if abs(ratio / GRAVITY - 1) <= 0.2:
         notes.append(f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the readings in g?")
     for estimate in estimates:
@@ -111,9 +117,6 @@ def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...])
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
         notes.append(f"{', '.join(unknown)}: not identified; the measurement hardly says more than the bounds.")
-    scales = torch.tensor(found.scales.values(), dtype=torch.float64)
-    with torch.no_grad():
-        lines = objective.amplitude(torch.as_tensor(found.values), scales=scales)
     misfit = float(((lines - objective.measured) / objective.sigma).square().mean().sqrt())
     if misfit > 2:
         notes.append(

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from swashtwin.calibration.agreement import Agreement, Fit, mean_agreement
 from swashtwin.calibration.archive import twin_to_dict
 from swashtwin.calibration.identifiability import Estimate
+from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.search import History
 from swashtwin.files import write_text
 from swashtwin.pump import PARAMETERS
@@ -31,8 +31,8 @@ class Calibration:
     """The twin before."""
     estimates: tuple[Estimate, ...]
     """The six values, in the order of `pump.PARAMETERS`."""
-    covariance: Float[np.ndarray, "6 6"]
-    """Covariance of the logarithms of the values."""
+    posterior: Posterior
+    """What is known of all that was searched, with covariances."""
     fits: tuple[Fit, ...]
     """How near both twins are to the recordings, one for each condition."""
     history: History
@@ -85,7 +85,7 @@ class Calibration:
             "twin": twin_to_dict(self.twin),
             "nominal": twin_to_dict(self.nominal),
             "estimates": [asdict(estimate) for estimate in self.estimates],
-            "covariance": self.covariance.tolist(),
+            "posterior": self.posterior.to_dict(),
             "fit_before": asdict(self.fit_before),
             "fit_after": asdict(self.fit_after),
             "fits": [_fit(fit) for fit in self.fits],

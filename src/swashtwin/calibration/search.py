@@ -11,21 +11,11 @@ from jaxtyping import Float
 
 from swashtwin.calibration.objective import Objective
 from swashtwin.integrators import HarmonicBalance, SteadySolver
-from swashtwin.twin import Scales
 
 EXACT: SteadySolver = HarmonicBalance()
 """The solver of every method's default."""
-UNSCALED = Scales()
-"""All constants as the pump file says."""
-
 Progress = Callable[[int, int, float], None]
 """Called with (steps done, steps in all, loss)."""
-
-NUISANCES = ("mount", "bearing", "excitation", "sensor")
-"""Constants that may be searched beside the six values: the fields of `Scales`, in their order."""
-
-NUISANCE_PRIOR = {"mount": 0.3, "bearing": 0.3, "excitation": 0.5, "sensor": 0.05}
-"""Standard deviation of the logarithm of each, before anything is measured (docs/physics.md, section 6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,26 +26,32 @@ class History:
     """Distance of the spectra, as the method measures it."""
     boundary_loss: Float[np.ndarray, " step"]
     """Penalty for leaving the bounds; zero for methods that cannot leave them."""
-    values: Float[np.ndarray, "step 6"]
-    """Interface values, in the order of `pump.PARAMETERS`."""
+    points: Float[np.ndarray, "step unknown"]
+    """Coordinates, in the order of `Unknowns.names`: first the logarithms of the six values."""
     best: int
     """Step that was kept."""
+
+    @property
+    def values(self) -> Float[np.ndarray, "step 6"]:
+        """Interface values, in the order of `pump.PARAMETERS`."""
+        return np.exp(self.points[:, :6])
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
     """What a method found."""
 
-    values: Float[np.ndarray, " 6"]
-    """Interface values, in the order of `pump.PARAMETERS`."""
+    point: Float[np.ndarray, " unknown"]
+    """Coordinates, in the order of `Unknowns.names`."""
     history: History
     """How it got there."""
     simulations: int
     """How many parameter sets were simulated, with or without their gradient."""
-    scales: Scales = UNSCALED
-    """Factors that were searched beside the values."""
-    nuisances: tuple[str, ...] = ()
-    """Which of those were."""
+
+    @property
+    def values(self) -> Float[np.ndarray, " 6"]:
+        """Interface values, in the order of `pump.PARAMETERS`."""
+        return np.exp(self.point[:6])
 
 
 @runtime_checkable
@@ -65,11 +61,6 @@ class Calibrator(Protocol):
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
         """What it found. The same seed on the same machine gives the same bits."""
         ...
-
-
-def free_logarithms(nuisances: tuple[str, ...]) -> tuple[int, ...]:
-    """Places, in the vector of six values and four scales, of what is searched."""
-    return (*range(6), *(6 + i for i, name in enumerate(NUISANCES) if name in nuisances))
 
 
 @contextmanager

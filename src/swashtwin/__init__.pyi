@@ -6,10 +6,15 @@ from .augmentation import synthesize as synthesize
 from .baselines import FittedBaseline as FittedBaseline
 from .baselines import fit_extra_trees as fit_extra_trees
 from .calibration import IPINN as IPINN
+from .calibration import AmortizedIPINN as AmortizedIPINN
+from .calibration import AmortizedTraining as AmortizedTraining
 from .calibration import Calibration as Calibration
 from .calibration import GaussNewton as GaussNewton
 from .calibration import calibrate as calibrate
+from .calibration import load_amortized as load_amortized
 from .calibration import load_calibration as load_calibration
+from .calibration import objective_without_recordings as objective_without_recordings
+from .calibration import save_amortized as save_amortized
 from .condition import OperatingCondition as OperatingCondition
 from .contacts import ContactCheck as ContactCheck
 from .contacts import SlipperContact as SlipperContact
@@ -123,6 +128,8 @@ __all__ = [
     "PAPER_TRAINING",
     "RK4",
     "VERSION",
+    "AmortizedIPINN",
+    "AmortizedTraining",
     "ArtifactError",
     "BiTCN",
     "BoreDefect",
@@ -195,6 +202,7 @@ __all__ = [
     "inspect_recording",
     "inspect_recordings",
     "joined",
+    "load_amortized",
     "load_calibration",
     "load_classifier",
     "load_pump",
@@ -202,6 +210,7 @@ __all__ = [
     "mm",
     "narrow_index",
     "new_pump",
+    "objective_without_recordings",
     "parse",
     "propose_index",
     "read_condition",
@@ -211,6 +220,7 @@ __all__ = [
     "rig_recordings",
     "rpm",
     "run_case_one",
+    "save_amortized",
     "save_classifier",
     "save_index",
     "save_windows",

@@ -5,6 +5,10 @@ gives a `Calibration`.
 """
 
 from swashtwin.calibration.agreement import Agreement, Fit, Spectra, Waveforms
+from swashtwin.calibration.amortized import AmortizedIPINN, AmortizedReading
+from swashtwin.calibration.amortized_inputs import objective_without_recordings
+from swashtwin.calibration.amortized_saving import load_amortized, save_amortized
+from swashtwin.calibration.amortized_training import AmortizedTraining
 from swashtwin.calibration.gauss_newton import GaussNewton
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.ipinn import IPINN
@@ -22,6 +26,9 @@ __all__ = [
     "DEFAULT_BAND",
     "IPINN",
     "Agreement",
+    "AmortizedIPINN",
+    "AmortizedReading",
+    "AmortizedTraining",
     "Calibration",
     "Calibrator",
     "Comparison",
@@ -39,8 +46,11 @@ __all__ = [
     "Unknowns",
     "Waveforms",
     "calibrate",
+    "load_amortized",
     "load_calibration",
     "measure",
     "objective_of",
+    "objective_without_recordings",
+    "save_amortized",
     "search_space",
 ]

@@ -5,12 +5,17 @@ from .augmentation import Variation as Variation
 from .augmentation import synthesize as synthesize
 from .baselines import FittedBaseline as FittedBaseline
 from .baselines import fit_extra_trees as fit_extra_trees
+from .calibration import CMAES as CMAES
 from .calibration import IPINN as IPINN
+from .calibration import LBFGS as LBFGS
 from .calibration import AmortizedIPINN as AmortizedIPINN
 from .calibration import AmortizedTraining as AmortizedTraining
 from .calibration import Calibration as Calibration
+from .calibration import DirectAdam as DirectAdam
 from .calibration import GaussNewton as GaussNewton
+from .calibration import LearningRates as LearningRates
 from .calibration import calibrate as calibrate
+from .calibration import choose_learning_rate as choose_learning_rate
 from .calibration import load_amortized as load_amortized
 from .calibration import load_calibration as load_calibration
 from .calibration import objective_without_recordings as objective_without_recordings
@@ -121,8 +126,10 @@ from .windows import split_by_recording as split_by_recording
 
 __all__ = [
     "CLASSES",
+    "CMAES",
     "DEFAULT_VARIATION",
     "IPINN",
+    "LBFGS",
     "LEVELS",
     "NETWORKS",
     "PAPER_TRAINING",
@@ -139,6 +146,7 @@ __all__ = [
     "DamScratch",
     "DataError",
     "Diagnosis",
+    "DirectAdam",
     "FittedBaseline",
     "FittedClassifier",
     "GaussNewton",
@@ -149,6 +157,7 @@ __all__ = [
     "Interface",
     "Interfaces",
     "LeakError",
+    "LearningRates",
     "LooseSlipper",
     "MPa",
     "MissingExtraError",
@@ -187,6 +196,7 @@ __all__ = [
     "carry_over",
     "celsius",
     "course_blocks",
+    "choose_learning_rate",
     "cut_windows",
     "deg",
     "diagnose",

@@ -9,7 +9,9 @@ from swashtwin.calibration.amortized import AmortizedIPINN, AmortizedReading
 from swashtwin.calibration.amortized_inputs import objective_without_recordings
 from swashtwin.calibration.amortized_saving import load_amortized, save_amortized
 from swashtwin.calibration.amortized_training import AmortizedTraining
+from swashtwin.calibration.evolution import CMAES
 from swashtwin.calibration.gauss_newton import GaussNewton
+from swashtwin.calibration.gradient import LBFGS, DirectAdam
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
@@ -20,11 +22,15 @@ from swashtwin.calibration.procedure import calibrate
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, History, Search
 from swashtwin.calibration.space import SearchSpace, search_space
+from swashtwin.calibration.tuning import PAPER_RATES, LearningRates, choose_learning_rate
 from swashtwin.calibration.unknowns import Nuisances, Unknowns
 
 __all__ = [
+    "CMAES",
     "DEFAULT_BAND",
     "IPINN",
+    "LBFGS",
+    "PAPER_RATES",
     "Agreement",
     "AmortizedIPINN",
     "AmortizedReading",
@@ -32,10 +38,12 @@ __all__ = [
     "Calibration",
     "Calibrator",
     "Comparison",
+    "DirectAdam",
     "Estimate",
     "Fit",
     "GaussNewton",
     "History",
+    "LearningRates",
     "Measurement",
     "Nuisances",
     "Objective",
@@ -46,6 +54,7 @@ __all__ = [
     "Unknowns",
     "Waveforms",
     "calibrate",
+    "choose_learning_rate",
     "load_amortized",
     "load_calibration",
     "measure",

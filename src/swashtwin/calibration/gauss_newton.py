@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.objective import Objective
-from swashtwin.calibration.search import EXACT, History, Progress, Search, one_thread
+from swashtwin.calibration.search import EXACT, Progress, Search, Trace, best_of, one_thread, starting_points
 from swashtwin.errors import InputError
 from swashtwin.integrators import SteadySolver
 from swashtwin.seeding import stream
@@ -39,11 +39,10 @@ class GaussNewton:
         """Values of the best start; see `Calibrator`."""
         problem, unknowns = LeastSquares(objective, self.solver), objective.unknowns
         generator = stream(seed, "gauss_newton", "starts")
-        runs = []
+        runs: list[Search] = []
         with one_thread():
-            for number in range(self.starts):
-                start = unknowns.start if number == 0 else generator.uniform(unknowns.lower, unknowns.upper)
-                result = scipy.optimize.least_squares(
+            for number, start in enumerate(starting_points(unknowns, self.starts, generator)):
+                scipy.optimize.least_squares(
                     problem.residuals,
                     start,
                     problem.jacobian,
@@ -51,18 +50,10 @@ class GaussNewton:
                     max_nfev=self.most_iterations,
                     xtol=1e-10,
                 )
-                runs.append((float(result.cost), result.x, problem.taken_trace()))
+                runs.append(problem.taken_trace().search())
                 if progress is not None:
-                    progress(number + 1, self.starts, min(cost for cost, _, _ in runs))
-        _, found, trace = min(runs, key=lambda run: run[0])
-        losses = np.array([loss for loss, _ in trace])
-        history = History(
-            spectrum_loss=losses,
-            boundary_loss=np.zeros_like(losses),
-            points=np.array([point for _, point in trace]),
-            best=int(np.argmin(losses)),
-        )
-        return Search(point=found, history=history, simulations=sum(len(steps) for _, _, steps in runs))
+                    progress(number + 1, self.starts, min(run.history.least_loss for run in runs))
+        return best_of(runs)
 
 
 class LeastSquares:
@@ -70,12 +61,12 @@ class LeastSquares:
 
     def __init__(self, objective: Objective, solver: SteadySolver) -> None:
         self.objective, self.solver = objective, solver
-        self._trace: list[tuple[float, np.ndarray]] = []
+        self._trace = Trace()
         self._last: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.empty(0), np.empty((0, 0)))
 
-    def taken_trace(self) -> list[tuple[float, np.ndarray]]:
-        """(weighted loss, point) of each simulation since the last call."""
-        trace, self._trace = self._trace, []
+    def taken_trace(self) -> Trace:
+        """What was simulated since the last call."""
+        trace, self._trace = self._trace, Trace()
         return trace
 
     def residuals(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
@@ -93,7 +84,11 @@ class LeastSquares:
             lines = ((amplitude - objective.measured) / objective.sigma).numpy()
             slopes = (slope / objective.sigma[:, None]).numpy()
             prior = (point - unknowns.center) / unknowns.deviation
-            self._trace.append((float(np.sqrt(np.mean(lines**2))), point.copy()))
             jacobian = np.concatenate([slopes, np.diag(1 / unknowns.deviation)])
-            self._last = (point.tobytes(), np.concatenate([lines, prior]), jacobian)
+            residuals = np.concatenate([lines, prior])
+            self._last = (point.tobytes(), residuals, jacobian)
+            penalized = float(np.sqrt(np.sum(residuals**2) / len(lines)))
+            gradient = (jacobian.T @ residuals) * unknowns.deviation / (len(lines) * penalized)
+            weighted = float(np.sqrt(np.mean(lines**2)))
+            self._trace.add(point, weighted, penalized, float(np.linalg.norm(gradient)))
         return self._last[1], self._last[2]

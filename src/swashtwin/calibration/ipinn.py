@@ -9,12 +9,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.calibration.objective import Objective
-from swashtwin.calibration.search import EXACT, History, Progress, Search, one_thread
+from swashtwin.calibration.objective import MODEL_ERROR, Objective
+from swashtwin.calibration.search import EXACT, Decay, History, Progress, Search, one_thread, with_priors
 from swashtwin.calibration.unknowns import REACH
 from swashtwin.errors import DataError, InputError
 from swashtwin.integrators import SteadySolver
+from swashtwin.recording import Recording
 from swashtwin.seeding import derive_seed
+
+Spectrum = Literal["linear", "weighted", "logarithmic"]
+"""How `IPINN` measures the distance of two spectra."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +45,23 @@ class IPINN:
     """Channels of the convolutions."""
     learning_rate: float = 1e-4
     """Step size of Adam."""
+    decay: Decay = "constant"
+    """How it goes."""
     epochs: int = 500
     """Steps of Adam, one simulation each."""
-    spectrum: Literal["linear", "weighted"] = "linear"
-    """Spectrum loss: the RMSE of amplitudes (the paper's), or each line over its expected deviation (ours)."""
-    values: Literal["base_values", "logarithms"] = "base_values"
-    """What the network gives: theta in P = theta * S (the paper's), or ln(P / nominal) (ours)."""
+    patience: int | None = None
+    """Stop after so many epochs without a smaller loss; never by default."""
+    spectrum: Spectrum = "linear"
+    """Spectrum loss: the RMSE of amplitudes (the paper's), each line over its expected deviation, or the same of the
+    logarithms (ours); see `spectrum_loss_of`."""
+    boundary: bool = True
+    """Whether the boundary loss counts."""
+    priors: Literal["constants", "all"] = "constants"
+    """Whose priors count: those of constants searched beside the six values, or the six values' too."""
+    values: Literal["base_values", "plain", "logarithms"] = "base_values"
+    """What the network gives: theta in P = theta * S (the paper's), P itself, or ln(P / nominal) (ours)."""
+    recordings: Literal["first", "all"] = "first"
+    """Which recordings the network reads; what it gives for each of all is averaged."""
     revolutions: float = 2.0
     """Length of the window that the network reads, in revolutions of the shaft."""
     kernel: int = 7
@@ -63,6 +78,8 @@ class IPINN:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must lie within 0...1, such as 1e-4.")
         if self.revolutions < 1:
             raise InputError(f"revolutions ({self.revolutions:g}) must be at least 1.")
+        if self.patience is not None and self.patience < 1:
+            raise InputError(f"patience ({self.patience}) must be at least 1, or None for all epochs.")
 
     @classmethod
     def improved(cls, **changes: object) -> "IPINN":
@@ -76,34 +93,72 @@ class IPINN:
 
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
         """Values of the epoch with the least loss; see `Calibrator`."""
-        window = measured_window(objective, self.revolutions)
-        compare = objective.spectrum_loss if self.spectrum == "linear" else objective.weighted_loss
-        lower, upper = torch.as_tensor(objective.space.lower), torch.as_tensor(objective.space.upper)
-        spectrum_losses, boundary_losses = np.empty(self.epochs), np.empty(self.epochs)
-        path = np.empty((self.epochs, len(objective.unknowns)))
+        window = self.window_of(objective)
+        rows: list[tuple[float, float, float, float]] = []
+        path: list[np.ndarray] = []
+        best = 0
         with one_thread(), torch.random.fork_rng(devices=[]):
             torch.manual_seed(derive_seed(seed, "ipinn", "weights"))
             network = ParameterNetwork(self, window, objective)
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
+            schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.epochs)
             for epoch in range(self.epochs):
-                values, rest = network(window)
-                possible = torch.minimum(torch.maximum(values, lower), upper)
-                point = torch.cat([possible.log(), rest])
-                spectrum_loss = compare(point, solver=self.solver)
-                boundary_loss = objective.space.boundary_loss(values)
-                loss = spectrum_loss + boundary_loss
+                point, losses = self._losses(objective, *network(window))
+                loss = losses.sum()
                 if not torch.isfinite(loss):
                     raise InputError(f"the loss is {loss.item()} in epoch {epoch + 1}; lower learning_rate.")
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
-                spectrum_losses[epoch], boundary_losses[epoch] = spectrum_loss.item(), boundary_loss.item()
-                path[epoch] = point.detach().numpy()
+                if self.decay == "cosine":
+                    schedule.step()
+                rows.append((*losses.tolist(), gradient_norm(network)))
+                path.append(point.detach().numpy())
+                best = epoch if sum(rows[epoch][:3]) < sum(rows[best][:3]) else best
                 if progress is not None:
                     progress(epoch + 1, self.epochs, loss.item())
-        best = int(np.argmin(spectrum_losses + boundary_losses))
-        history = History(spectrum_losses, boundary_losses, path, best)
-        return Search(point=path[best], history=history, simulations=self.epochs)
+                if self.patience is not None and epoch - best >= self.patience:
+                    break
+        spectrum, boundary, prior, gradient = np.array(rows).T
+        history = History(spectrum, boundary, np.array(path), best, prior, gradient)
+        return Search(point=path[best], history=history, simulations=len(rows))
+
+    def window_of(self, objective: Objective) -> Float[Tensor, "*recording channel time"]:
+        """What the network reads."""
+        return measured_window(objective, self.revolutions, self.recordings)
+
+    def _losses(self, objective: Objective, values: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
+        """Point of what the network gave, and the spectrum, boundary and prior loss there."""
+        lower, upper = torch.as_tensor(objective.space.lower), torch.as_tensor(objective.space.upper)
+        possible = torch.minimum(torch.maximum(values, lower), upper)
+        point = torch.cat([possible.log(), rest])
+        spectrum = spectrum_loss_of(objective, self.spectrum, point, self.solver)
+        prior = torch.zeros_like(spectrum)
+        boundary = objective.space.boundary_loss(values) if self.boundary else torch.zeros_like(spectrum)
+        first = 0 if self.priors == "all" else 6
+        if len(point) > first:
+            unit = MODEL_ERROR if self.spectrum == "linear" else 1.0
+            prior = with_priors(objective, point, spectrum / unit, first) * unit - spectrum
+        return point, torch.stack([spectrum, boundary, prior])
+
+
+def spectrum_loss_of(
+    objective: Objective, spectrum: Spectrum, point: Float[Tensor, "*batch unknown"], solver: SteadySolver
+) -> Float[Tensor, "*batch"]:
+    """Distance of the simulated from the measured amplitudes.
+
+    ``linear``: `Objective.spectrum_loss`; ``weighted``: `Objective.weighted_loss`; ``logarithmic``: root mean square of
+    ln(simulated / measured) over sigma / measured, the deviation of a logarithm, so that a line near the noise does not
+    rule. Near the measured amplitudes the last two are the same; far below them the logarithm pulls harder, far above
+    less.
+    """
+    if spectrum == "linear":
+        return objective.spectrum_loss(point, solver=solver)
+    if spectrum == "weighted":
+        return objective.weighted_loss(point, solver=solver)
+    measured, least = objective.measured, 1e-6 * objective.sigma
+    ratio = (objective.amplitude(point, solver=solver) + least) / (measured + least)
+    return ((ratio.log() * measured / objective.sigma).square().mean(dim=-1) + 1e-24).sqrt()
 
 
 class ParameterNetwork(nn.Module):
@@ -113,17 +168,21 @@ class ParameterNetwork(nn.Module):
     center: Tensor
     deviation: Tensor
 
-    def __init__(self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective) -> None:
+    def __init__(self, settings: IPINN, window: Float[Tensor, "*recording channel time"], objective: Objective) -> None:
         super().__init__()
         self.logarithms = settings.values == "logarithms"
         unknowns, nominal = objective.unknowns, objective.space.nominal
-        sizes = (window.shape[0], *settings.channels)
+        sizes = (window.shape[-2], *settings.channels)
         layers: list[nn.Module] = []
         for before, after in pairwise(sizes):
             layers += [nn.Conv1d(before, after, settings.kernel, settings.stride, settings.kernel // 2), nn.ReLU()]
-        self.features = nn.Sequential(*layers, nn.AdaptiveAvgPool1d(1), nn.Flatten(0))
+        self.features = nn.Sequential(*layers, nn.AdaptiveAvgPool1d(1), nn.Flatten(-2))
         self.dense = nn.Linear(sizes[-1], len(unknowns))
-        magnitude = nominal if self.logarithms else 10 ** np.floor(np.log10(nominal))
+        magnitude = {
+            "base_values": 10 ** np.floor(np.log10(nominal)),
+            "plain": np.ones_like(nominal),
+            "logarithms": nominal,
+        }[settings.values]
         self.register_buffer("scale", torch.as_tensor(magnitude))
         self.register_buffer("center", torch.as_tensor(unknowns.start[6:]))
         self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[6:]))
@@ -131,25 +190,44 @@ class ParameterNetwork(nn.Module):
         start[:6] = 0 if self.logarithms else nominal / magnitude
         with torch.no_grad():
             self.dense.bias.zero_()
-            self.dense.bias.copy_(torch.as_tensor(start) - self.dense(self.features(window)))
+            self.dense.bias.copy_(torch.as_tensor(start) - self._given(window))
 
-    def forward(self, window: Float[Tensor, "channel time"]) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
+    def _given(self, window: Tensor) -> Tensor:
+        """What the dense layer gives, averaged over the recordings."""
+        given: Tensor = self.dense(self.features(window))
+        return given.mean(dim=0) if given.ndim > 1 else given
+
+    def forward(
+        self, window: Float[Tensor, "*recording channel time"]
+    ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
         """Interface values, and the other coordinates within four deviations of their priors' means; float64."""
-        given = self.dense(self.features(window)).double()
+        given = self._given(window).double()
         values = self.scale * (given[:6].exp() if self.logarithms else given[:6])
         return values, self.center + self.deviation * REACH * torch.tanh(given[6:] / REACH)
 
 
-def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:
-    """Start of the first recording, all channels over their common RMS, float32.
+def measured_window(
+    objective: Objective, revolutions: float, recordings: Literal["first", "all"] = "first"
+) -> Float[Tensor, "*recording channel time"]:
+    """Start of the first recording, or of all (at the shortest's length); all channels over their common RMS, float32.
 
     Raises
     ------
     DataError
-        The recording is shorter.
+        A recording is shorter.
     """
-    recording = objective.comparisons[0].measurement.recordings[0]
-    length = round(revolutions * objective.twin.condition.period * recording.sample_rate)
+    windows = []
+    for one in objective.comparisons:
+        for recording in one.measurement.recordings:
+            windows.append(_window(recording, revolutions, one.twin.condition.period))
+            if recordings == "first":
+                return windows[0]
+    shortest = min(window.shape[-1] for window in windows)
+    return torch.stack([window[:, :shortest] for window in windows])
+
+
+def _window(recording: Recording, revolutions: float, period: float) -> Tensor:
+    length = round(revolutions * period * recording.sample_rate)
     if length > recording.signal.shape[1]:
         raise DataError(
             f"{recording.recording_id} ({recording.duration:.4g} s) is shorter than the {revolutions:g} revolutions "
@@ -157,3 +235,10 @@ def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "
         )
     window = recording.signal[:, :length] - recording.signal[:, :length].mean(axis=1, keepdims=True)
     return torch.as_tensor(window / np.sqrt(np.mean(window**2)), dtype=torch.float32)
+
+
+def gradient_norm(network: nn.Module) -> float:
+    """Norm of the loss's gradient with respect to all weights."""
+    return float(
+        torch.stack([weights.grad.norm() for weights in network.parameters() if weights.grad is not None]).norm()
+    )

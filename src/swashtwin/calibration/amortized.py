@@ -127,13 +127,13 @@ class AmortizedIPINN:
         unknowns, deviation = objective.unknowns, np.exp(log_deviation)
         half, center = (unknowns.upper - unknowns.lower) / 2, (unknowns.upper + unknowns.lower) / 2
         cut = scipy.stats.truncnorm((-1 - middle) / deviation, (1 - middle) / deviation, loc=middle, scale=deviation)
-        ends = [center + half * cut.ppf(share) for share in (0.05, 0.5, 0.95)]
+        low, median, high = center + half * cut.ppf([[0.05], [0.5], [0.95]])
         return AmortizedReading(
             names=unknowns.names,
-            point=np.clip(ends[1], unknowns.lower + _WITHIN * half, unknowns.upper - _WITHIN * half),
+            point=np.clip(median, unknowns.lower + _WITHIN * half, unknowns.upper - _WITHIN * half),
             deviation=half * cut.std(),
-            lower=ends[0],
-            upper=ends[2],
+            lower=low,
+            upper=high,
             strangeness=strangeness,
             notes=(_strange(strangeness),) if strangeness > 1 or not math.isfinite(strangeness) else (),
         )

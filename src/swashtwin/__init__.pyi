@@ -13,12 +13,18 @@ from .calibration import AmortizedTraining as AmortizedTraining
 from .calibration import Calibration as Calibration
 from .calibration import DirectAdam as DirectAdam
 from .calibration import GaussNewton as GaussNewton
+from .calibration import IdentifiabilityReport as IdentifiabilityReport
 from .calibration import LearningRates as LearningRates
 from .calibration import calibrate as calibrate
+from .calibration import check_coverage as check_coverage
 from .calibration import choose_learning_rate as choose_learning_rate
+from .calibration import expected_information_gain as expected_information_gain
+from .calibration import identifiability as identifiability
 from .calibration import load_amortized as load_amortized
 from .calibration import load_calibration as load_calibration
 from .calibration import objective_without_recordings as objective_without_recordings
+from .calibration import profile as profile
+from .calibration import sample_posterior as sample_posterior
 from .calibration import save_amortized as save_amortized
 from .condition import OperatingCondition as OperatingCondition
 from .contacts import ContactCheck as ContactCheck
@@ -152,6 +158,7 @@ __all__ = [
     "GaussNewton",
     "GrooveErosion",
     "HarmonicBalance",
+    "IdentifiabilityReport",
     "InputError",
     "InspectionReport",
     "Interface",
@@ -196,11 +203,13 @@ __all__ = [
     "carry_over",
     "celsius",
     "course_blocks",
+    "check_coverage",
     "choose_learning_rate",
     "cut_windows",
     "deg",
     "diagnose",
     "evaluate",
+    "expected_information_gain",
     "extract_features",
     "film_of",
     "film_values",
@@ -209,6 +218,7 @@ __all__ = [
     "hertz",
     "hold_out",
     "hold_out_specimens",
+    "identifiability",
     "inspect_recording",
     "inspect_recordings",
     "joined",
@@ -222,6 +232,7 @@ __all__ = [
     "new_pump",
     "objective_without_recordings",
     "parse",
+    "profile",
     "propose_index",
     "read_condition",
     "read_fault",
@@ -230,6 +241,7 @@ __all__ = [
     "rig_recordings",
     "rpm",
     "run_case_one",
+    "sample_posterior",
     "save_amortized",
     "save_classifier",
     "save_index",

@@ -9,17 +9,23 @@ from swashtwin.calibration.amortized import AmortizedIPINN, AmortizedReading
 from swashtwin.calibration.amortized_inputs import objective_without_recordings
 from swashtwin.calibration.amortized_saving import load_amortized, save_amortized
 from swashtwin.calibration.amortized_training import AmortizedTraining
+from swashtwin.calibration.coverage import Coverage, check_coverage
+from swashtwin.calibration.discrepancy import Discrepancy
 from swashtwin.calibration.evolution import CMAES
 from swashtwin.calibration.gauss_newton import GaussNewton
 from swashtwin.calibration.gradient import LBFGS, DirectAdam
 from swashtwin.calibration.identifiability import Estimate
+from swashtwin.calibration.identification import Direction, IdentifiabilityReport, identifiability
+from swashtwin.calibration.information import Candidate, Gain, candidates_for, expected_information_gain
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
 from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
 from swashtwin.calibration.objective import Comparison, Objective, objective_of
 from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.procedure import calibrate
+from swashtwin.calibration.profiles import Profile, profile, profiles
 from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.sampling import Sampling, sample_posterior
 from swashtwin.calibration.search import Calibrator, History, Search
 from swashtwin.calibration.space import SearchSpace, search_space
 from swashtwin.calibration.tuning import PAPER_RATES, LearningRates, choose_learning_rate
@@ -37,29 +43,44 @@ __all__ = [
     "AmortizedTraining",
     "Calibration",
     "Calibrator",
+    "Candidate",
     "Comparison",
+    "Coverage",
     "DirectAdam",
+    "Direction",
+    "Discrepancy",
     "Estimate",
     "Fit",
+    "Gain",
     "GaussNewton",
     "History",
+    "IdentifiabilityReport",
     "LearningRates",
     "Measurement",
     "Nuisances",
     "Objective",
     "Posterior",
+    "Profile",
+    "Sampling",
     "Search",
     "SearchSpace",
     "Spectra",
     "Unknowns",
     "Waveforms",
     "calibrate",
+    "candidates_for",
+    "check_coverage",
     "choose_learning_rate",
+    "expected_information_gain",
+    "identifiability",
     "load_amortized",
     "load_calibration",
     "measure",
     "objective_of",
     "objective_without_recordings",
+    "profile",
+    "profiles",
+    "sample_posterior",
     "save_amortized",
     "search_space",
 ]

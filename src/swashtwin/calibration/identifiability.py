@@ -5,15 +5,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy.stats
-import torch
+import scipy.optimize
 from jaxtyping import Float
+from scipy.special import ndtr
 
+from swashtwin.calibration.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
 from swashtwin.calibration.objective import Objective
 from swashtwin.pump import LETTERS, PARAMETERS
 
 Verdict = Literal["identified", "weak", "not identified", "at bound"]
 
+COVERAGE = 0.9
+"""Probability with which an interval holds its value."""
 IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
 UNIDENTIFIED_SHARE = 0.7
@@ -39,7 +42,8 @@ class Estimate:
     log_std: float
     """Standard deviation of ln value: 0.1 is 10 %."""
     interval: tuple[float, float]
-    """Range that holds the value with a probability of 90 %, within the bounds."""
+    """The most probable range that holds the value with a probability of 90 %, within the bounds; it holds the value
+    found, and ends at a bound where the measurement sets no limit on that side (`open_sides`)."""
     bounds: tuple[float, float]
     """Where it was searched."""
     verdict: Verdict
@@ -48,23 +52,44 @@ class Estimate:
     traded_with: str | None = None
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
 
+    @property
+    def open_sides(self) -> tuple[bool, bool]:
+        """Whether the interval is limited by nothing but the bound, below and above."""
+        below, above = (
+            math.isclose(end, bound, rel_tol=1e-9) for end, bound in zip(self.interval, self.bounds, strict=True)
+        )
+        return below, above
+
 
 def posterior_covariance(
     objective: Objective, point: Float[np.ndarray, " unknown"]
 ) -> Float[np.ndarray, "unknown unknown"]:
-    """Covariance of the coordinates at a solution, all constants that were not searched being taken as right.
+    """Covariance of the coordinates found, about the truth.
 
-    Inverse of the Fisher information J' W J plus the priors: for the six values the width of their bounds, for
-    nuisances their own. Where the twin misses the lines by more than expected (`Comparison.sigma`), the information is
-    divided by as much as the mean square exceeds 1.
+    A search weighs every line by its own `Comparison.sigma`, as if errors were independent: with W those weights,
+    J the sensitivities and P the priors' covariance it finds the truth plus H^-1 (J' W e + P^-1 d), H = J' W J + P^-1,
+    where e is what the twin misses and d how far the truth is from the priors' means. Errors of a real machine are
+    larger and shared by many lines, so e is given the covariance V of `discrepancy`, estimated from the residuals:
+
+        H^-1 (J' W V W J + P^-1) H^-1
+
+    (the sandwich of Huber 1967 and White 1982, doi:10.2307/1912526, with Kennedy and O'Hagan's discrepancy between). It
+    is the Fisher information's inverse where the twin meets the lines as expected; no coordinate is less certain than
+    its prior.
     """
-    amplitude, slope = objective.sensitivity(torch.as_tensor(point))
-    misfit = float(((amplitude - objective.measured) / objective.sigma).square().mean())
-    jacobian = (slope / objective.sigma[:, None]).numpy() / math.sqrt(max(1.0, misfit))
-    prior = objective.unknowns.deviation
-    scaled = jacobian * prior  # in units of the prior: well conditioned however flat a direction is
-    covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior)))
-    return covariance * np.outer(prior, prior)
+    around = linearized(objective, point)
+    return sandwich(around, noise_covariance(around, discrepancy_of(around)))
+
+
+def sandwich(around: Linearized, noise: Float[np.ndarray, "reading reading"]) -> Float[np.ndarray, "unknown unknown"]:
+    """The same where the covariance of measured minus simulated amplitudes is known."""
+    prior = around.objective.unknowns.deviation
+    scaled = around.slope / around.sigma[:, None] * prior  # in units of the priors: well conditioned if one is flat
+    weights = np.linalg.solve(scaled.T @ scaled + np.eye(len(prior)), np.hstack([scaled.T, np.eye(len(prior))]))
+    errors, shift = weights[:, : len(scaled)], weights[:, len(scaled) :]
+    covariance = errors @ (noise / np.outer(around.sigma, around.sigma)) @ errors.T + shift @ shift.T
+    excess = prior / np.maximum(1.0, np.sqrt(np.diag(covariance)))
+    return covariance * np.outer(excess, excess)
 
 
 def estimates_of(
@@ -97,9 +122,15 @@ def estimates_of(
 
 
 def _interval(center: float, std: float, low: float, high: float) -> tuple[float, float]:
-    """90 % of a normal density of ln value that the bounds cut."""
-    cut = scipy.stats.truncnorm((low - center) / std, (high - center) / std, loc=center, scale=std)
-    return math.exp(cut.ppf(0.05)), math.exp(cut.ppf(0.95))
+    """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is always within."""
+    below, above = (low - center) / std, (high - center) / std
+    wanted = COVERAGE * (ndtr(above) - ndtr(below))
+
+    def surplus(half: float) -> float:
+        return float(ndtr(min(above, half)) - ndtr(max(below, -half)) - wanted)
+
+    half = std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
+    return math.exp(max(low, center - half)), math.exp(min(high, center + half))
 
 
 def _verdict(center: float, std: float, prior_std: float, low: float, high: float) -> Verdict:

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from swashtwin.calibration import Calibration
+from swashtwin.calibration import Calibration, Estimate
 from swashtwin.report.calibration_figures import calibration_drawings
 from swashtwin.report.page import (
     CALIBRATION,
@@ -116,7 +116,7 @@ def estimates_table(calibration: Calibration) -> Table:
                 Cell(f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]"),
                 number_cell(estimate.nominal),
                 number_cell(estimate.value),
-                Cell(f"{number(estimate.interval[0])} to {number(estimate.interval[1])}"),
+                Cell(interval_words(estimate)),
                 Cell(f"{estimate.verdict}{traded}"),
             )
         )
@@ -127,6 +127,18 @@ def estimates_table(calibration: Calibration) -> Table:
         ("value", "nominal", "calibrated", "90 % interval", "verdict"),
         tuple(rows),
     )
+
+
+def interval_words(estimate: Estimate) -> str:
+    """The interval; an end that only the bound sets is said to be none."""
+    low, high = (number(end) for end in estimate.interval)
+    told = {
+        (False, False): f"{low} to {high}",
+        (True, False): f"at most {high}",
+        (False, True): f"at least {low}",
+        (True, True): "no limits within the bounds",
+    }
+    return told[estimate.open_sides]
 
 
 def comparison_table(calibrations: Sequence[Calibration]) -> Table:

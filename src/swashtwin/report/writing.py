@@ -12,13 +12,14 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
-from swashtwin.calibration import Calibration
+from swashtwin.calibration import Calibration, IdentifiabilityReport
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Scores
 from swashtwin.files import replacing
 from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.diagnosis_part import diagnosis_part
+from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.page import Part, drawings
 from swashtwin.report.scores_part import scores_part
 from swashtwin.report.study_part import study_part
@@ -33,7 +34,9 @@ _UNKNOWN_ORIGIN = (
 )
 
 
-def write_report(*items: StudyResult | Calibration | Scores | Diagnosis, folder: Path | str) -> Path:
+def write_report(
+    *items: StudyResult | Calibration | IdentifiabilityReport | Scores | Diagnosis, folder: Path | str
+) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
 
     Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as ``figures/NAME.csv``. All
@@ -90,6 +93,7 @@ def part_of(item: object, key: str) -> Part:
 
 part_of.register(StudyResult)(study_part)
 part_of.register(Calibration)(calibration_part)
+part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
 part_of.register(Diagnosis)(diagnosis_part)
 

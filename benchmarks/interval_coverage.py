@@ -1,0 +1,131 @@
+"""How often the intervals of a calibration hold the virtual rig's hidden truth.
+
+    python benchmarks/interval_coverage.py --fleets 2 --json
+
+Each recording is calibrated alone, for the rig takes a pump apart between two of them. Its truth are the values that
+really held in it: the pump's, as it was put together for this recording, times what its oil's temperature and its
+pressure did to the films. A slipper's stiffness turns with the shaft there; its mean counts. `rule` is `discrepancy`
+for the intervals that `calibrate` gives, `misfit` for the information divided by the mean square misfit instead, and
+`noise` for the bare noise model. Nothing is tuned to these figures, which say nothing about a real pump (docs/rig.md).
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from joblib import Parallel, delayed
+
+from swashtwin.calibration import GaussNewton, Nuisances, measure, objective_of
+from swashtwin.calibration.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.identifiability import estimates_of, sandwich
+from swashtwin.pump_files import load_pump
+from swashtwin.recording import Recording
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.rig.fleet import RECESS, film_factors
+from swashtwin.rig.measuring import Run
+from swashtwin.twin import Twin
+
+NUISANCES = {"none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing()}
+LABELS = ("normal", "swash_plate")
+RULES = ("noise", "misfit", "discrepancy")
+
+
+@dataclass(frozen=True)
+class Found:
+    """One calibration under one rule."""
+
+    held: list[bool]
+    verdicts: list[str]
+    off: list[float]
+
+
+def truth_of(run: Run) -> np.ndarray:
+    """The six values that held in one recording."""
+    oil = run.specimen.pump.oil
+    viscosity = oil.viscosity_at(run.condition.oil_temperature) / oil.viscosity
+    return run.specimen.values * film_factors(run.condition.discharge_pressure, viscosity)
+
+
+def covariance_under(rule: str, around: Linearized) -> np.ndarray:
+    """Covariance of the coordinates found."""
+    if rule == "discrepancy":
+        return sandwich(around, noise_covariance(around, discrepancy_of(around)))
+    misfit = max(1.0, float(np.mean((around.residual / around.sigma) ** 2))) if rule == "misfit" else 1.0
+    prior = around.objective.unknowns.deviation
+    scaled = around.slope / around.sigma[:, None] * prior
+    return np.linalg.inv(scaled.T @ scaled / misfit + np.eye(len(prior))) * np.outer(prior, prior)
+
+
+def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Found]:
+    """Intervals of one recording, by nuisances and rule."""
+    torch.set_num_threads(1)
+    assert recording.condition is not None
+    twin = Twin(load_pump("25scy14-1b"), recording.condition, RECESS if recording.label == "swash_plate" else None)
+    measurement, truth = measure(twin, [recording]), truth_of(run)
+    result = {}
+    for name, nuisances in NUISANCES.items():
+        objective = objective_of(twin, measurement, None, nuisances)
+        point = GaussNewton(starts=2).search(objective, seed=0).point
+        around = linearized(objective, point)
+        for rule in RULES:
+            found = estimates_of(objective, point, covariance_under(rule, around))
+            result[name, rule] = Found(
+                held=[one.interval[0] <= true <= one.interval[1] for one, true in zip(found, truth, strict=True)],
+                verdicts=[one.verdict for one in found],
+                off=[float(np.log(one.value / true) / one.log_std) for one, true in zip(found, truth, strict=True)],
+            )
+    return result
+
+
+def row_of(label: str, nuisances: str, rule: str, found: list[Found]) -> dict[str, object]:
+    """One line of the table."""
+    held, off = np.array([one.held for one in found]), np.abs([one.off for one in found])
+    named = np.array([one.verdicts for one in found])
+    sure = named == "identified"
+    return {
+        "label": label,
+        "nuisances": nuisances,
+        "rule": rule,
+        "recordings": len(found),
+        "identified": int(sure.sum()),
+        "coverage_identified": float(held[sure].mean()) if sure.any() else None,
+        "beyond_three": float((off[sure] > 3).mean()) if sure.any() else None,
+        "coverage": float(held.mean()),
+        "coverage_by_value": held.mean(axis=0).round(3).tolist(),
+        "k_sw_not_identified": float(np.isin(named[:, 1], ["not identified", "at bound", "weak"]).mean()),
+    }
+
+
+def main() -> None:
+    """Print a table, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fleets", type=int, default=2, help="seeds 0... of the rig, six pumps each")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    asked = parser.parse_args()
+    rows = []
+    for label in LABELS:
+        taken = [
+            pair
+            for seed in range(asked.fleets)
+            for pair in rig_recordings(seed, RigSize(specimens=6, repeats=1), labels=(label,), jobs=asked.jobs)
+        ]
+        found = Parallel(n_jobs=asked.jobs)(delayed(of_recording)(*pair) for pair in taken)
+        rows += [row_of(label, name, rule, [one[name, rule] for one in found]) for name, rule in found[0]]
+    if asked.json:
+        print(json.dumps({"rows": rows, "fleets": asked.fleets}))
+        return
+    for row in rows:
+        sure = "-" if row["coverage_identified"] is None else f"{row['coverage_identified']:.2f}"
+        beyond = "-" if row["beyond_three"] is None else f"{row['beyond_three']:.2f}"
+        print(
+            f"{row['label']:12s} {row['nuisances']:8s} {row['rule']:12s} identified {row['identified']:4d} of "
+            f"{6 * int(str(row['recordings']))}: held {sure}, beyond three {beyond}; all {row['coverage']:.2f}  "
+            f"{row['coverage_by_value']}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""Profile likelihood: how much worse the best fit becomes when one coordinate is held at other values.
+
+A linearized interval sees only the neighborhood of the optimum; a profile follows the valley, however bent, and shows
+where it never rises: there the value is not identified (Raue et al. 2009, doi:10.1093/bioinformatics/btp358).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+import torch
+from jaxtyping import Float
+
+from swashtwin.calibration.discrepancy import discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.identifiability import COVERAGE
+from swashtwin.calibration.objective import Objective
+from swashtwin.calibration.search import one_thread
+from swashtwin.errors import InputError
+
+THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
+"""Rise at which the interval ends (Wilks)."""
+_WIDER = 10.0
+"""By how much the priors of the six values are widened: they then say nothing, but keep flat valleys in place."""
+_MOST_POINTS, _MOST_STEPS = 30, 12
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The least misfit over all other coordinates, for values of one."""
+
+    name: str
+    """Letter of the value, or name of the nuisance, as in `Unknowns.names`."""
+    coordinate: Float[np.ndarray, " point"]
+    """Where it was held, rising: the logarithm, but for the residue of a housing mode."""
+    rise: Float[np.ndarray, " point"]
+    """Rise of the sum of squares above the least [1]: 2.71 ends the interval of 90 %."""
+    best: float
+    """Coordinate of the least."""
+    interval: tuple[float | None, float | None]
+    """Coordinates at which the rise passes the threshold; None where it does not before the bound."""
+    bounds: tuple[float, float]
+    """Where it was searched."""
+    simulations: int
+    """How many parameter sets were simulated, each with its derivatives."""
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the interval closes on both sides."""
+        return None not in self.interval
+
+    @property
+    def words(self) -> str:
+        """What it says."""
+        below, above = self.interval
+        if self.is_identified:
+            return f"{self.name}: closed on both sides"
+        if below is None and above is None:
+            return f"{self.name}: not identified, open on both sides"
+        return f"{self.name}: only {'an upper' if below is None else 'a lower'} limit"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        arrays = {"coordinate": self.coordinate.tolist(), "rise": self.rise.tolist()}
+        pairs = {"interval": list(self.interval), "bounds": list(self.bounds)}
+        return {"name": self.name, **arrays, "best": self.best, **pairs, "simulations": self.simulations}
+
+
+def profile(objective: Objective, point: Float[np.ndarray, " unknown"], name: str) -> Profile:
+    """Profile of the coordinate `name`, walked from `point` to both sides, until the rise is clear or a bound is met.
+
+    Lines are weighed by the covariance of `discrepancy` at `point`, so the least may lie beside it. Nuisances keep
+    their priors, the six values have none but their bounds.
+
+    Raises
+    ------
+    InputError
+        No such coordinate.
+    """
+    names = objective.unknowns.names
+    if name not in names:
+        raise InputError(f"no coordinate {name!r} was searched; there are {', '.join(names)}.")
+    return profiles(objective, point, (name,))[0]
+
+
+def profiles(
+    objective: Objective, point: Float[np.ndarray, " unknown"], names: tuple[str, ...] | None = None
+) -> tuple[Profile, ...]:
+    """Profiles of several coordinates; of the six values by default."""
+    names = objective.unknowns.names[:6] if names is None else names
+    valley = _Valley(objective, point)
+    with one_thread():
+        best, least = valley.descend(np.asarray(point, dtype=float), held=None)
+        found = [_walked(valley, best, least, objective.unknowns.names.index(name)) for name in names]
+    return tuple(found)
+
+
+class _Valley:
+    """Whitened least squares of all coordinates but one."""
+
+    def __init__(self, objective: Objective, point: np.ndarray) -> None:
+        around, unknowns = linearized(objective, point), objective.unknowns
+        self.objective, self.lower, self.upper = objective, unknowns.lower, unknowns.upper
+        self.root = np.linalg.cholesky(noise_covariance(around, discrepancy_of(around)))
+        wider = np.where(np.arange(len(unknowns)) < 6, _WIDER, 1.0)
+        self.center, self.precision = unknowns.center, 1 / (unknowns.deviation * wider)
+        self.simulations = 1
+
+    def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and their derivatives."""
+        self.simulations += 1
+        amplitude, slope = self.objective.sensitivity(torch.as_tensor(point))
+        lines = scipy.linalg.solve_triangular(
+            self.root, np.column_stack([(amplitude - self.objective.measured).numpy(), slope.numpy()]), lower=True
+        )
+        residual = np.concatenate([lines[:, 0], self.precision * (point - self.center)])
+        return residual, np.concatenate([lines[:, 1:], np.diag(self.precision)])
+
+    def descend(self, point: np.ndarray, held: int | None) -> tuple[np.ndarray, float]:
+        """The lowest point reached from `point` with coordinate `held` kept, and its sum of squares."""
+        residual, slope = self.at(point)
+        damping = 1e-6
+        for _ in range(_MOST_STEPS):
+            step = self.step(point, residual, slope, held, damping)
+            if 2 * -(residual @ slope @ step) - np.square(slope @ step).sum() < 0.01:
+                break
+            trial = point + step
+            ahead, ahead_slope = self.at(trial)
+            if ahead @ ahead < residual @ residual:
+                point, residual, slope, damping = trial, ahead, ahead_slope, max(damping / 10, 1e-6)
+            else:
+                damping = max(10 * damping, 1e-3)
+        return point, float(residual @ residual)
+
+    def step(
+        self, point: np.ndarray, residual: np.ndarray, slope: np.ndarray, held: int | None, damping: float
+    ) -> np.ndarray:
+        """A damped Gauss-Newton step that ends within the bounds; what stands on one and wants beyond stays."""
+        downhill = -slope.T @ residual
+        free = ~((point <= self.lower) & (downhill < 0) | (point >= self.upper) & (downhill > 0))
+        if held is not None:
+            free[held] = False
+        step = np.zeros_like(point)
+        part = slope[:, free]
+        square = part.T @ part
+        step[free] = np.linalg.solve(square + damping * np.diag(np.diag(square)), downhill[free])
+        return np.clip(point + step, self.lower, self.upper) - point
+
+    def along(self, slope: np.ndarray, held: int) -> np.ndarray:
+        """How all coordinates go along the valley per unit of the held one."""
+        others = np.arange(slope.shape[1]) != held
+        direction = np.ones(slope.shape[1])
+        direction[others] = -np.linalg.lstsq(slope[:, others], slope[:, held], rcond=None)[0]
+        return direction
+
+
+def _walked(valley: _Valley, best: np.ndarray, least: float, held: int) -> Profile:
+    before = valley.simulations
+    points = [(float(best[held]), least)]
+    for side in (-1.0, 1.0):
+        points += _side(valley, best, least, held, side)
+    coordinate, height = np.array(sorted(points)).T
+    bottom, rise = int(np.argmin(height)), height - height.min()
+    interval = (
+        _crossing(coordinate[bottom::-1], rise[bottom::-1]),
+        _crossing(coordinate[bottom:], rise[bottom:]),
+    )
+    return Profile(
+        name=valley.objective.unknowns.names[held],
+        coordinate=coordinate,
+        rise=rise,
+        best=float(coordinate[bottom]),
+        interval=interval,
+        bounds=(float(valley.lower[held]), float(valley.upper[held])),
+        simulations=valley.simulations - before,
+    )
+
+
+def _side(valley: _Valley, best: np.ndarray, least: float, held: int, side: float) -> list[tuple[float, float]]:
+    """Points of one side, from the best on outwards."""
+    reach = valley.upper[held] - valley.lower[held]
+    end = valley.upper[held] if side > 0 else valley.lower[held]
+    _, slope = valley.at(best)
+    direction = valley.along(slope, held)
+    stride = float(np.clip(0.8 / np.linalg.norm(slope @ direction), 1e-4 * reach, reach / 8))
+    found: list[tuple[float, float]] = []
+    point, height = best, least
+    while len(found) < _MOST_POINTS and abs(point[held] - end) > 1e-9 and height < least + 1.3 * THRESHOLD:
+        go = side * min(stride, abs(end - point[held]))
+        ahead = np.clip(point + go * direction, valley.lower, valley.upper)
+        last, behind = height, point
+        point, height = valley.descend(ahead, held)
+        direction = (point - behind) / go
+        found.append((float(point[held]), height))
+        if height - last < 0.3:
+            stride = min(1.7 * stride, reach / 8)
+        if abs(height - last) > 1.5:
+            stride /= 1.5
+    return found
+
+
+def _crossing(coordinate: np.ndarray, rise: np.ndarray) -> float | None:
+    """Where the root of the rise passes the threshold's, between two points."""
+    beyond = np.flatnonzero(rise > THRESHOLD)
+    if not len(beyond):
+        return None
+    last = int(beyond[0])
+    roots = np.sqrt(rise[[last - 1, last]])
+    share = (np.sqrt(THRESHOLD) - roots[0]) / (roots[1] - roots[0])
+    return float(coordinate[last - 1] + share * (coordinate[last] - coordinate[last - 1]))

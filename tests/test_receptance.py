@@ -9,7 +9,7 @@ from torch import Tensor
 
 from swashtwin.dynamics import assemble
 from swashtwin.errors import InputError
-from swashtwin.integrators import RK4, HarmonicBalance, receptance, require_definite, rk4_limits, rk4_map, state_matrix
+from swashtwin.integrators import RK4, HarmonicBalance, receptance, rk4_limits, rk4_map, state_matrix
 from swashtwin.integrators.elimination import coupled_groups, solve_symmetric, tidy
 from swashtwin.pump import Pump
 
@@ -277,19 +277,3 @@ def test_many_lines_through_pivots_are_solved_in_pieces(
     whole = receptance(*changed, 1j * frequency, force)
     monkeypatch.setattr("swashtwin.integrators.receptances.ROWS", 100)
     assert torch.equal(receptance(*changed, 1j * frequency, force), whole)
-
-
-def test_matrices_that_give_energy_away_are_refused_by_name(matrices: Matrices) -> None:
-    mass, damping, stiffness = matrices
-    for name, matrix in (("mass", mass), ("damping", damping), ("stiffness", stiffness)):
-        require_definite(name, matrix)
-    require_definite("damping", torch.zeros_like(damping))
-    negative = stiffness.clone()
-    negative[7] -= 2 * torch.diag(stiffness[7].diagonal() * (torch.arange(13) == 12))
-    with pytest.raises(InputError, match=r"stiffness \(set 7 of the batch\) is not positive semidefinite"):
-        require_definite("stiffness", negative)
-    indefinite = torch.tensor([[1.0, 2.0], [2.0, 1.0]], dtype=torch.float64)
-    with pytest.raises(InputError, match="damping is not positive"):
-        require_definite("damping", indefinite)
-    with pytest.raises(InputError, match="damping is not positive"):
-        require_definite("damping", indefinite * torch.nan)

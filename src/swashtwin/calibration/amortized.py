@@ -2,7 +2,6 @@
 
 import json
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
@@ -141,21 +140,19 @@ class AmortizedIPINN:
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
         """Point of one pass, or what Gauss-Newton makes of it; see `Calibrator`.
 
-        Warns where the lines are unlike any that the network was trained on.
+        The notes say where the lines are unlike any that the network was trained on.
         """
         reading = self.read(objective)
-        for note in reading.notes:
-            warnings.warn(note, stacklevel=2)
         if self.refine == "gauss_newton":
             begun = replace(objective, unknowns=replace(objective.unknowns, start=reading.point))
             method = GaussNewton(starts=1, most_iterations=self.most_iterations)
-            return method.search(begun, seed=seed, progress=progress)
+            return replace(method.search(begun, seed=seed, progress=progress), notes=reading.notes)
         with torch.no_grad():
             loss = float(objective.weighted_loss(torch.as_tensor(reading.point)))
         if progress is not None:
             progress(1, 1, loss)
         history = History(np.array([loss]), np.zeros(1), reading.point[None], best=0)
-        return Search(point=reading.point, history=history, simulations=1)
+        return Search(point=reading.point, history=history, simulations=1, notes=reading.notes)
 
 
 def _strange(strangeness: float) -> str:

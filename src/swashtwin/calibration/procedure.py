@@ -104,7 +104,7 @@ def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...
 
 
 def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:
-    notes = []
+    notes = list(found.notes)
     with torch.no_grad():
         nominal = objective.amplitude(objective.start)
         lines = objective.amplitude(torch.as_tensor(found.point))
@@ -121,13 +121,15 @@ def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...])
     if misfit > 2:
         notes.append(
             f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected; the model lacks "
-            "something (housing modes, wrong constants), and the intervals were widened by as much."
+            "something (housing modes, wrong constants), and the intervals were widened for it."
         )
     return notes
 
 
 def _settings(method: Calibrator) -> dict[str, Any]:
-    settings = asdict(method) if is_dataclass(method) and not isinstance(method, type) else {}
+    settings: dict[str, Any] = dict(getattr(method, "settings", {}))  # of a method that is more than its settings
+    if is_dataclass(method) and not isinstance(method, type):
+        settings = asdict(method)
     if hasattr(method, "solver"):
         settings["solver"] = repr(method.solver)
     return {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()}

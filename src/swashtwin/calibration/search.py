@@ -72,6 +72,8 @@ class Search:
     """How it got there."""
     simulations: int
     """How many parameter sets were simulated, with or without their gradient."""
+    notes: tuple[str, ...] = ()
+    """What the user should look at, in words."""
 
     @property
     def values(self) -> Float[np.ndarray, " 6"]:

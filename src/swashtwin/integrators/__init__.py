@@ -19,7 +19,6 @@ Single precision is off by up to 1e-4 of the largest motion in a line (2e-6 in t
 20,000 steps of a march: the damping of a film exceeds what decides the motion by orders of magnitude.
 """
 
-from swashtwin.integrators.definiteness import require_definite
 from swashtwin.integrators.periodic import PeriodicTerm, periodic_steady_state
 from swashtwin.integrators.receptances import receptance
 from swashtwin.integrators.recursion import linear_recursion
@@ -43,7 +42,6 @@ __all__ = [
     "linear_recursion",
     "periodic_steady_state",
     "receptance",
-    "require_definite",
     "rk4_limit",
     "rk4_limits",
     "rk4_map",

@@ -13,8 +13,8 @@ optimum   the same, or at most 1.1 times the weighted loss at the posterior's to
           truth). It may lie above the truth's, for priors buy likelihood with what the measurement hardly shows; it is
           what methods that count priors seek, so ``floor`` is not for them to reach
 loss      median of the weighted loss over that of the truth
-error     median over the runs of the largest |ln(found / true)| of the values that the measurement identifies; ``worst``
-          is the greatest
+error     median over the runs of the largest |ln(found / true)| of the values that the measurement identifies;
+          ``worst`` is the greatest
 simulations, wall s   medians of a run
 """
 

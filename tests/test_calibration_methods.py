@@ -145,10 +145,10 @@ def test_the_same_seed_gives_the_same_bits_and_leaves_random_numbers_as_they_wer
     np.testing.assert_array_equal(first.point, again.point)
 
 
-@pytest.mark.parametrize("method", [CMAES(most_simulations=60), DirectAdam(starts=3, epochs=3)])
+@pytest.mark.parametrize("method", [CMAES(most_simulations=60), IPINN(epochs=3)], ids=["cma_es", "ipinn"])
 def test_another_seed_searches_elsewhere(objective: Objective, method: Calibrator) -> None:
-    first, other = (method.search(objective, seed=seed) for seed in (0, 1))
-    assert not np.array_equal(first.history.points[-1], other.history.points[-1]) or isinstance(method, DirectAdam)
+    first, other = (method.search(objective, seed=seed).history.points for seed in (0, 1))
+    assert not np.array_equal(first[-1], other[-1])
 
 
 def test_starts_that_are_moved_at_once_go_as_they_would_alone(objective: Objective) -> None:
@@ -251,9 +251,7 @@ def test_the_improved_network_minimizes_what_its_rivals_do(objective: Objective)
     np.testing.assert_allclose(history.loss - history.boundary_loss, with_priors(objective, points, weighted))
 
 
-def test_logarithms_of_lines_count_as_lines_do_near_the_measured_ones(twin: Twin) -> None:
-    recording = replace(recording_of(twin), signal=recording_of(twin).signal)
-    objective = objective_of(twin, measure(twin, [recording]))
+def test_logarithms_of_lines_count_as_lines_do_near_the_measured_ones(objective: Objective) -> None:
     point = torch.as_tensor(GaussNewton(starts=1).search(objective, seed=0).point)
     logarithmic, weighted = (spectrum_loss_of(objective, kind, point, EXACT) for kind in ("logarithmic", "weighted"))
     assert logarithmic.item() == pytest.approx(weighted.item(), rel=0.25)
@@ -345,7 +343,7 @@ def test_the_best_rate_of_the_papers_grid_is_chosen(objective: Objective, tried:
 
 def test_a_study_in_a_file_goes_on_after_an_interrupt(objective: Objective, tried: list[float], tmp_path: Path) -> None:
     path = tmp_path / "rates.db"
-    STOP_AT[0] = 2 if tried == [] else 0
+    STOP_AT[0] = 2
     rates = (0.01, 0.001, 0.0001)
     with pytest.raises(KeyboardInterrupt):
         choose_learning_rate(objective, Recorder(), rates, storage=path)

@@ -15,7 +15,7 @@ from commandline import AT_15, DEFECT, one_line, run, run_json
 from typer.main import get_command
 
 import swashtwin
-from swashtwin.calibration import GaussNewton
+from swashtwin.calibration import GaussNewton, load_calibration
 from swashtwin.cli import app
 from swashtwin.pump_files import new_pump
 from swashtwin.readers import read_recordings, write_index, write_recording
@@ -73,6 +73,19 @@ def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: di
     assert [one["value"] for one in told["estimates"]] == [one.value for one in saved.estimates]
     assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
     assert "[interfaces.block_valve]" in Path(told["interfaces"]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "cmaes"])
+def test_a_housing_that_bends_is_kept_by_the_calibrated_twin(
+    chain: dict[str, dict[str, Any]], tmp_path: Path, method: str
+) -> None:
+    freed = ("--nuisances", "usual" if method == "cmaes" else "housing")
+    train, out = chain["split"]["train"], tmp_path / "twin.json"
+    told = run_json("calibrate", train, *AT_15, *DEFECT, "--method", method, *freed, "--bounds", 3, "--out", out)
+    assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
+    twin = load_calibration(out).twin
+    assert (twin.path is not None) == (method == "lbfgs")
+    assert twin.scales.excitation != 1
 
 
 def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dict[str, Any]]) -> None:

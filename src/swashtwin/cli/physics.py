@@ -32,7 +32,7 @@ from swashtwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, Calibrator
+    from swashtwin.calibration import Calibration, Calibrator, Nuisances
     from swashtwin.integrators import SteadySolver
 
 
@@ -41,6 +41,16 @@ class Method(StrEnum):
 
     ipinn = "ipinn"
     gauss_newton = "gauss-newton"
+    lbfgs = "lbfgs"
+    cmaes = "cmaes"
+
+
+class Freed(StrEnum):
+    """Which constants are searched beside the six values."""
+
+    none = "none"
+    usual = "usual"
+    housing = "housing"
 
 
 def calibrate(
@@ -59,6 +69,13 @@ def calibrate(
         Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a fiftieth of the time.")
     ] = Method.ipinn,
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs of ipinn; 500 by default.")] = None,
+    nuisances: Annotated[
+        Freed,
+        typer.Option(
+            help="Constants nobody measured, searched as well: usual (mounting, bearings, excitation, sensors), or "
+            "housing (those, each channel's gain, and two modes of the housing)."
+        ),
+    ] = Freed.none,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
@@ -92,6 +109,7 @@ def calibrate(
             method=_method(method, epochs, solver_of(solver, step)),
             seed=seed,
             bounds=bounds,
+            nuisances=_nuisances(nuisances),
             progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
         )
     found.save(out)
@@ -148,11 +166,17 @@ def synthesize(
 
 
 def _method(name: Method, epochs: int | None, solver: "SteadySolver") -> "Calibrator":
-    from swashtwin.calibration import IPINN, GaussNewton
+    from swashtwin.calibration import CMAES, IPINN, LBFGS, GaussNewton
 
-    if name is Method.gauss_newton:
-        return GaussNewton(solver=solver)
-    return IPINN(solver=solver, **given(epochs=epochs))
+    if name is Method.ipinn:
+        return IPINN(solver=solver, **given(epochs=epochs))
+    return {Method.gauss_newton: GaussNewton, Method.lbfgs: LBFGS, Method.cmaes: CMAES}[name](solver=solver)
+
+
+def _nuisances(name: Freed) -> "Nuisances":
+    from swashtwin.calibration import Nuisances
+
+    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
 
 
 def _show_calibration(found: "Calibration", out: Path) -> None:

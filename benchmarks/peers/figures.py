@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import NullLocator
 
 from peers import throughput
 from peers.measuring import Entry, alone, times_over_steps
@@ -42,12 +42,12 @@ class Timed:
 
 
 OVER_STEPS = (
-    Timed("torchdiffeq rk4", "#aa4499", Entry("", "", "ode_library", "TorchDiffEq"), 10_000),
+    Timed("torchdiffeq rk4", "#aa4499", Entry("", "", "ode_library", "TorchDiffEq"), 30_000),
     Timed("PyTorch eager RK4", "#d55e00", Entry("", "", "eager", "Eager"), 72_000),
     Timed("diffrax RK4", "#009e73", Entry("", "", "diffrax_side", "DiffraxRemembering")),
     Timed("JAX scan RK4", "#e69f00", Entry("", "", "jax_side", "JaxScan")),
     Timed("numba RK4", MEASURED, Entry("", "", "numba_adjoint", "Numba")),
-    Timed("ours, RK4 with transient", CALIBRATED, Entry("", "", "ours", "Trajectory")),
+    Timed("ours, RK4 with transient", CALIBRATED, Entry("", "", "ours", "TrajectoryOfLines")),
     Timed("ours, first-order hold", CALIBRATED, Entry("", "", "ours", "FirstOrderHold", stride=9)),
     Timed("ours, RK4 in steady state", CALIBRATED, Entry("", "", "ours", "SteadyRungeKutta")),
     Timed("ours, harmonic balance", CALIBRATED, Entry("", "", "ours", "Steady")),
@@ -103,9 +103,10 @@ def scaling_figure(steps: Sequence[Line], sets: Sequence[Line]) -> tuple[Figure,
         STEPS_PER_REVOLUTION, left.get_ylim()[0], " one revolution", fontsize=8, va="bottom", rotation=90, ha="right"
     )
     for place, lines in ((left, steps), (right, sets)):
+        low = place.get_xlim()[0]
         label_ends(place, lines)
-        place.set_xticks(*named_decades(place))
-        place.xaxis.set_minor_formatter(NullFormatter())
+        place.set_xticks(*named_decades(low, max(line.points[-1][0] for line in lines)))
+        place.xaxis.set_minor_locator(NullLocator())
     name_decades(left)
     data = [
         {"panel": panel, "line": line.name, "x": x, "seconds": y, "scaled": line.scaled}
@@ -116,9 +117,8 @@ def scaling_figure(steps: Sequence[Line], sets: Sequence[Line]) -> tuple[Figure,
     return figure, data
 
 
-def named_decades(place: Axes) -> tuple[list[float], list[str]]:
-    """Powers of ten within a horizontal axis, and their names without formulas."""
-    low, high = place.get_xlim()
+def named_decades(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Powers of ten within a range, and their names without formulas."""
     ticks = [10.0**decade for decade in range(7) if low <= 10**decade <= high]
     return ticks, [f"{tick:,.0f}" for tick in ticks]
 

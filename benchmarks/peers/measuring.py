@@ -107,8 +107,7 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
     timed = min(n_steps, entry.steps or n_steps)
     cut = {"per_step": made.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine // entry.stride}
     values = pump_twin().values.numpy()
-    if made.grows:
-        made(Problem(WARM_UP_STEPS, **cut)).gradient(values)
+    made.rehearsal(Problem(WARM_UP_STEPS, **cut)).gradient(values)
     contender = made(Problem(timed * entry.refine // entry.stride, **cut))
     compile_s = contender.prepare(values)
     kept: list[tuple[float, np.ndarray]] = []

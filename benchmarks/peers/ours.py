@@ -25,11 +25,18 @@ class Steady(Contender):
 
     grows = False
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, bandwidth: float | None = None) -> None:
         super().__init__(problem)
         self.twin = self.made_twin()
+        if bandwidth is not None:
+            self.twin = replace(self.twin, bandwidth=bandwidth)
         with torch.no_grad():
             self.target = self.twin.acceleration(torch.as_tensor(problem.nominal * FACTORS)).abs()
+
+    @classmethod
+    def rehearsal(cls, problem: Problem) -> "Steady":
+        """The same with two lines, for its cost does not depend on the steps."""
+        return cls(problem, bandwidth=110.0)
 
     @property
     def steps(self) -> int:
@@ -107,7 +114,7 @@ class Marching(TorchTrajectory):
     def _velocities(self, values: Tensor) -> Tensor:
         structure = pump_twin().structure
         matrices = structure.mass, structure.damping(values), structure.stiffness(values)
-        return self.march(matrices, values)[:, 13:] @ structure.sensor_rows.T
+        return self.march(matrices, values) @ self.rows.T
 
     def force(self, values: Tensor) -> Tensor:
         """Forces (point, 13) at the values [N, N m]."""

@@ -222,7 +222,7 @@ def losses(calibration: Calibration, key: str) -> Drawing:
     """Total, frequency and boundary loss over the search, with the step that was kept."""
     history = calibration.history
     step = np.arange(1, len(history.spectrum_loss) + 1)
-    total = history.spectrum_loss + history.boundary_loss
+    total = history.loss
     columns = {"step": step, "total": total, "frequency": history.spectrum_loss, "boundary": history.boundary_loss}
     figure, axes = panels(1, 1, 3.2)
     place = axes[0, 0]

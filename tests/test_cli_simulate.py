@@ -15,7 +15,7 @@ from commandline import AT_15, DEFECT, one_line, run, run_json
 from swashtwin.readers import read_recording, read_recordings
 from swashtwin.recording import Recording
 from swashtwin.twin import steady
-from swashtwin.units import MPa, rpm
+from swashtwin.units import MPa, celsius, rpm
 
 SHORT = ("--duration", "0.2 s")
 
@@ -82,6 +82,27 @@ def test_films_move_with_the_oil_when_asked_to(tmp_path: Path) -> None:
     words = ("simulate", *AT_15, *SHORT, "--temperature", "30 degC", "--out", tmp_path / "s.h5")
     still, moved = (run_json(*words, *more)["rms_m_s2"]["cover_z"] for more in ((), ("--films",)))
     assert moved < 0.9 * still
+
+
+def test_films_follow_the_temperature_of_each_recording_and_no_course(tmp_path: Path) -> None:
+    words = ("simulate", *AT_15, *SHORT, "--n", 2, "--seed", 5)
+    for name, more in (("a", ()), ("b", ("--films",))):
+        run(*words, *more, "--out", tmp_path / name)
+    for still, moved in zip(read_recordings(tmp_path / "a"), read_recordings(tmp_path / "b"), strict=True):
+        assert still.condition is not None
+        assert still.condition == moved.condition
+        warmer = still.condition.oil_temperature > celsius(45)
+        assert (moved.signal[0].std() > still.signal[0].std()) == warmer
+    course = ("--to-pressure", "5 MPa", "--films", "--out", tmp_path / "s.h5")
+    assert "does not follow a course" in run("simulate", *AT_15, *SHORT, *course, code=2).stderr
+
+
+def test_fewer_recordings_than_there_are_leave_all_in_the_index(tmp_path: Path) -> None:
+    words = ("simulate", *AT_15, *SHORT, "--out", tmp_path / "runs")
+    run(*words, "--n", 4)
+    told = run_json(*words, "--n", 2)
+    assert told["made"] == []
+    assert len(read_recordings(told["index"])) == 4
 
 
 # ---- many
@@ -189,7 +210,7 @@ def test_a_folder_made_with_other_options_is_refused(tmp_path: Path, change: tup
         ((*AT_15, "--out", "x.exe"), "'.exe' cannot be written"),
         ((*AT_15, "--out", "."), "is a folder; name a file"),
         ((*AT_15, "--n", 2, "--out", "."), "not empty; choose a new folder"),
-        ((*AT_15, "--n", 100_000, "--duration", "10000 s", "--out", "x"), "GB free, and 100000 recordings take"),
+        ((*AT_15, "--n", 100_000, "--duration", "10000 s", "--out", "x"), "GB free, and 100000 such recordings take"),
         ((*AT_15, "--sample-rate", "1 kHz", "--out", "x.h5"), "twice the twin's bandwidth"),
         ((*AT_15, "--sample-rate", "1 kHz", "--to-speed", "900 rpm", "--out", "x.h5"), "twice the twin's bandwidth"),
         ((*AT_15, "--to-speed", "900", "--out", "x.h5"), "to_speed is the bare number|to_speed = '900' has no unit"),

@@ -10,6 +10,7 @@ from swashtwin.condition import OperatingCondition
 from swashtwin.contacts import SlipperContact
 from swashtwin.errors import InputError
 from swashtwin.faults import Fault, LooseSlipper, SwashPlateDefect, TiltedBlockFace
+from swashtwin.integrators import RK4
 from swashtwin.pump import Pump
 from swashtwin.twin import Course, SensorPath, Twin, accelerations, simulate_course
 from swashtwin.units import mm
@@ -42,6 +43,17 @@ def test_the_slippers_carry_what_presses_the_pistons_and_the_spring(pump: Pump, 
     upright = np.cos(pump.rotating_group.swash_angle)
     expected = (pressed + pump.coupling.spring_preload) / upright
     assert twin.contact_check().hold_down == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("depth", [0.07, 0.6])
+@pytest.mark.parametrize("contact", [SlipperContact(), SlipperContact(unloaded=0.5), LIFTING])
+def test_the_slippers_carry_as_much_over_a_recess(
+    pump: Pump, at_15: OperatingCondition, depth: float, contact: SlipperContact
+) -> None:
+    recess = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(depth))
+    healthy = Twin(pump, at_15).contact_check().hold_down
+    carried = Twin(pump, at_15, recess, contact=contact).slipper_forces().sum(axis=0).mean()
+    assert carried == pytest.approx(healthy, rel=0.01)
 
 
 def test_a_linear_twin_says_where_it_pulls_at_its_slippers(pump: Pump, at_15: OperatingCondition) -> None:
@@ -97,6 +109,23 @@ def test_twins_with_lifting_slippers_stand_in_a_batch_beside_linear_ones(
     for row, twin in zip(together.lines, twins, strict=True):
         own = row[:, torch.as_tensor(np.searchsorted(together.orders, twin.orders))]
         torch.testing.assert_close(own, twin.acceleration(), rtol=1e-12, atol=1e-12)
+
+
+def test_a_course_is_read_with_the_gains_of_the_path_and_refuses_its_modes(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    course, twin = Course.steady(at_15, 0.3), Twin(pump, at_15, bandwidth=1000)
+    louder = replace(twin, path=SensorPath((2.0, 1.0, 0.5)))
+    signals = [simulate_course(one, course, 6400.0).signal for one in (twin, louder)]
+    np.testing.assert_allclose(signals[1], signals[0] * np.array([[2.0], [1.0], [0.5]]), rtol=1e-9)
+    bent = replace(twin, path=SensorPath((1.0,) * 3, (1000.0,), (0.03,), ((0.1,),) * 3))
+    with pytest.raises(InputError, match="known for steady lines only"):
+        simulate_course(bent, course, 6400.0)
+
+
+def test_slippers_that_lift_off_are_marched_by_no_other_solver(pump: Pump, at_15: OperatingCondition) -> None:
+    with pytest.raises(InputError, match="leave the solver at HarmonicBalance"):
+        Twin(pump, at_15, contact=LIFTING).acceleration(solver=RK4(step=1e-3))
 
 
 def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: OperatingCondition) -> None:

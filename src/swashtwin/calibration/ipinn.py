@@ -131,6 +131,8 @@ class IPINN:
 
     def _losses(self, objective: Objective, values: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
         """Point of what the network gave, and the spectrum, boundary and prior loss there."""
+        if not bool(torch.isfinite(values).all()):
+            raise InputError("the network's values are no longer finite; lower learning_rate.")
         lower, upper = torch.as_tensor(objective.space.lower), torch.as_tensor(objective.space.upper)
         possible = torch.minimum(torch.maximum(values, lower), upper)
         point = torch.cat([possible.log(), rest])

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from swashtwin.twin import Course, Twin
 
 _STREAMED = (".h5", ".hdf5")
+_MOST_IN_MEMORY = 4 * 10**9
+"""Bytes of a recording that is written to a file which cannot be streamed."""
 _SPARE = 1 << 15
 """Readings' worth of room that a file takes beyond its readings, at most."""
 
@@ -109,7 +111,9 @@ def simulate(
     for text in twin.notes():
         note(f"note: {text}")
     rate = parse(sample_rate, "Hz", name="sample_rate")
-    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed)
+    if films and course is not None:
+        raise typer.BadParameter("does not follow a course: its films stay as they are.", param_hint="--films")
+    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed, films)
     if whole_revolutions:
         _require_whole_revolutions(plan, varied=vary and n > 1)
     if n == 1:
@@ -128,6 +132,7 @@ class _Plan:
     solver: "SteadySolver"
     course: "Course | None"
     seed: int
+    films: bool
 
     @property
     def size(self) -> int:
@@ -164,6 +169,7 @@ class _Plan:
             "course": course,
             "variation": None if variation is None else asdict(variation),
             "seed": self.seed,
+            "films": self.films,
         }
 
 
@@ -226,18 +232,26 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     squares: list[Any] = []
     counts: list[int] = []
 
-    def measured() -> "Iterator[Recording]":
+    def measured(bar: Any) -> "Iterator[Recording]":
         for block in plan.blocks(plan.twin, 0.0, plan.seed, out.stem):
             squares.append((block.signal**2).sum(axis=1))
             counts.append(block.signal.shape[1])
+            bar(sum(counts), round(plan.duration * plan.sample_rate))
             yield block
 
-    if out.suffix.lower() in _STREAMED:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        require_room(out.parent, 1, plan.size)
-        facts = write_blocks(measured(), out)
-    else:
-        facts = joined(measured())
+    streamed = out.suffix.lower() in _STREAMED
+    if not streamed and plan.size > _MOST_IN_MEMORY:
+        raise typer.BadParameter(
+            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.", param_hint="--out"
+        )
+    with progress("simulating") as bar:
+        if streamed:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            require_room(out.parent, 1, plan.size)
+            facts = write_blocks(measured(bar), out)
+        else:
+            facts = joined(measured(bar))
+    if not streamed:
         write_recording(facts, out)
         if facts.speed is not None:
             note(f"note: {out.suffix} has no place for the speed of each reading; write .h5 to keep it.")
@@ -252,9 +266,12 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
     from swashtwin.augmentation import drawn
     from swashtwin.readers import write_series
     from swashtwin.seeding import derive_seed, stream
+    from swashtwin.twin import carry_over
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = plan.twin if variation is None else drawn(plan.twin, variation, plan.seed, number)
+        if plan.films:
+            twin = carry_over(twin.at(plan.twin.condition), twin.condition)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
         return plan.blocks(twin, phase, derive_seed(plan.seed, "course", number), folder.name)
 

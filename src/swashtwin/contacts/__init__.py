@@ -4,6 +4,7 @@ from swashtwin.contacts.check import ContactCheck, check_contact, slipper_forces
 from swashtwin.contacts.loose_slipper import LooseMotion, loose_motion, loose_slipper_lines
 from swashtwin.contacts.periodic import PeriodicFilms, periodic_films
 from swashtwin.contacts.settings import SlipperContact, slipper_weight
+from swashtwin.contacts.slippers import slipper_lines
 from swashtwin.contacts.steady import Marching, slipper_steady_state
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "loose_slipper_lines",
     "periodic_films",
     "slipper_forces",
+    "slipper_lines",
     "slipper_steady_state",
     "slipper_weight",
 ]

@@ -7,10 +7,10 @@ still have to go, which leaves few revolutions to march. Gradients are those of 
 is marched backward through the last revolution until it repeats as well, so they do not depend on where the march
 started. A motion that repeats only after several revolutions, or never, has no order lines and is refused.
 
-Two limits of the model show where slippers lift off. A film damps with the same C_sw at any distance, so a slipper that
-is closing pushes before it touches. And what holds the slippers down is the linear model's mean: the pistons in their
-bores (K_Hz), which in truth hold no lasting load, take a third of it in topology T1, so that 7.9 of 11.9 kN reach the
-films of the paper's pump at 15 MPa.
+A limit of the model shows where slippers lift off: a film damps with the same C_sw at any distance, so a slipper that
+is closing pushes before it touches. What holds the slippers down is the mean of the forces given; left alone, the
+pistons in their bores (K_Hz) take a third of it in topology T1, which in truth hold no lasting load: `twin` gives that
+back.
 """
 
 import math
@@ -67,7 +67,7 @@ def slipper_steady_state(
     fault : its recess displaces the slippers (`slippers`); whatever else it does belongs into `force`.
     values : interface values in the order of `pump.PARAMETERS`.
     force : lines [N, N m] of all forces but the slippers' films', from order 0: the mean decides which slippers lift
-        off. The central spring's preload is in no pump file, and left out.
+        off, and holds the central spring's preload if it is to act.
     mount, bearing, excitation : factors on the mounting's and the bearings' stiffness and on the recess.
     marching : by default `Marching`.
 

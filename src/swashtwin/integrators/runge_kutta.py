@@ -44,6 +44,21 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
     return limits
 
 
+def require_decay(state: Float[Tensor, "*batch 26 26"]) -> None:
+    """Refuse a pump whose own motion grows.
+
+    Raises
+    ------
+    StabilityError
+        An eigenvalue has a positive real part, beyond rounding.
+    """
+    if state.is_meta:
+        return
+    rates = torch.linalg.eigvals(state.detach().cpu().double())
+    if not bool((rates.real <= 1e-9 * rates.abs().amax(dim=-1, keepdim=True)).all()):
+        raise StabilityError("the pump's own motion grows: is a stiffness or a damping negative?")
+
+
 def rk4_limit(state: Float[Tensor, "*batch 26 26"]) -> float:
     """Largest time step [s] at which RK4 stays bounded, over the whole batch; see `rk4_limits`."""
     return float(rk4_limits(state).min())
@@ -60,10 +75,14 @@ def stable_step(state: Float[Tensor, "*batch 26 26"], step: float | None) -> flo
     limit = rk4_limit(state)
     if step is None:
         return 0.8 * limit
-    if not 0 < step <= limit:
+    if not step > 0:
+        raise StabilityError(
+            f"RK4 step {step * 1e6:.4g} us must be positive, up to {limit * 1e6:.4g} us for this pump."
+        )
+    if step > limit:
         raise StabilityError(
             f"RK4 step {step * 1e6:.4g} us lies above the stability limit {limit * 1e6:.4g} us of this pump; "
-            f"use at most {0.95 * limit * 1e6:.3g} us, or HarmonicBalance(), which has no step."
+            f"use at most {0.95 * limit * 1e6:.3g} us, or HarmonicBalance() (--solver harmonic-balance): it has none."
         )
     return step
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from swashtwin.errors import InputError
 from swashtwin.integrators.recursion import linear_recursion
-from swashtwin.integrators.runge_kutta import rk4_map, stable_step, state_matrix
+from swashtwin.integrators.runge_kutta import require_decay, rk4_map, stable_step, state_matrix
 
 INSIDE = 1e-6
 """Share of a step by which a force is asked for inside its segment instead of at the end, where it may jump."""
@@ -154,8 +154,14 @@ def first_order_hold_trajectory(
 
     A run too long for memory is marched in pieces that share a row: the last state of one, given as `start`, begins the
     next, whose first force is the last of the piece before.
+
+    Raises
+    ------
+    StabilityError
+        The pump's own motion grows.
     """
     state = state_matrix(mass, damping, stiffness)
+    require_decay(state)
     unit = torch.eye(13, dtype=mass.dtype, device=mass.device)
     entry = torch.cat([torch.zeros_like(unit), torch.linalg.inv(mass)]).expand(*state.shape[:-2], 26, 13)
     ramp_rate = torch.nn.functional.pad(unit, (39, 0)).expand(*state.shape[:-2], 13, 52)

@@ -35,7 +35,8 @@ def write_series(
 
     Parameters
     ----------
-    folder : new or empty folder, or one that an earlier run with equal `settings` left; `count` may have grown.
+    folder : new or empty folder, or one that an earlier run with equal `settings` left; `count` may
+        have grown; a smaller one leaves all that are there.
     blocks_of : the blocks of recording i, from 0. They must depend on i and `settings` only: then a run that was
         interrupted and taken up again gives the same files as one that was not.
     settings : whatever the recordings depend on, as JSON can hold it; kept in ``series.json`` beside the version.
@@ -51,6 +52,9 @@ def write_series(
 
     folder = Path(folder).resolve()
     _open_series(folder, json.loads(json.dumps({"version": VERSION, **settings})))
+    for left in folder.glob(f".{folder.name}-*.h5"):  # of a run that was killed
+        left.unlink()
+    count = max(count, len(list(folder.glob(f"{folder.name}-[0-9][0-9][0-9][0-9].h5"))))
     files = [folder / f"{folder.name}-{number:04d}.h5" for number in range(count)]
     missing = [number for number, file in enumerate(files) if not file.is_file()]
     require_room(folder, len(missing), bytes_each)
@@ -96,6 +100,6 @@ def require_room(folder: Path, count: int, bytes_each: int) -> None:
     needed, free = count * bytes_each, shutil.disk_usage(folder).free - _SPARE
     if needed > free:
         raise InputError(
-            f"{folder} has {max(free, 0) / 1e9:.4g} GB free, and {count} recordings take {needed / 1e9:.4g} GB; "
+            f"{folder} has {max(free, 0) / 1e9:.4g} GB free, and {count} such recordings take {needed / 1e9:.4g} GB; "
             "ask for fewer or shorter ones, or name a folder on another disk."
         )

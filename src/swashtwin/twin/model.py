@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.contacts import ContactCheck, SlipperContact, check_contact, slipper_forces
+from swashtwin.contacts import ContactCheck, SlipperContact, check_contact, slipper_forces, slipper_lines
 from swashtwin.dynamics import Structure, Topology, assemble
 from swashtwin.errors import InputError
 from swashtwin.faults import Fault, SwashPlateDefect
@@ -131,12 +131,13 @@ class Twin:
     def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:
         """Force [N] of each slipper's film at `samples` shaft angles of a revolution, positive where it pushes.
 
-        The mean is that of pistons that slide in their bores (`coupling.hold_down`); the band is the twin's own.
+        The mean is that of pistons that slide in their bores (`coupling.held_down`); the band is the twin's own.
         """
         drive = self._drive(from_rest=True)
         with torch.no_grad():
             scales = torch.tensor(self.scales.values(), dtype=torch.float64)
-            motion = motion_of(self.pump, drive, self.values, scales, self.n_lines)
+            recess = float(slipper_lines(self.pump, self.condition, self.fault, 1)[0].real)
+            motion = motion_of(self.pump, drive, self.values, scales, recess, self.n_lines)
         return slipper_forces(
             self.pump,
             self.topology,

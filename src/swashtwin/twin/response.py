@@ -140,14 +140,20 @@ def respond(
 
 
 def motion_of(
-    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 4"], n_lines: int
+    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 4"], recess: float, n_lines: int
 ) -> Complex[Tensor, "line 13"]:
-    """Displacement lines 0...`n_lines` [m, rad] of one twin, of a drive `from_rest`."""
+    """Displacement lines 0...`n_lines` [m, rad] of one twin, of a drive `from_rest`.
+
+    Parameters
+    ----------
+    recess : mean of what a recess adds to a slipper's distance [m].
+    """
+    require_positive(values, scales)
     frequency = drive.frequency[0]
     speed = float(frequency[1]) / int(drive.orders[0])
     problem = Problem(drive.structure, values[None] * drive.wear, scales[None], drive.pressure, drive.action, speed)
     if drive.coupling is None:
-        motion = linear_motion(pump, problem, frequency)[0]
+        motion = linear_motion(pump, problem, frequency, recess)[0]
     else:
         motion = drive.coupling.motion(problem, HarmonicBalance())[0]
     out = motion.new_zeros(n_lines + 1, 13)
@@ -189,11 +195,11 @@ def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*
     """
     names = (*PARAMETERS, "scales.mount", "scales.bearing", "scales.excitation", "scales.sensor")
     for tensor, words in ((values, names[:6]), (scales, names[6:])):
-        if tensor.is_meta or not bool((tensor.detach() <= 0).any()):
+        if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):
             continue
         row = tensor.detach().reshape(-1, len(words))
-        row = row[(row <= 0).any(dim=1)][0]
-        at = int((row <= 0).nonzero()[0])
+        wrong = ~((row > 0) & torch.isfinite(row))
+        row, at = row[wrong.any(dim=1)][0], int(wrong[wrong.any(dim=1)][0].nonzero()[0])
         raise InputError(
-            f"{words[at]} ({float(row[at]):g}) must be positive; a search keeps it so by bounds or by logarithms."
+            f"{words[at]} ({float(row[at]):g}) must be positive and finite; bounds or logarithms keep it so."
         )

@@ -99,7 +99,7 @@ def whole_revolutions(condition: OperatingCondition, duration: float, sample_rat
         )
     else:
         speed = 2 * math.pi * nearest * sample_rate / max(1, round(duration * sample_rate))
-        offer = f"no duration near it does; at a speed of {speed:.15g} rad/s it holds {nearest}"
+        offer = f"no duration near it does; at a speed of {speed * 30 / math.pi:.10g} rev/min it holds {nearest}"
     raise InputError(
         f"duration ({duration:g} s) holds {turns:.6g} revolutions and {duration * sample_rate:.10g} readings, which "
         f"must both be whole for a signal that repeats; {offer}."

@@ -25,6 +25,7 @@ from swashtwin.recording import Recording, joined
 from swashtwin.twin.course import Course, Shaft
 from swashtwin.twin.model import Twin
 from swashtwin.twin.operating_grid import OperatingGrid, operating_grid
+from swashtwin.twin.response import require_positive
 from swashtwin.twin.steady import require_rate
 
 STEPS = 20.0
@@ -124,8 +125,13 @@ def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: 
         )
     if not twin.contact.linear:
         raise InputError(
-            "slippers that differ or lift off are solved for in steady state only; simulate them at a steady condition "
-            "(Twin.simulate), or take SlipperContact() for the course."
+            "slippers that differ or lift off are solved for in steady state only; leave out SlipperContact "
+            "(--one-sided, --unloaded), or hold speed and pressure."
+        )
+    if twin.path is not None and twin.path.frequency:
+        raise InputError(
+            "the housing's modes of a sensor path are known for steady lines only; take a twin whose path has gains "
+            "alone (calibrated without Nuisances.modes), or hold speed and pressure."
         )
     if start not in ("steady", "rest"):
         raise InputError(f"start ({start!r}) must be 'steady' or 'rest'.")
@@ -178,11 +184,13 @@ class _March:
 
 def _march_of(twin: Twin, step: float) -> _March:
     structure, scales = twin.structure, twin.scales
+    require_positive(twin.values, torch.tensor(scales.values(), dtype=torch.float64))
+    gain = torch.ones(len(twin.pump.sensors)) if twin.path is None else torch.tensor(twin.path.gain)
     worn = worn_values(twin.pump, twin.fault, twin.values)
     return _March(
         mass=structure.mass,
         damping=structure.damping(worn),
         stiffness=structure.stiffness(worn, scales.mount, scales.bearing),
-        sensors=scales.sensor * structure.sensor_rows,
+        sensors=scales.sensor * gain.double()[:, None] * structure.sensor_rows,
         step=step,
     )

@@ -85,6 +85,15 @@ def test_gradients_pass_through_slippers_that_lift_or_differ(
         assert float(slope[i]) == pytest.approx(float(difference), rel=1e-4, abs=1e-5)
 
 
+def test_a_healthy_pump_has_the_gradients_of_the_linear_twin(pump: Pump, at_15: OperatingCondition) -> None:
+    twin, slopes = Twin(pump, at_15, bandwidth=1000), []
+    for one in (twin, replace(twin, contact=LIFTING)):
+        values = one.values.requires_grad_()
+        (slope,) = torch.autograd.grad(one.acceleration(values).abs().square().sum(), values)
+        slopes.append(slope * values.detach())
+    torch.testing.assert_close(slopes[1], slopes[0], rtol=2e-3, atol=2e-4 * float(slopes[0].abs().max()))
+
+
 def test_a_loose_slipper_shows_once_a_revolution(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, LooseSlipper(mm(0.2)))
     power = (twin.acceleration().abs().numpy() ** 2)[0]

@@ -237,7 +237,7 @@ class _Core:
             if failed:
                 raise SwashTwinError(f"which slippers touch cannot be decided at {failed} of {steps} steps.")
             gap = states[-1] - states[0]
-            change = _relative(gap, states)
+            change = _relative(gap, states - states.mean(axis=0))
             if change < marching.tolerance and lifting == one_sided:
                 return result
             once = np.linalg.matrix_power(self._mean_step(slippers, touching[:-1])[0], steps)
@@ -261,7 +261,7 @@ class _Core:
         for _ in range(marching.most):
             march_back(self.phi, self.before, self.after, self.strain, stiffness, wanted, start, adjoints, pulls)
             gap = adjoints[0] - start
-            if _relative(gap, adjoints) < marching.tolerance:
+            if _relative(gap, adjoints) < marching.tolerance:  # against their mean too: a steady one hardly varies
                 return adjoints, pulls
             start = start + np.linalg.solve(np.eye(26) - once, gap)
         raise SwashTwinError(f"the gradient of the motion does not repeat within {marching.most} revolutions.")
@@ -295,11 +295,10 @@ class _Core:
         return np.linalg.solve(implicit, ahead), np.linalg.solve(implicit.T, ahead.T).T
 
 
-def _relative(gap: np.ndarray, states: np.ndarray) -> float:
-    """Largest change of displacements and of velocities relative to how much they vary."""
-    varied = states - states.mean(axis=0)
+def _relative(gap: np.ndarray, sizes: np.ndarray) -> float:
+    """Largest change of displacements and of velocities relative to the rms of their `sizes` over a revolution."""
     ratios = [
-        np.linalg.norm(gap[part]) / max(np.sqrt(np.mean(np.sum(varied[:, part] ** 2, axis=1))), 1e-300)
+        np.linalg.norm(gap[part]) / max(np.sqrt(np.mean(np.sum(sizes[:, part] ** 2, axis=1))), 1e-300)
         for part in (slice(0, 13), slice(13, 26))
     ]
     return float(max(ratios))

@@ -42,12 +42,12 @@ class Timed:
 
 
 OVER_STEPS = (
-    Timed("torchdiffeq rk4", "#aa4499", Entry("", "", "ode_library", "TorchDiffEq"), 30_000),
+    Timed("torchdiffeq rk4", "#aa4499", Entry("", "", "ode_library", "TorchDiffEq"), 10_000),
     Timed("PyTorch eager RK4", "#d55e00", Entry("", "", "eager", "Eager"), 72_000),
     Timed("diffrax RK4", "#009e73", Entry("", "", "diffrax_side", "DiffraxRemembering")),
     Timed("JAX scan RK4", "#e69f00", Entry("", "", "jax_side", "JaxScan")),
     Timed("numba RK4", MEASURED, Entry("", "", "numba_adjoint", "Numba")),
-    Timed("ours, RK4 with transient", CALIBRATED, Entry("", "", "ours", "TrajectoryOfLines")),
+    Timed("ours, RK4 with transient", CALIBRATED, Entry("", "", "ours", "Trajectory")),
     Timed("ours, first-order hold", CALIBRATED, Entry("", "", "ours", "FirstOrderHold", stride=9)),
     Timed("ours, RK4 in steady state", CALIBRATED, Entry("", "", "ours", "SteadyRungeKutta")),
     Timed("ours, harmonic balance", CALIBRATED, Entry("", "", "ours", "Steady")),
@@ -124,10 +124,15 @@ def named_decades(low: float, high: float) -> tuple[list[float], list[str]]:
 
 
 def label_ends(place: Axes, lines: Sequence[Line], *, gap: float = 0.045) -> None:
-    """Name each line beside its last point, moved as far apart as reading needs."""
+    """Name each line beside its last point, moved as far apart as reading needs; above it where it ends early."""
     low, high = place.get_xlim()
     place.set_xlim(low, high * (high / low) ** 0.62)
     place.autoscale(False)
+    last = max(line.points[-1][0] for line in lines)
+    for line in (one for one in lines if one.points[-1][0] < last):
+        x, y = line.points[-1]
+        place.text(x, 1.4 * y, line.name, fontsize=8.5, color=line.color, ha="center")
+    lines = [line for line in lines if line.points[-1][0] == last]
     inverse = place.transAxes.inverted()
     ends = [inverse.transform(place.transData.transform(line.points[-1])) for line in lines]
     for line, end, height in zip(lines, ends, apart([end[1] for end in ends], gap), strict=True):

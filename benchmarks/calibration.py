@@ -114,8 +114,8 @@ class Probe:
         self, mass: Tensor, damping: Tensor, stiffness: Tensor, frequency: Tensor, force: Tensor
     ) -> Tensor:
         """Zero motion."""
-        self.mass, self.damping, self.stiffness = mass, damping, stiffness
-        self.frequency, self.force = frequency, force
+        self.mass, self.damping, self.stiffness = mass, damping.reshape(13, 13), stiffness.reshape(13, 13)
+        self.frequency, self.force = frequency.reshape(-1), force.reshape(-1, 13)
         return torch.zeros_like(force)
 
 

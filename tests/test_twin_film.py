@@ -53,9 +53,9 @@ def test_the_thinnest_and_the_thickest_film_are_found_again(pump: Pump, at_15: O
 
 def test_a_twin_with_a_film_keeps_its_fault_scales_and_pressures(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, SwashPlateDefect(mm(0.6), mm(30), mm(24)), scales=Scales(mount=1.2), bandwidth=300)
-    lines = twin.pressure
+    drive = twin.drive
     riding = with_film(twin, um(10))
-    assert riding.pressure is lines
+    assert riding.drive is drive
     assert (riding.fault, riding.scales, riding.bandwidth) == (twin.fault, twin.scales, 300)
 
 

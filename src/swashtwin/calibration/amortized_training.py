@@ -250,6 +250,8 @@ def _physics_loss(objective: Objective, middle: Tensor, amplitude: Tensor) -> Te
     """RMS of what the lines of the found values differ from the true ones, over the expected deviations."""
     lower, upper = torch.as_tensor(objective.unknowns.lower), torch.as_tensor(objective.unknowns.upper)
     points = (lower + upper) / 2 + (upper - lower) / 2 * middle.double()
+    if not bool(torch.isfinite(points).all()):
+        raise InputError("the network's values are no longer finite; lower learning_rate.")
     sigma = ((MODEL_ERROR * amplitude).square() + FLOOR**2).sqrt()
     difference = (objective.amplitude(points, solver=EXACT) - amplitude) / sigma
     return (difference.square().mean(dim=-1) + 1e-12).sqrt().mean().float()

@@ -218,6 +218,15 @@ def show(told: dict[str, Any]) -> None:
         print(f"{bar['bar']:48}{bar['found']:10.3g}  {bar['wanted']:16}{verdict}")
 
 
+def finite(told: Any) -> Any:
+    """The same with null for what is no number, as JSON has it."""
+    if isinstance(told, dict):
+        return {name: finite(value) for name, value in told.items()}
+    if isinstance(told, list):
+        return [finite(value) for value in told]
+    return None if isinstance(told, float) and not math.isfinite(told) else told
+
+
 def main() -> None:
     """Print the tables, as JSON with ``--json``; or draw or profile instead."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -243,7 +252,7 @@ def main() -> None:
         return
     told = everything()
     if arguments.json:
-        print(json.dumps(told, indent=1))
+        print(json.dumps(finite(told), indent=1, allow_nan=False))
     else:
         show(told)
 

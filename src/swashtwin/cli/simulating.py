@@ -108,12 +108,13 @@ def simulate(
     twin = _twin_of(pump, calibration, condition, films=films)
     twin = twin.with_fault(flaw) if fault or calibration is None else twin
     twin = replace(twin, contact=SlipperContact(unloaded=unloaded, one_sided=one_sided))
-    for text in twin.notes():
+    notes = _notes_of(twin, course)
+    for text in notes:
         note(f"note: {text}")
     rate = parse(sample_rate, "Hz", name="sample_rate")
     if films and course is not None:
         raise typer.BadParameter("does not follow a course: its films stay as they are.", param_hint="--films")
-    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed, films)
+    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed, films, notes)
     if whole_revolutions:
         _require_whole_revolutions(plan, varied=vary and n > 1)
     if n == 1:
@@ -133,6 +134,7 @@ class _Plan:
     course: "Course | None"
     seed: int
     films: bool
+    notes: list[str]
 
     @property
     def size(self) -> int:
@@ -171,6 +173,15 @@ class _Plan:
             "seed": self.seed,
             "films": self.films,
         }
+
+
+def _notes_of(twin: "Twin", course: "Course | None") -> list[str]:
+    """What is to be known of the twin's range, of a course at its lowest and its highest pressure."""
+    if course is None:
+        return list(twin.notes())
+    ends = (min(course.discharge_pressure), max(course.discharge_pressure))
+    conditions = [twin.condition.replaced(discharge_pressure=float(pressure)) for pressure in ends]
+    return list(dict.fromkeys(text for condition in conditions for text in twin.at(condition).notes()))
 
 
 def _course_of(
@@ -258,7 +269,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
     rms = dict(zip(facts.channels, values, strict=True))
     result: dict[str, Any] = {"recording": out, "label": facts.label, "duration_s": sum(counts) / plan.sample_rate}
-    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": list(plan.twin.notes())}
+    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": plan.notes}
     tell(result, as_json, lambda: table(f"{out}: {facts.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
 
 
@@ -280,5 +291,5 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
             folder, count, blocks_of, settings=plan.settings(variation), bytes_each=plan.size, progress=bar
         )
     result = {"index": index, "recordings": count, "made": made, "label": plan.twin.label, "seed": plan.seed}
-    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": list(plan.twin.notes())}
+    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
     tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(made)} made now"))

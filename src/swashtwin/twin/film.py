@@ -19,7 +19,13 @@ from torch import Tensor
 
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
-from swashtwin.films import slipper_lift, slipper_squeeze_damping, slipper_stiffness, valve_plate_load
+from swashtwin.films import (
+    slipper_lift,
+    slipper_squeeze_damping,
+    slipper_stiffness,
+    valve_plate_squeeze_damping,
+    valve_plate_stiffness,
+)
 from swashtwin.pump import Interface, Interfaces, Pump
 from swashtwin.twin.model import Twin
 
@@ -157,10 +163,12 @@ def carry_over(twin: Twin, condition: OperatingCondition, *, bore_exponent: floa
         the paper's C_Hz and their squeeze films 2000 times more, so no film law gives it: 0 keeps it, 1 is pure film.
     """
     pump, here = twin.pump, twin.condition
-    viscosity = pump.oil.viscosity_at(condition.oil_temperature) / pump.oil.viscosity_at(here.oil_temperature)
+    (before, after) = (pump.oil.viscosity_at(one.oil_temperature) for one in (here, condition))
+    viscosity, film = after / before, pump.valve_plate.film
     there_pressure, here_pressure = _driving_pressure(condition), _driving_pressure(here)
-    load = valve_plate_load(pump, there_pressure) / valve_plate_load(pump, here_pressure)
-    factors = (viscosity, there_pressure / here_pressure, viscosity, load, viscosity**bore_exponent, 1.0)
+    damping = valve_plate_squeeze_damping(pump, film, after) / valve_plate_squeeze_damping(pump, film, before)
+    stiffness = valve_plate_stiffness(pump, film, there_pressure) / valve_plate_stiffness(pump, film, here_pressure)
+    factors = (viscosity, there_pressure / here_pressure, damping, stiffness, viscosity**bore_exponent, 1.0)
     moved = [value * factor for value, factor in zip(_interfaces(twin).values(), factors, strict=True)]
     return replace(twin, condition=condition, interfaces=Interfaces.from_values(moved))
 

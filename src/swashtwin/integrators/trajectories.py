@@ -191,7 +191,8 @@ def _start(start: Tensor | None, driven: Tensor) -> Tensor:
 
 def _over_steps(lines: Tensor, turn: Tensor, n_steps: int) -> Tensor:
     """Re sum_k X_k exp(i turn_k n) at n = 0...n_steps-1, by matrix products of about its square root in size."""
-    length = math.isqrt(n_steps - 1) + 1
+    root = math.isqrt(n_steps - 1) + 1
+    length = next((size for size in range(root, 3 * root) if n_steps % size == 0), root)  # then nothing is cut off
     count = torch.arange(-(-n_steps // length), dtype=turn.dtype, device=turn.device)[:, None]
     begin = torch.exp(1j * turn * length * count)[..., None] * lines[..., None, :, :]
     within = turn * torch.arange(length, dtype=turn.dtype, device=turn.device)[:, None]

@@ -122,8 +122,8 @@ def operating_grid(
     """Grid of the operating points around those that a course visits at `time` [s], which comes block by block.
 
     Chamber pressures are solved at each, down to the lowest speed at which the pump surely holds its outlet pressure;
-    below it their shape over the angle is kept, and so are a loose slipper's forces. An order is left out where it would
-    exceed the twin's bandwidth before the next speed of the grid, so that nothing folds.
+    below it their shape over the angle is kept, and so are a loose slipper's forces. An order is left out where it
+    would exceed the twin's bandwidth before the next speed of the grid, so that nothing folds.
 
     Raises
     ------

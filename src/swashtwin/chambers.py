@@ -161,8 +161,8 @@ def _newton(step, constants, iterations, work, pressure, line_before):
     for _ in range(iterations):
         flow_sum, slope_sum, pushed, answered = 0.0, 0.0, 0.0, 0.0
         for j in range(n_pistons):
-            flow_in, slope_in = _orifice(step[0, j], suction - pressure[j])
-            flow_out, slope_out = _orifice(step[1, j], pressure[j] - line)
+            flow_in, slope_in = orifice(step[0, j], suction - pressure[j])
+            flow_out, slope_out = orifice(step[1, j], pressure[j] - line)
             residual[j] = pressure[j] - step[4, j] - step[2, j] * (flow_in - flow_out - step[3, j] * pressure[j])
             own[j] = 1 + step[2, j] * (slope_in + slope_out + step[3, j])
             through[j] = -step[2, j] * slope_out
@@ -192,7 +192,7 @@ def _newton(step, constants, iterations, work, pressure, line_before):
 
 @compiled
 @no_type_check
-def _orifice(opening, difference):
+def orifice(opening, difference):
     """Flow through an orifice under a pressure `difference`, and its derivative."""
     if opening == 0.0:
         return 0.0, 0.0

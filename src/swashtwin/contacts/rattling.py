@@ -2,21 +2,12 @@
 
 from typing import no_type_check
 
-from swashtwin.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, SMOOTHING
+from swashtwin.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, orifice
 from swashtwin.compiling import compiled
 
 SLIDING = 0.01
 """Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
 _MOST = 80
-
-
-@compiled
-@no_type_check
-def orifice(opening, difference):
-    """Flow through a port and its slope."""
-    root = abs(difference) + SMOOTHING
-    slope = opening / root**0.5
-    return slope * difference, slope * (1 - 0.5 * abs(difference) / root)
 
 
 @compiled

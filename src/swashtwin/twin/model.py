@@ -238,14 +238,28 @@ class Twin:
         InputError
             The sample rate is below twice the bandwidth.
         """
+        self.require_rate(sample_rate)
+        with torch.no_grad():
+            lines = self.acceleration(solver=solver).numpy()
+        angle = phase + self.condition.speed * np.arange(round(duration * sample_rate)) / sample_rate
+        return self.read_off(lines, angle, sample_rate, recording_id)
+
+    def require_rate(self, sample_rate: float) -> None:
+        """Refuse a sample rate [Hz] at which the twin's highest lines would fold."""
         if sample_rate < 2 * self.bandwidth:
             raise InputError(
                 f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
                 f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
             )
-        with torch.no_grad():
-            lines = self.acceleration(solver=solver).numpy()
-        angle = phase + self.condition.speed * np.arange(round(duration * sample_rate)) / sample_rate
+
+    def read_off(
+        self,
+        lines: Complex[np.ndarray, "sensor line"],
+        angle: Float[np.ndarray, " time"],
+        sample_rate: float,
+        recording_id: str,
+    ) -> Recording:
+        """Synthetic recording of the twin's `lines` of acceleration, read off along a shaft `angle` [rad]."""
         return Recording(
             signal=synchronous_signal(lines, self.orders, angle),
             sample_rate=sample_rate,

@@ -10,7 +10,6 @@ from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
 from swashtwin.integrators import SteadySolver
 from swashtwin.recording import Recording
-from swashtwin.signals import synchronous_signal
 from swashtwin.twin.model import Twin
 
 BLOCK = 65536
@@ -35,7 +34,7 @@ def steady_blocks(
     InputError
         The sample rate is below twice the bandwidth, or there is no reading.
     """
-    require_rate(twin, sample_rate)
+    twin.require_rate(sample_rate)
     readings = round(duration * sample_rate)
     if readings < 1:
         raise InputError(f"duration ({duration:g} s) must hold at least one reading at {sample_rate:g} Hz.")
@@ -43,25 +42,7 @@ def steady_blocks(
         lines = twin.acceleration(solver=solver).numpy()
     for first in range(0, readings, BLOCK):
         angle = phase + twin.condition.speed * np.arange(first, min(first + BLOCK, readings)) / sample_rate
-        yield Recording(
-            signal=synchronous_signal(lines, twin.orders, angle),
-            sample_rate=sample_rate,
-            recording_id=recording_id,
-            channels=twin.pump.channels,
-            label=twin.label,
-            condition=twin.condition,
-            specimen=twin.pump.name,
-            synthetic=True,
-        )
-
-
-def require_rate(twin: Twin, sample_rate: float) -> None:
-    """Refuse a sample rate at which the twin's highest lines would fold."""
-    if sample_rate < 2 * twin.bandwidth:
-        raise InputError(
-            f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({twin.bandwidth:g} Hz); "
-            f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
-        )
+        yield twin.read_off(lines, angle, sample_rate, recording_id)
 
 
 def whole_revolutions(condition: OperatingCondition, duration: float, sample_rate: float) -> int:

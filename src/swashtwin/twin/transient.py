@@ -26,7 +26,6 @@ from swashtwin.twin.course import Course, Shaft
 from swashtwin.twin.model import Twin
 from swashtwin.twin.operating_grid import OperatingGrid, operating_grid
 from swashtwin.twin.response import require_positive
-from swashtwin.twin.steady import require_rate
 
 STEPS = 20.0
 """Steps within the shortest period of the twin's bandwidth, at least: the steady state is then met to 0.05 %."""
@@ -137,7 +136,7 @@ def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: 
         raise InputError(f"start ({start!r}) must be 'steady' or 'rest'.")
     if oversampling < 1 or readings < 1:
         raise InputError(f"oversampling ({oversampling}) and the number of readings ({readings}) must be at least 1.")
-    require_rate(twin, sample_rate)
+    twin.require_rate(sample_rate)
     top = float(course.speed.max())
     for pressure in (float(course.discharge_pressure.min()), float(course.discharge_pressure.max())):
         twin.at(twin.condition.replaced(speed=top, discharge_pressure=pressure))  # refuses what is no condition

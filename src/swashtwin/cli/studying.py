@@ -15,6 +15,7 @@ from swashtwin.cli.options import Index, Jobs, Json, Seed, list_of
 
 if TYPE_CHECKING:
     from swashtwin.recording import Recording
+    from swashtwin.studies import StudyTable
 
 studies = typer.Typer(no_args_is_help=True, help="Run one of the paper's studies on your recordings.")
 
@@ -90,7 +91,7 @@ def _case_one(
             seeds=seeds,
             jobs=jobs,
             progress=lambda what, done, total: bar(done, total, f"Case I: {what}"),
-            command=shlex.join(["swashtwin", *sys.argv[1:]]),
+            command=this_command(),
         )
     page = None if folder is None else write_report(result, folder=folder)
     return {**result.to_dict(), "report": page}
@@ -114,3 +115,28 @@ def _spread(value: dict[str, Any]) -> str:
     if value["mean"] is None:
         return "-"
     return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")
+
+
+def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
+    """Write the report where one is asked for, and print the study as one JSON object or as a table."""
+    from swashtwin.report import write_report
+
+    page = None if folder is None else write_report(study, folder=folder)
+    result = {**study.to_dict(), "report": page}
+    tell(result, as_json, lambda: _show_table(study, page))
+
+
+def _show_table(study: "StudyTable", page: Path | None) -> None:
+    rows = study.rows()
+    told = [[*(row[name] for name in study.factors), *(_spread(row[name]) for name in study.metrics)] for row in rows]
+    seeds = ", ".join(map(str, study.seeds))
+    table(f"{study.title}; seed {seeds}, {study.wall_s:.0f} s", (*study.factors, *study.metrics.values()), told)
+    for text in (*study.answer, *study.notes, study.origin):
+        say(text)
+    if page is not None:
+        say(f"Report: {page}")
+
+
+def this_command() -> str:
+    """The command line as it was typed, for a result to carry."""
+    return shlex.join(["swashtwin", *sys.argv[1:]])

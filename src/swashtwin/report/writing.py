@@ -23,7 +23,9 @@ from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.page import Part, drawings
 from swashtwin.report.scores_part import scores_part
 from swashtwin.report.study_part import study_part
+from swashtwin.report.table_part import table_part
 from swashtwin.studies.result import StudyResult
+from swashtwin.studies.table import StudyTable
 from swashtwin.version import VERSION
 
 FORMAT = "swashtwin report 1"
@@ -35,7 +37,7 @@ _UNKNOWN_ORIGIN = (
 
 
 def write_report(
-    *items: StudyResult | Calibration | IdentifiabilityReport | Scores | Diagnosis, folder: Path | str
+    *items: StudyResult | StudyTable | Calibration | IdentifiabilityReport | Scores | Diagnosis, folder: Path | str
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
 
@@ -92,6 +94,7 @@ def part_of(item: object, key: str) -> Part:
 
 
 part_of.register(StudyResult)(study_part)
+part_of.register(StudyTable)(table_part)
 part_of.register(Calibration)(calibration_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
@@ -100,7 +103,7 @@ part_of.register(Diagnosis)(diagnosis_part)
 
 def _keys(items: Sequence[object]) -> list[str]:
     """Name of each item, numbered where there are several of its kind."""
-    kinds = ["study" if isinstance(item, StudyResult) else type(item).__name__.lower() for item in items]
+    kinds = ["study" if isinstance(item, StudyResult | StudyTable) else type(item).__name__.lower() for item in items]
     total, seen, keys = Counter(kinds), Counter[str](), []
     for kind in kinds:
         seen[kind] += 1

@@ -2,6 +2,7 @@
 
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+from swashtwin.studies.table import StudyTable, Trial
 
 __all__ = [
     "CASE_ONE_SIZES",
@@ -9,6 +10,8 @@ __all__ = [
     "Embedding",
     "Outcome",
     "StudyResult",
+    "StudyTable",
     "TrainingCurve",
+    "Trial",
     "run_case_one",
 ]

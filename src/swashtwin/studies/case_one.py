@@ -35,6 +35,7 @@ from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.seeding import stream
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+from swashtwin.studies.table import origin_of
 from swashtwin.training import FittedClassifier, TrainingSettings, fit
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm
@@ -151,7 +152,7 @@ def run_case_one(
         calibrations=trials[0].calibrations,
         cells=trials[0].cells(),
         settings=_described(settings),
-        origin=_origin(recordings),
+        origin=origin_of(recordings),
         wall_s=time.perf_counter() - started,
         device="cpu",
         version=VERSION,
@@ -371,14 +372,3 @@ def _described(settings: CaseOneSettings) -> dict[str, Any]:
         "network": {"name": "bitcn", **settings.network},
         "method": type(settings.method).__name__,
     }
-
-
-def _origin(recordings: Sequence[Recording]) -> str:
-    origins = sorted({recording.attributes.get("origin", "") for recording in recordings} - {""})
-    if not origins:
-        return "Recordings from files of the user."
-    return (
-        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and "
-        "the pump's drawing with the twin, and synthesis draws severities from the widths that the rig uses. No "
-        "figure here says how well the method works on a real pump."
-    )

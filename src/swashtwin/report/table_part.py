@@ -1,0 +1,99 @@
+"""What a study in the form of a table adds to the page."""
+
+import math
+
+import numpy as np
+
+from swashtwin.report.drawing import Drawing, drawn, panels
+from swashtwin.report.page import PROVENANCE, SCORES, Bullets, Cell, Group, Part, Picture, Section, Table
+from swashtwin.report.style import CALIBRATED, MEASURED, styled
+from swashtwin.report.wording import facts, flattened, number, plural, words
+from swashtwin.studies.table import StudyTable
+
+MOST_ROWS = 40
+"""Rows that are drawn; a longer table is drawn up to there."""
+
+
+def table_part(study: StudyTable, key: str) -> Part:
+    """Part of one study."""
+    return Part(
+        title=study.title,
+        answer=study.answer,
+        notice=study.origin,
+        sections=(
+            Section(SCORES, study.title, _blocks(study, key)),
+            Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)),
+        ),
+        results={"studies": [study.to_dict()]},
+    )
+
+
+def _blocks(study: StudyTable, key: str) -> tuple:
+    return (rows_table(study), Picture(rows_drawing(study, key)), Bullets("To be read with it", study.notes))
+
+
+def rows_table(study: StudyTable) -> Table:
+    """Mean and standard deviation of each metric for each row."""
+    rows = []
+    for row in study.rows():
+        named = [Cell(words(row[factor])) for factor in study.factors]
+        rows.append((*named, *(_spread_cell(row[metric]) for metric in study.metrics)))
+    return Table(
+        f"Mean ± standard deviation over the trials of {plural(len(study.seeds), 'seed')}.",
+        (*map(words, study.factors), *study.metrics.values()),
+        tuple(rows),
+    )
+
+
+def _spread_cell(spread: dict) -> Cell:
+    if spread["mean"] is None:
+        return Cell("—", "no number for this row")
+    told = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
+    count = sum(value is not None for value in spread["values"])
+    return Cell(told, f"{plural(count, 'trial')}: " + ", ".join(number(value) for value in spread["values"][:20]))
+
+
+@styled()
+def rows_drawing(study: StudyTable, key: str) -> Drawing:
+    """Each metric in a panel, each row on a line of it: trials as points, their mean as a bar across."""
+    rows = study.rows()[:MOST_ROWS]
+    names = [", ".join(words(row[factor]) for factor in study.factors) for row in rows]
+    per_line = min(2, len(study.metrics))
+    lines = math.ceil(len(study.metrics) / per_line)
+    figure, axes = panels(lines, per_line, lines * (1.1 + 0.24 * len(rows)), sharey=True)
+    for place, (metric, heading) in zip(axes.flat, study.metrics.items(), strict=False):
+        for line, row in enumerate(rows):
+            values = np.array([value for value in row[metric]["values"] if value is not None])
+            place.plot(values, np.full(len(values), line), "o", color=MEASURED, markersize=3, alpha=0.35)
+            if len(values):
+                place.plot([values.mean()] * 2, [line - 0.32, line + 0.32], color=CALIBRATED, linewidth=2.5)
+        place.set(title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5))
+    for place in axes.flat[len(study.metrics) :]:
+        place.set_visible(False)
+    table = [
+        {**trial.factors, "seed": trial.seed, "metric": metric, "value": trial.values.get(metric)}
+        for trial in study.trials
+        for metric in study.metrics
+    ]
+    columns = {name: [row[name] for row in table] for name in table[0]}
+    return drawn(
+        f"{key}_rows",
+        figure,
+        columns,
+        title=study.title,
+        caption="Points: single trials; blue bars: their mean.",
+    )
+
+
+def _provenance(study: StudyTable) -> tuple:
+    entries = [
+        ("command", study.command or "not recorded"),
+        ("study", study.study),
+        ("seeds", list(study.seeds)),
+        ("swashtwin version", study.version),
+        ("device", study.device),
+        ("time taken", f"{number(study.wall_s)} s"),
+        ("recordings", study.origin),
+    ]
+    settings = facts("Settings of the study.", flattened(study.settings))
+    return (facts("The run.", entries), Group("Settings", (settings,), is_open=False))

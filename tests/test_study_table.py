@@ -53,7 +53,7 @@ def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
     page = write_report(study, folder=tmp_path).read_text(encoding="utf-8")
     assert "The calibrated twin is nearer." in page and "stand-in for a machine" in page
     assert "0.750 ± 0.0707" in page and "swashtwin study calibration" in page
-    rows = list(csv.DictReader((tmp_path / "figures" / "study_rows.csv").open(encoding="utf-8")))
+    rows = list(csv.DictReader((tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 8 and {row["metric"] for row in rows} == {"rmse", "sve"}
 
 

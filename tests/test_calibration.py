@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twin_recordings import DAMPER, recording_of, worn_twin
 
 from swashtwin.calibration import (
     IPINN,
@@ -22,26 +23,15 @@ from swashtwin.calibration import (
 )
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import ArtifactError, InputError, MissingFileError
-from swashtwin.faults import SwashPlateDefect
 from swashtwin.integrators import RK4
-from swashtwin.pump import Interfaces, Pump
+from swashtwin.pump import Pump
 from swashtwin.recording import Recording
-from swashtwin.signals import add_noise
 from swashtwin.twin import Scales, SensorPath, Twin
-from swashtwin.units import MPa, mm
+from swashtwin.units import MPa
 
 RATE = 6400.0
-DAMPER = np.array([1, 1, 1.6, 0.7, 2.5, 1])
-"""Truth over nominal: C_v, K_v and C_Hz are off."""
 PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 """Truth over nominal: the paper's two published results."""
-
-
-def recording_of(twin: Twin, factors: np.ndarray, *, seed: int = 0, snr_db: float = 30) -> Recording:
-    """Noisy recording of the twin with its values times `factors`."""
-    true = twin.with_interfaces(Interfaces.from_values(twin.values.numpy() * factors))
-    recording = true.simulate(1.3, RATE, phase=1.0 + seed, recording_id=f"rec-{seed}")
-    return replace(recording, signal=add_noise(recording.signal, snr_db, seed))
 
 
 def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
@@ -52,7 +42,7 @@ def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
+    return worn_twin(pump, at_15)
 
 
 @pytest.fixture(scope="module")

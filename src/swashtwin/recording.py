@@ -1,5 +1,6 @@
 """One uninterrupted measurement, and what is known of it."""
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -79,6 +80,12 @@ class Recording:
     def time(self) -> Float[np.ndarray, " time"]:
         """Time of each reading since the first [s]."""
         return np.arange(self.signal.shape[1]) / self.sample_rate
+
+    def fingerprint(self) -> str:
+        """SHA-256 of the readings, the sample rate, the channels and the unit, hexadecimal; no other fact counts."""
+        digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
+        digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
+        return digest.hexdigest()
 
     def relabeled(self, label: str | None) -> "Recording":
         """The same measurement under another class."""

@@ -219,3 +219,28 @@ def spectrum_value_error(
 ) -> float:
     """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE; our reading)."""
     return float(np.abs(measured - simulated).sum() / measured.sum())
+
+
+LEVEL_RANGE = 60.0
+"""Lines further [dB] below the strongest measured one count as if they were so far below it: there is only noise."""
+
+
+def spectral_correlation(
+    measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
+) -> float:
+    """Pearson's correlation of the levels in dB, over all channels and orders; 1 is a spectrum of the same shape.
+
+    A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line (`LEVEL_RANGE`), the
+    same floor for both sides. A common gain does not change it. It is 0 where the levels of one side are all equal.
+
+    Examples
+    --------
+    >>> measured = np.array([[1.0, 0.1, 0.5]])
+    >>> round(spectral_correlation(measured, 2 * measured), 3)
+    1.0
+    """
+    floor = max(float(measured.max()) * 10 ** (-LEVEL_RANGE / 20), 1e-300)
+    first, second = (20 * np.log10(np.maximum(side, floor)).ravel() for side in (measured, simulated))
+    first, second = first - first.mean(), second - second.mean()
+    width = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / width if width > 0 else 0.0

@@ -15,6 +15,7 @@ from swashtwin.signals import (
     aligned,
     band_limited,
     peak_error,
+    spectral_correlation,
     spectrum_value_error,
     synchronous_signal,
     waveform_rmse,
@@ -25,6 +26,8 @@ MOST_WINDOWS = 8
 """Windows compared per recording, evenly spread over it."""
 PHASES = 4
 """Shifts tried within one reading, which at 2.5 kHz and 25.6 kHz would else leave an error of a tenth."""
+ERRORS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
+"""Figures of an `Agreement` that are zero at best."""
 MARGIN = 5
 """Revolutions at each end, measured and simulated, that are not compared: the band filter settles there."""
 
@@ -45,6 +48,8 @@ class Agreement:
     """Difference of the peaks over the measured peak (the paper's PE)."""
     spectrum_value_error: float
     """Sum of the lines' differences over the sum of the measured lines (the paper's SVE; our reading)."""
+    spectral_correlation: float
+    """Correlation of the lines' levels in dB over channels and orders, 1 at best (`signals.spectral_correlation`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +168,7 @@ def agreement(
         relative_rmse=float(np.mean(relative)),
         peak_error=float(np.mean(peaks)),
         spectrum_value_error=spectrum_value_error(measurement.amplitude, amplitude),
+        spectral_correlation=spectral_correlation(measurement.amplitude, amplitude),
     )
     return result, *excerpts[0]
 

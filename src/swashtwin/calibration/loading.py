@@ -32,7 +32,7 @@ def load_calibration(path: Path | str) -> Calibration:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
         if table["format"] != FORMAT:
-            raise ArtifactError(f"its format is {table['format']!r}; this version reads {FORMAT!r}")
+            raise ArtifactError(f"its format is {table['format']!r}; this version reads {FORMAT!r}: calibrate again")
         return _calibration(table)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
         raise ArtifactError(f"{path}: not a calibration, or a damaged one: {cause!s}.") from cause
@@ -49,6 +49,7 @@ def _calibration(table: dict[str, Any]) -> Calibration:
         fits=tuple(_fit(entry) for entry in table["fits"]),
         history=History(best=best, **{name: np.array(value, dtype=float) for name, value in history.items()}),
         recording_ids=tuple(table["recording_ids"]),
+        recording_hashes=dict(table["recording_hashes"]),
         left_out=tuple((name, reason) for name, reason in table["left_out"]),
         notes=tuple(table["notes"]),
         method=table["method"],

@@ -79,6 +79,7 @@ def calibrate(
         fits=tuple(fit_of(comparison, nominal, calibrated) for comparison in objective.comparisons),
         history=found.history,
         recording_ids=tuple(name for one in measurements for name in one.recording_ids),
+        recording_hashes={one.recording_id: one.fingerprint() for m in measurements for one in m.recordings},
         left_out=_left_out(measurements),
         notes=tuple(_notes(objective, found, estimates)),
         method=type(method).__name__,

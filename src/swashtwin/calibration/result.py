@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration.agreement import Agreement, Fit, mean_agreement
+from swashtwin.calibration.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.archive import twin_to_dict
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.posterior import Posterior
@@ -18,7 +18,7 @@ from swashtwin.files import write_text
 from swashtwin.pump import PARAMETERS
 from swashtwin.twin import Twin
 
-FORMAT = "swashtwin calibration 2"
+FORMAT = "swashtwin calibration 3"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,8 @@ class Calibration:
     recording_ids: tuple[str, ...]
     """Recordings it was calibrated on. They are training data: hand them to ``fit`` as ``manifest=``, and no test set
     may hold them."""
+    recording_hashes: Mapping[str, str]
+    """SHA-256 of each of them by id (`Recording.fingerprint`): what was calibrated on, whatever a file is called."""
     left_out: tuple[tuple[str, str], ...]
     """Id of each recording given but not used, and why."""
     notes: tuple[str, ...]
@@ -71,9 +73,9 @@ class Calibration:
 
     @property
     def improvement(self) -> dict[str, float]:
-        """By what share each figure of `fit_before` fell; negative where it rose."""
+        """By what share each error of `fit_before` fell; negative where it rose."""
         before, after = asdict(self.fit_before), asdict(self.fit_after)
-        return {name: 1 - after[name] / before[name] for name in before}
+        return {name: 1 - after[name] / before[name] for name in ERRORS}
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it; `load_calibration` reads it back."""
@@ -91,6 +93,7 @@ class Calibration:
             "fits": [_fit(fit) for fit in self.fits],
             "history": _arrays(self.history),
             "recording_ids": list(self.recording_ids),
+            "recording_hashes": dict(self.recording_hashes),
             "left_out": [list(pair) for pair in self.left_out],
             "notes": list(self.notes),
             "simulations": self.simulations,

@@ -1,5 +1,6 @@
 """Commands that teach twins and use what they learnt: calibrate, synthesize."""
 
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -114,9 +115,9 @@ def calibrate(
         )
     found.save(out)
     values = found.save_interfaces(values_file)
-    kept = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "left_out", "notes")
+    kept = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
     facts = found.to_dict()
-    result = {"calibration": out, "interfaces": values, **{name: facts[name] for name in kept}}
+    result = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*kept, "left_out", "notes")}}
     result |= {"simulations": found.simulations, "wall_s": found.wall_s}
     tell(result, as_json, lambda: _show_calibration(found, out))
 
@@ -187,8 +188,8 @@ def _show_calibration(found: "Calibration", out: Path) -> None:
     ]  # fmt: skip
     header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
     table(f"{found.method} on {len(found.recording_ids)} recordings", header, rows)
-    fits = [(name, getattr(found.fit_before, name), getattr(found.fit_after, name)) for name in found.improvement]
-    table("Against the measurement", ("error", "nominal", "calibrated"), fits)
+    before, after = asdict(found.fit_before), asdict(found.fit_after)
+    table("Against the measurement", ("figure", "nominal", "calibrated"), [(n, before[n], after[n]) for n in before])
     for text in found.notes:
         note(f"note: {text}")
     say(str(out))

@@ -25,6 +25,7 @@ _FIGURES = (
     ("relative_rmse", "RMSE over the RMS of the measured waveform"),
     ("peak_error", "PE, peak error"),
     ("spectrum_value_error", "SVE, spectrum value error"),
+    ("spectral_correlation", "correlation of the lines' levels in dB"),
 )
 
 
@@ -95,11 +96,12 @@ def fit_table(calibration: Calibration) -> Table:
     before, after = asdict(calibration.fit_before), asdict(calibration.fit_after)
     rows = []
     for name, label in _FIGURES:
-        share = calibration.improvement[name] if before[name] else math.nan
+        share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
         change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
         rows.append((Cell(label), number_cell(before[name]), number_cell(after[name]), Cell(change)))
     return Table(
-        "How near the twin is to the recordings it was calibrated on; less is nearer, 0 is equal.",
+        "How near the twin is to the recordings it was calibrated on. Errors: less is nearer, 0 is equal. Correlation: "
+        "1 is a spectrum of the same shape, whatever its level.",
         ("", "before (nominal)", "after (calibrated)", "change"),
         tuple(rows),
     )
@@ -152,7 +154,7 @@ def comparison_table(calibrations: Sequence[Calibration]) -> Table:
         rows.append(
             (Cell(f"{estimate.letter} over nominal"), *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in found))
         )
-    for name, label in _FIGURES[:1] + _FIGURES[2:]:
+    for name, label in (_FIGURES[0], *_FIGURES[2:]):
         pairs = [(asdict(one.fit_before)[name], asdict(one.fit_after)[name]) for one in calibrations]
         rows.append((Cell(label), *(Cell(f"{number(before)} → {number(after)}") for before, after in pairs)))
     return Table(

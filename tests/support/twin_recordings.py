@@ -1,0 +1,28 @@
+"""Recordings of a twin whose values are known."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.faults import SwashPlateDefect
+from swashtwin.pump import Interfaces, Pump
+from swashtwin.recording import Recording
+from swashtwin.signals import add_noise
+from swashtwin.twin import Twin
+from swashtwin.units import mm
+
+DAMPER = np.array([1, 1, 1.6, 0.7, 2.5, 1])
+"""Truth over nominal: C_v, K_v and C_Hz are off."""
+
+
+def worn_twin(pump: Pump, condition: OperatingCondition) -> Twin:
+    """Twin of a recess at `condition`, up to 2.6 kHz."""
+    return Twin(pump, condition, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
+
+
+def recording_of(twin: Twin, factors: np.ndarray = DAMPER, *, seed: int = 0, snr_db: float = 30.0) -> Recording:
+    """Noisy recording of 1.3 s of the twin with its values times `factors`."""
+    true = twin.with_interfaces(Interfaces.from_values(twin.values.numpy() * factors))
+    recording = true.simulate(1.3, 6400.0, phase=1.0 + seed, recording_id=f"rec-{seed}")
+    return replace(recording, signal=add_noise(recording.signal, snr_db, seed))

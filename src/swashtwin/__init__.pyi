@@ -77,6 +77,7 @@ from .quantities import read_condition as read_condition
 from .quantities import read_fault as read_fault
 from .readers import narrow_index as narrow_index
 from .readers import propose_index as propose_index
+from .readers import read_public_set as read_public_set
 from .readers import read_recording as read_recording
 from .readers import read_recordings as read_recordings
 from .readers import save_index as save_index

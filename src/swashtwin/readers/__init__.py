@@ -25,15 +25,18 @@ from swashtwin.readers.formats import SUFFIXES, write_blocks, write_recording
 from swashtwin.readers.index import declared_classes, read_recordings, save_index, write_index
 from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
+from swashtwin.readers.public_sets import PUBLIC_SETS, read_public_set
 from swashtwin.readers.series import require_room, write_series
 
 __all__ = [
+    "PUBLIC_SETS",
     "SUFFIXES",
     "Entry",
     "IndexProposal",
     "declared_classes",
     "narrow_index",
     "propose_index",
+    "read_public_set",
     "read_recording",
     "read_recordings",
     "require_room",

@@ -143,7 +143,7 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
             raise OSError(28, "No space left on device")
         save(tensors, target, metadata=metadata)
 
-    import swashtwin.training.checkpoint as checkpoint
+    import swashtwin.run_files as checkpoint
 
     save = checkpoint.save_file
     monkeypatch.setattr(checkpoint, "save_file", full)

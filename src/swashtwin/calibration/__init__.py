@@ -9,6 +9,7 @@ from swashtwin.calibration.amortized import AmortizedIPINN, AmortizedReading
 from swashtwin.calibration.amortized_inputs import objective_without_recordings
 from swashtwin.calibration.amortized_saving import load_amortized, save_amortized
 from swashtwin.calibration.amortized_training import AmortizedTraining
+from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.coverage import Coverage, check_coverage
 from swashtwin.calibration.discrepancy import Discrepancy
 from swashtwin.calibration.evolution import CMAES
@@ -44,6 +45,7 @@ __all__ = [
     "Calibration",
     "Calibrator",
     "Candidate",
+    "Checkpoint",
     "Comparison",
     "Coverage",
     "DirectAdam",
@@ -61,6 +63,7 @@ __all__ = [
     "Objective",
     "Posterior",
     "Profile",
+    "ResumableCalibrator",
     "Sampling",
     "Search",
     "SearchSpace",

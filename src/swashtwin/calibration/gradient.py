@@ -1,12 +1,15 @@
 """Searches that follow the loss's exact gradient and need nothing of how it is made."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy.optimize
 import torch
 from jaxtyping import Float
 
+from swashtwin.calibration.checkpoint import Checkpoint
 from swashtwin.calibration.objective import Objective
 from swashtwin.calibration.search import (
     EXACT,
@@ -108,14 +111,23 @@ class DirectAdam:
     solver: SteadySolver = EXACT
     """What solves the equations."""
 
+    is_resumable: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         if self.starts < 1 or self.epochs < 1:
             raise InputError(f"starts ({self.starts}) and epochs ({self.epochs}) must be at least 1.")
         if not 0 < self.learning_rate < 1:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must lie within 0...1, such as 0.05.")
 
-    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
-        """Values of the best step of the best start; see `Calibrator`."""
+    def search(
+        self,
+        objective: Objective,
+        *,
+        seed: int,
+        progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> Search:
+        """Values of the best step of the best start; see `Calibrator` and, for `checkpoint`, `ResumableCalibrator`."""
         unknowns, generator = objective.unknowns, stream(seed, "direct_adam", "starts")
         center, scale = torch.as_tensor(unknowns.center), torch.as_tensor(unknowns.deviation)
         lower = (torch.as_tensor(unknowns.lower) - center) / scale
@@ -125,8 +137,10 @@ class DirectAdam:
         optimizer = torch.optim.Adam([scaled], lr=self.learning_rate)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.epochs)
         traces = [Trace() for _ in range(self.starts)]
+        if checkpoint is not None:
+            traces = _continued(checkpoint, scaled, optimizer, schedule) or traces
         with one_thread():
-            for epoch in range(self.epochs):
+            for epoch in range(len(traces[0]), self.epochs):
                 point = center + scale * scaled
                 weighted = objective.weighted_loss(point, solver=self.solver)
                 penalized = with_priors(objective, point, weighted)
@@ -141,6 +155,28 @@ class DirectAdam:
                     schedule.step()
                 with torch.no_grad():
                     scaled.clamp_(lower, upper)
+                if checkpoint is not None and checkpoint.is_due(epoch + 1):
+                    checkpoint.save({"scaled": scaled}, optimizer, schedule, _records(traces))
                 if progress is not None:
                     progress(epoch + 1, self.epochs, min(trace.last_loss for trace in traces))
         return best_of([trace.search() for trace in traces])
+
+
+def _records(traces: Sequence[Trace]) -> dict[str, np.ndarray]:
+    """Steps of all starts."""
+    return {f"{number}.{name}": array for number, trace in enumerate(traces) for name, array in trace.arrays().items()}
+
+
+def _continued(
+    checkpoint: Checkpoint,
+    scaled: torch.Tensor,
+    optimizer: torch.optim.Optimizer,
+    schedule: torch.optim.lr_scheduler.LRScheduler,
+) -> list[Trace]:
+    """Steps so far, after the coordinates were set to the checkpoint's; none where there is no file."""
+    weights, records = checkpoint.load(optimizer, schedule)
+    if not records:
+        return []
+    with torch.no_grad():
+        scaled.copy_(weights["scaled"])
+    return [Trace.of(records[f"{n}.points"], records[f"{n}.rows"]) for n in range(len(scaled))]

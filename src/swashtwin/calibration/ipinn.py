@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from swashtwin.calibration.checkpoint import Checkpoint
 from swashtwin.calibration.objective import MODEL_ERROR, Objective
 from swashtwin.calibration.search import EXACT, Decay, History, Progress, Search, one_thread, with_priors
 from swashtwin.calibration.unknowns import REACH
@@ -72,6 +73,8 @@ class IPINN:
     solver: SteadySolver = EXACT
     """What solves the equations; the paper's is `RK4`, which gives the same lines a few times slower."""
 
+    is_resumable: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         if self.epochs < 1 or not self.channels:
             raise InputError(f"epochs ({self.epochs}) must be at least 1, and channels ({self.channels}) not empty.")
@@ -93,18 +96,29 @@ class IPINN:
         ours = {"values": "logarithms", "spectrum": "weighted", "priors": "all", "learning_rate": 1e-3}
         return cls(**{**ours, "decay": "cosine", **changes})  # type: ignore[arg-type]
 
-    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
-        """Values of the epoch with the least loss; see `Calibrator`."""
+    def search(
+        self,
+        objective: Objective,
+        *,
+        seed: int,
+        progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> Search:
+        """Values of the epoch with the least loss; see `Calibrator` and, for `checkpoint`, `ResumableCalibrator`."""
         window = self.window_of(objective)
         rows: list[tuple[float, float, float, float]] = []
         path: list[np.ndarray] = []
-        best = 0
         with one_thread(), torch.random.fork_rng(devices=[]):
             torch.manual_seed(derive_seed(seed, "ipinn", "weights"))
             network = ParameterNetwork(self, window, objective)
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
             schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.epochs)
-            for epoch in range(self.epochs):
+            if checkpoint is not None:
+                rows, path = _continued(checkpoint, network, optimizer, schedule)
+            best = _best(rows)
+            for epoch in range(len(rows), self.epochs):
+                if self.patience is not None and epoch - 1 - best >= self.patience:
+                    break
                 point, losses = self._losses(objective, *network(window))
                 loss = losses.sum()
                 if not torch.isfinite(loss):
@@ -117,10 +131,11 @@ class IPINN:
                 rows.append((*losses.tolist(), gradient_norm(network)))
                 path.append(point.detach().numpy())
                 best = epoch if sum(rows[epoch][:3]) < sum(rows[best][:3]) else best
+                if checkpoint is not None and checkpoint.is_due(len(rows)):
+                    records = {"losses": np.array(rows), "points": np.array(path)}
+                    checkpoint.save(network.state_dict(), optimizer, schedule, records)
                 if progress is not None:
                     progress(epoch + 1, self.epochs, loss.item())
-                if self.patience is not None and epoch - best >= self.patience:
-                    break
         spectrum, boundary, prior, gradient = np.array(rows).T
         history = History(spectrum, boundary, np.array(path), best, prior, gradient)
         return Search(point=path[best], history=history, simulations=len(rows))
@@ -144,6 +159,25 @@ class IPINN:
             unit = MODEL_ERROR if self.spectrum == "linear" else 1.0
             prior = with_priors(objective, point, spectrum / unit, first) * unit - spectrum
         return point, torch.stack([spectrum, boundary, prior])
+
+
+def _continued(
+    checkpoint: Checkpoint,
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    schedule: torch.optim.lr_scheduler.LRScheduler,
+) -> tuple[list[tuple[float, float, float, float]], list[np.ndarray]]:
+    """Losses and points so far, after the network was set to the checkpoint's weights; none where there is no file."""
+    weights, records = checkpoint.load(optimizer, schedule)
+    if not records:
+        return [], []
+    network.load_state_dict(weights)
+    return [(row[0], row[1], row[2], row[3]) for row in records["losses"].tolist()], list(records["points"])
+
+
+def _best(rows: list[tuple[float, float, float, float]]) -> int:
+    """The first epoch of least loss."""
+    return min(range(len(rows)), key=lambda epoch: sum(rows[epoch][:3]), default=0)
 
 
 def spectrum_loss_of(

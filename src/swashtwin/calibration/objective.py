@@ -1,5 +1,6 @@
 """How far a twin is from the measurement, and how that changes with what is searched."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -104,6 +105,17 @@ class Objective:
     def sigma(self) -> Float[Tensor, " reading"]:
         """Standard deviation of measured minus simulated amplitude [m/s^2]; see `Comparison.sigma`."""
         return torch.cat([one.sigma.reshape(-1) for one in self.comparisons])
+
+    def fingerprint(self) -> str:
+        """SHA-256 of all that a search is told: twins, recordings, lines, bounds and priors; hexadecimal."""
+        digest = hashlib.sha256(repr((self.unknowns.names, [one.twin for one in self.comparisons])).encode())
+        for one in self.comparisons:
+            digest.update(repr([recording.fingerprint() for recording in one.measurement.recordings]).encode())
+            digest.update(np.ascontiguousarray(one.measurement.orders).tobytes())
+        arrays = (self.measured.numpy(), self.sigma.numpy(), *vars(self.space).values())
+        for array in (*arrays, self.unknowns.center, self.unknowns.deviation, self.unknowns.start):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def start(self) -> Float[Tensor, " unknown"]:

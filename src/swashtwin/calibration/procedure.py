@@ -3,11 +3,13 @@
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
 
 from swashtwin.calibration.agreement import fit_of
+from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.identifiability import Estimate, estimates_of, posterior_covariance
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Measurement, measure
@@ -32,6 +34,8 @@ def calibrate(
     band: tuple[float, float] | None = None,
     nuisances: Nuisances = NONE,
     progress: Progress | None = None,
+    checkpoint: Path | str | None = None,
+    resume: bool = False,
 ) -> Calibration:
     """Twin whose piston-pass lines come nearest to those of measured recordings, and how far to trust its six values.
 
@@ -49,6 +53,8 @@ def calibrate(
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
     progress : called with (steps done, steps in all, loss).
+    checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is kept in every 25 of them.
+    resume : continue from `checkpoint` if it exists; the result has the same bits as a search without interruption.
 
     Raises
     ------
@@ -57,7 +63,7 @@ def calibrate(
     UnitError
         A recording is not in m/s^2.
     InputError
-        Impossible bounds or band.
+        Impossible bounds or band; the checkpoint is of another search, or the method keeps none.
     """
     started = time.perf_counter()
     method = IPINN() if method is None else method
@@ -65,7 +71,9 @@ def calibrate(
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     measurements = _measured(twins, list(recordings), band)
     objective = objective_of(twins, measurements, bounds, nuisances)
-    found = method.search(objective, seed=seed, progress=progress)
+    settings = {**_settings(method), "band": list(measurements[0].band), "seed": seed}
+    kept = _checkpoint(checkpoint, resume, method, {**settings, "measurement (SHA-256)": objective.fingerprint()})
+    found = method.search(objective, seed=seed, progress=progress, **kept)
     covariance = posterior_covariance(objective, found.point)
     estimates = estimates_of(objective, found.point, covariance)
     nominal = twins[0]
@@ -83,7 +91,7 @@ def calibrate(
         left_out=_left_out(measurements),
         notes=tuple(_notes(objective, found, estimates)),
         method=type(method).__name__,
-        settings={**_settings(method), "band": list(measurements[0].band), "seed": seed},
+        settings=settings,
         simulations=found.simulations,
         wall_s=time.perf_counter() - started,
         version=VERSION,
@@ -96,6 +104,22 @@ def _measured(twins: Sequence[Twin], recordings: Sequence[Recording], band: tupl
         if any(getattr(one, name) != getattr(twins[0], name) for name in constant):
             raise InputError("twins that are calibrated together must differ in condition only: twin.at(condition).")
     return [measure(one, recordings, band) for one in twins]
+
+
+def _checkpoint(
+    path: Path | str | None, resume: bool, method: Calibrator, job: Mapping[str, Any]
+) -> dict[str, Checkpoint]:
+    """What `method.search` is given beside the rest to keep its state."""
+    name = type(method).__name__
+    if path is None:
+        if resume:
+            raise InputError("resume=True needs checkpoint=, the file to continue from.")
+        return {}
+    if not isinstance(method, ResumableCalibrator):
+        raise InputError(f"{name} keeps no checkpoint: begun again with the same seed it ends at the same bits.")
+    if Path(path).exists() and not resume:
+        raise InputError(f"{path} exists; continue it with resume=True, or delete it to start again.")
+    return {"checkpoint": Checkpoint(Path(path), job={"method": name, **job})}
 
 
 def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...]:

@@ -110,6 +110,18 @@ class Trace:
         self._points.append(np.array(point))
         self._rows.append((weighted, penalized, np.nan if gradient_norm is None else gradient_norm))
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All steps so far; `of` makes a trace of them again."""
+        return {"points": np.array(self._points), "rows": np.array(self._rows)}
+
+    @classmethod
+    def of(cls, points: np.ndarray, rows: np.ndarray) -> "Trace":
+        """Trace of the `arrays` of another."""
+        trace = cls()
+        trace._points = list(points)
+        trace._rows = [(float(weighted), float(penalized), float(norm)) for weighted, penalized, norm in rows]
+        return trace
+
     def search(self, simulations: int | None = None) -> Search:
         """The step of least penalized loss; `simulations` where they are not one a step."""
         weighted, penalized, gradient = np.array(self._rows).T

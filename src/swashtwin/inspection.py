@@ -145,7 +145,12 @@ def refuse_unfit(recording: Recording) -> None:
 
 
 def stated_speed(recording: Recording) -> float | None:
-    """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None."""
+    """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None.
+
+    Along the shaft's angle (`order_domain`) it is the frequency at which the turns are played back.
+    """
+    if recording.attributes.get("domain") == "angle":
+        return recording.sample_rate / float(recording.attributes["readings_per_turn"])
     if recording.condition is not None:
         return recording.condition.shaft_frequency
     try:

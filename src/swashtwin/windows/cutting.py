@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from swashtwin.errors import DataError, InputError
-from swashtwin.inspection import refuse_unfit
+from swashtwin.inspection import refuse_unfit, stated_speed
 from swashtwin.recording import Recording
 from swashtwin.windows.window_set import WindowLayout, WindowSet
 
@@ -129,13 +129,14 @@ def _require_long_enough(recording: Recording, length: int, allow_partial_revolu
             f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
             f"{length}; shorten the window or leave the recording out."
         )
-    if recording.condition is None or allow_partial_revolution:
+    shaft = stated_speed(recording)
+    if recording.condition is None or shaft is None or allow_partial_revolution:
         return
-    least = math.ceil(recording.sample_rate * recording.condition.period * (1 - 1e-9))
+    least = math.ceil(recording.sample_rate / shaft * (1 - 1e-9))
     if length < least:
         raise InputError(
             f"a window of {length} readings is shorter than one revolution of {recording.recording_id} "
-            f"({recording.condition.shaft_frequency * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
+            f"({shaft * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
             f"{least} or more, or allow_partial_revolution=True."
         )
 

@@ -43,9 +43,9 @@ def resampled_by_angle(
         The angle belongs to another recording, there are too few readings per turn or less than one turn, or the
         recording lies along an angle already.
     """
-    angle.require_fits(recording)
     if recording.attributes.get("domain") == "angle":
         raise InputError(f"{recording.recording_id} lies along the shaft's angle already.")
+    angle.require_fits(recording)
     if readings_per_turn < 4 or readings_per_turn % 2:
         raise InputError(f"readings_per_turn ({readings_per_turn}) must be an even number from 4 on.")
     speed = angle.mean_speed if played_at is None else played_at

@@ -5,6 +5,7 @@ import gzip
 import os
 import shutil
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -21,7 +22,7 @@ from swashtwin.errors import (
     SwashTwinError,
     UnitError,
 )
-from swashtwin.readers import read_recording, read_recordings, write_index, write_recording
+from swashtwin.readers import formats, read_recording, read_recordings, write_index, write_recording
 from swashtwin.readers.raw import snapped_rate
 from swashtwin.recording import Recording
 from swashtwin.units import MPa, celsius, rpm
@@ -31,7 +32,7 @@ needs_cwru = pytest.mark.skipif(not (DATA / "cwru").is_dir(), reason="the CWRU r
 needs_cavitation = pytest.mark.skipif(
     not (DATA / "pump_cavitation").is_dir(), reason="the pump cavitation recordings are not on this machine"
 )
-WRITABLE = ("h5", "mat", "wav", "csv", "tdms")
+WRITABLE = ("h5", "mat", "wav", "csv", "tdms", "parquet", "npz", "mf4")
 READABLE = (*WRITABLE, "uff")
 
 
@@ -443,7 +444,7 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(recording: Recording, suf
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves damaged files open
-@pytest.mark.parametrize("suffix", ["h5", "mat", "wav", "tdms", "uff"])
+@pytest.mark.parametrize("suffix", ["h5", "mat", "wav", "tdms", "uff", "parquet", "npz", "mf4"])
 def test_no_truncation_of_a_binary_file_goes_unseen(recording: Recording, suffix: str, tmp_path: Path) -> None:
     short = replace(recording, signal=recording.signal[:, :60])
     path = written(short, tmp_path, suffix)
@@ -465,7 +466,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_debris(
 ) -> None:
     path = write_recording(recording, tmp_path / f"a.{suffix}")
     old = path.read_bytes()
-    module = __import__(f"swashtwin.readers.{'hdf5' if suffix == 'h5' else suffix}", fromlist=["write"])
+    module = import_module(f"swashtwin.readers.{formats._FORMATS['.' + suffix]}")
 
     def write_half(recording: Recording, target: Path) -> None:
         target.write_bytes(old[: len(old) // 2])

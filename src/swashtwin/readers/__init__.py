@@ -1,4 +1,4 @@
-"""Recordings from files: CSV, MATLAB, WAV, TDMS, UFF58 and HDF5, and one index that says what each file is.
+"""Recordings from files: CSV, MATLAB, WAV, TDMS, UFF58, Parquet, NPZ, MDF and HDF5, and one index that says what each file is.
 
 A folder of measurements becomes a data set by one file, ``recordings.toml``::
 

@@ -58,7 +58,7 @@ def recording_from(path: Path, entry: Entry) -> Recording:
     names = entry.names or tuple(chosen)
     if len(names) != len(chosen):
         raise DataError(f"{where}: {len(names)} names for {len(chosen)} channels ({', '.join(chosen)}).")
-    rate = stated_rate(raw, entry, where)
+    rate = stated_rate(raw, list(chosen), entry, where)
     factors, unit = scale(raw, entry, list(chosen), where)
     signal = np.stack(list(chosen.values())).astype(np.float64) * np.array(factors)[:, None]
     attributes = dict(raw.attributes) | dict(entry.attributes)
@@ -109,18 +109,26 @@ def _matching(raw: RawFile, wanted: str | int) -> list[str]:
     return [name for name in names if fnmatchcase(name, wanted)]
 
 
-def stated_rate(raw: RawFile, entry: Entry, where: str) -> float:
+def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -> float:
     """Sample rate [Hz] of the index or the file, which must not contradict each other."""
     told = None if entry.sample_rate is None else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
-    if told is None and raw.sample_rate is None:
+    own = rate_in_file(raw, chosen, where)
+    if told is None and own is None:
         raise DataError(f'{where} does not say its sample rate; add sample_rate = "25.6 kHz" (or whatever it was).')
-    if told is None or raw.sample_rate is None:
-        return raw.sample_rate or positive(told, where)
-    if abs(told / raw.sample_rate - 1) > _RATE_TOLERANCE:
-        raise DataError(
-            f"{where} says its sample rate is {raw.sample_rate:g} Hz, the index says {told:g} Hz; correct the index."
-        )
+    if told is None or own is None:
+        return own or positive(told, where)
+    if abs(told / own - 1) > _RATE_TOLERANCE:
+        raise DataError(f"{where} says its sample rate is {own:g} Hz, the index says {told:g} Hz; correct the index.")
     return told
+
+
+def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | None:
+    """Sample rate [Hz] that the file itself states for the chosen columns, or None."""
+    rates = {raw.rates[name]: name for name in chosen if name in raw.rates}
+    if len(rates) > 1:
+        listed = ", ".join(f"{name}: {rate:g} Hz" for rate, name in rates.items())
+        raise DataError(f"{where} holds channels of several rates ({listed}); name those of one: channels = [...].")
+    return next(iter(rates), raw.sample_rate)
 
 
 def positive(rate: float | None, where: str) -> float:

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.errors import DataError
-from swashtwin.readers.raw import Options, RawFile, known_unit, load_extra, snapped_rate
+from swashtwin.readers.raw import Options, RawFile, load_extra
+from swashtwin.readers.tables import split_unit, timed_columns
 from swashtwin.recording import Recording
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -18,10 +19,6 @@ _NUMBER = {
     ".": re.compile(r"\s*([+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
     ",": re.compile(r"\s*([+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
 }
-_BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
-_TRADE_UNITS = ("s", "ms", "us", "g", "mg", "m/s^2", "m/s2", "m/s²", "mm/s^2", "mm/s", "V", "mV", "Pa", "bar")
-_TIME_NAMES = ("time", "t", "zeit")
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _SAMPLE = 40
 """Lines that are looked at to find the dialect."""
 
@@ -38,12 +35,7 @@ def read(path: Path, options: Options) -> RawFile:
         table, names = table[:, :-1], names[:-1]
     attributes = {"header": "\n".join(lines[:start])[:2000]} if start > 1 else {}
     columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
-    time_name = _time_name(path, names, options)
-    if time_name is None:
-        return RawFile(columns, units=units, attributes=attributes)
-    seconds = columns.pop(time_name) * _SECONDS.get(units.pop(time_name, "s"), 1.0)
-    rate, gaps = read_time_column(path, seconds)
-    return RawFile(columns, rate, units, attributes | ({"time_gaps": gaps} if gaps else {}))
+    return timed_columns(path, columns, units, attributes, options)
 
 
 def write(recording: Recording, path: Path) -> None:
@@ -53,33 +45,6 @@ def write(recording: Recording, path: Path) -> None:
     table |= {f"{name} [{recording.unit}]": row for name, row in zip(recording.channels, recording.signal, strict=True)}
     with path.open("wb") as file:
         polars.DataFrame(table).write_csv(file)
-
-
-def read_time_column(path: Path, seconds: Float[np.ndarray, " time"]) -> tuple[float, str]:
-    """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing is)."""
-    if len(seconds) < 3 or not np.isfinite(seconds).all() or not seconds[-1] > seconds[0]:
-        raise DataError(f"{path}: the time column does not rise from its first to its last reading.")
-    span = seconds[-1] - seconds[0]
-    step = span / (len(seconds) - 1)
-    head = seconds[:1000]
-    digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
-    quantum = 10.0**-digits
-    drift = np.abs(seconds - seconds[0] - step * np.arange(len(seconds))).max()
-    if drift <= max(0.5 * step, 1.01 * quantum):
-        return snapped_rate(step, max(1e-6, quantum / span)), ""
-    steps = np.diff(seconds)
-    usual = float(np.median(steps))
-    if usual <= 0:
-        raise DataError(f"{path}: most steps of the time column are zero or negative; name another time_column.")
-    odd = np.flatnonzero(np.abs(steps - usual) > 0.5 * usual + quantum)
-    rate = snapped_rate(usual, max(1e-6, min(0.01, quantum / usual)))
-    if len(odd) == 0:
-        return rate, f"steps drift between {steps.min():.6g} s and {steps.max():.6g} s"
-    worst = odd[np.argmax(np.abs(steps[odd] - usual))]
-    return rate, (
-        f"{len(odd)} of {len(steps)} steps differ from the usual {usual:.6g} s; "
-        f"the worst is {steps[worst]:.6g} s at {seconds[worst]:.6g} s"
-    )
 
 
 def _text(path: Path) -> str:
@@ -175,14 +140,6 @@ def _header(lines: list[str], start: int, separator: str, n_columns: int) -> tup
     return names, units
 
 
-def split_unit(text: str) -> tuple[str, str | None]:
-    """Name and unit of a column heading such as ``acceleration [g]``."""
-    match = _BRACKET.match(text)
-    if match and (match[2] in _TRADE_UNITS or (text.endswith("]") and known_unit(match[2]))):
-        return match[1], match[2]
-    return text, None
-
-
 def _numbers(
     path: Path, lines: list[str], separator: str, decimal: str, n_columns: int, start: int
 ) -> Float[np.ndarray, "time channel"]:
@@ -216,14 +173,3 @@ def _numbers(
     if frame.height != len(lines):
         raise DataError(f"{path}: {frame.height} rows could be read of {len(lines)}; the file is damaged.")
     return frame.to_numpy().astype(np.float64)
-
-
-def _time_name(path: Path, names: list[str], options: Options) -> str | None:
-    wanted = options.time_column
-    if wanted is None:
-        return names[0] if len(names) > 1 and names[0].lower() in _TIME_NAMES else None
-    if isinstance(wanted, int) and 0 <= wanted < len(names):
-        return names[wanted]
-    if isinstance(wanted, str) and split_unit(wanted)[0] in names:
-        return split_unit(wanted)[0]
-    raise DataError(f"{path} has no column {wanted!r} for time_column; it has {', '.join(names)}.")

@@ -28,10 +28,14 @@ _FORMATS = {
     ".unv": "uff",
     ".h5": "hdf5",
     ".hdf5": "hdf5",
+    ".parquet": "parquet",
+    ".npz": "npz",
+    ".mf4": "mdf",
+    ".mdf": "mdf",
 }
 SUFFIXES = tuple(_FORMATS)
 """Suffixes that can be read."""
-_WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms")
+_WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 
 
 def suffix_of(path: Path) -> str:
@@ -75,16 +79,17 @@ def read_raw(path: Path, options: Options) -> RawFile:
         raise DataError(f"{path} is empty (0 bytes).")
     if not raw.columns:
         raise DataError(f"{path} holds no vector of numbers.")
-    if raw.sample_rate is not None and not 0 < raw.sample_rate < 1e10:
-        raise DataError(f"{path} states a sample rate of {raw.sample_rate!r} Hz; the file is damaged.")
+    for rate in (raw.sample_rate, *raw.rates.values()):
+        if rate is not None and not 0 < rate < 1e10:
+            raise DataError(f"{path} states a sample rate of {rate!r} Hz; the file is damaged.")
     return raw
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
     """Path of the file that now holds the recording.
 
-    ``.h5`` holds the whole recording; ``.mat``, ``.csv`` and ``.tdms`` lack label, condition and specimen and ``.wav``
-    also the unit, which `write_index` adds. The speed of each reading is lost by all but ``.h5``: a column of another
+    ``.h5`` holds the whole recording; the others lack label, condition and specimen and ``.wav`` also the unit, which
+    `write_index` adds. The speed of each reading is lost by all but ``.h5``: a column of another
     unit beside the channels would be read back as one of them. The old file stays as it is until the new one is
     complete.
 

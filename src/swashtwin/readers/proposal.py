@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.errors import DataError, InputError, MissingFileError
-from swashtwin.readers.assembly import choose_columns
+from swashtwin.readers.assembly import choose_columns, rate_in_file
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, read_raw, stem_of, suffix_of
 from swashtwin.readers.raw import Options, RawFile
@@ -191,7 +191,7 @@ def _lacking(raw: RawFile, entry: Entry, where: str) -> list[str]:
     chosen = choose_columns(raw, entry, where)
     known_units = all(name in raw.units for name in chosen)
     lacking = {
-        "sample_rate": raw.sample_rate is None and entry.sample_rate is None,
+        "sample_rate": entry.sample_rate is None and rate_in_file(raw, list(chosen), where) is None,
         "unit": not known_units and entry.unit is None and entry.calibration_factor is None,
         "label": not entry.label and not (raw.recording and raw.recording.label),
     }

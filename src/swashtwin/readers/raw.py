@@ -46,15 +46,17 @@ class RawFile:
     """The whole recording, where the file is one of our own."""
     full_scale: bool = False
     """Whether readings are shares of an unknown full scale (integer WAV)."""
+    rates: Mapping[str, float] = field(default_factory=dict)
+    """Rate of each column [Hz], where the file holds several."""
 
 
-def load_extra(module: str) -> Any:
-    """The optional module, imported when first needed."""
+def load_extra(module: str, extra: str = "readers") -> Any:
+    """The optional module, imported when first needed; `extra` is what to install for it."""
     try:
         return import_module(module)
     except ImportError as cause:
         raise MissingExtraError(
-            f'this file needs {module}, which is not installed: pip install "swashtwin[readers]".'
+            f'this file needs {module}, which is not installed: pip install "swashtwin[{extra}]".'
         ) from cause
 
 

@@ -23,7 +23,7 @@ def read(path: Path, options: Options) -> RawFile:
         groups = file.groups()
         columns: dict[str, np.ndarray] = {}
         units: dict[str, str] = {}
-        steps: set[float] = set()
+        rates: dict[str, float] = {}
         for group in groups:
             for channel in group.channels():
                 if len(channel) < 2 or channel.dtype.kind not in "fiu":
@@ -35,13 +35,10 @@ def read(path: Path, options: Options) -> RawFile:
                 )
                 if unit:
                     units[name] = unit
-                steps.add(float(channel.properties.get("wf_increment", 0.0)))
+                if step := float(channel.properties.get("wf_increment", 0.0)):
+                    rates[name] = snapped_rate(step, 1e-9)
         facts = {name: str(value) for name, value in file.properties.items()}
-    steps.discard(0.0)
-    if len(steps) > 1:
-        rates = ", ".join(f"{1 / step:g} Hz" for step in sorted(steps))
-        raise DataError(f"{path} holds channels of several rates ({rates}); one recording has one rate.")
-    return RawFile(columns, snapped_rate(steps.pop(), 1e-9) if steps else None, units, facts)
+    return RawFile(columns, None, units, facts, rates=rates)
 
 
 def write(recording: Recording, path: Path) -> None:

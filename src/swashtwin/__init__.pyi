@@ -58,6 +58,12 @@ from .faults import TiltedBlockFace as TiltedBlockFace
 from .faults import ValvePlateWear as ValvePlateWear
 from .faults import canonical_label as canonical_label
 from .features import extract_features as extract_features
+from .indicators import Band as Band
+from .indicators import IndicatorTable as IndicatorTable
+from .indicators import indicators_of as indicators_of
+from .indicators import spectrum_of as spectrum_of
+from .indicators import stacked as stacked
+from .indicators import trend_of as trend_of
 from .inspection import InspectionReport as InspectionReport
 from .inspection import inspect_recording as inspect_recording
 from .inspection import inspect_recordings as inspect_recordings
@@ -67,6 +73,11 @@ from .networks import NETWORKS as NETWORKS
 from .networks import BiTCN as BiTCN
 from .networks import Network as Network
 from .networks import build_network as build_network
+from .order_domain import ShaftAngle as ShaftAngle
+from .order_domain import resampled_by_angle as resampled_by_angle
+from .order_domain import stated_angle as stated_angle
+from .order_domain import tachometer_speed as tachometer_speed
+from .order_domain import tracked_speed as tracked_speed
 from .pump import Interface as Interface
 from .pump import Interfaces as Interfaces
 from .pump import Pump as Pump
@@ -145,6 +156,7 @@ __all__ = [
     "AmortizedIPINN",
     "AmortizedTraining",
     "ArtifactError",
+    "Band",
     "BiTCN",
     "BoreDefect",
     "Calibration",
@@ -160,6 +172,7 @@ __all__ = [
     "GrooveErosion",
     "HarmonicBalance",
     "IdentifiabilityReport",
+    "IndicatorTable",
     "InputError",
     "InspectionReport",
     "Interface",
@@ -180,6 +193,7 @@ __all__ = [
     "Scores",
     "SealingLandScratch",
     "SensorPath",
+    "ShaftAngle",
     "SlipperContact",
     "SlipperFilm",
     "StabilityError",
@@ -220,6 +234,7 @@ __all__ = [
     "hold_out",
     "hold_out_specimens",
     "identifiability",
+    "indicators_of",
     "inspect_recording",
     "inspect_recordings",
     "joined",
@@ -239,6 +254,7 @@ __all__ = [
     "read_fault",
     "read_recording",
     "read_recordings",
+    "resampled_by_angle",
     "rig_recordings",
     "rpm",
     "run_case_one",
@@ -249,9 +265,15 @@ __all__ = [
     "save_windows",
     "select",
     "simulate_course",
+    "spectrum_of",
     "split_by_recording",
+    "stacked",
+    "stated_angle",
     "steady_blocks",
     "synthesize",
+    "tachometer_speed",
+    "tracked_speed",
+    "trend_of",
     "um",
     "unseen_recordings",
     "whole_revolutions",

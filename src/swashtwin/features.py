@@ -10,30 +10,14 @@ import numpy as np
 from jaxtyping import Float, Float64
 from scipy.signal import hilbert
 
+from swashtwin.indicators.statistics import TIME_STATISTICS, time_statistics
 from swashtwin.windows import WindowSet
 
 N_BANDS = 32
 """Logarithmic bands per spectrum."""
 
-TIME_STATISTICS = (
-    "mean",
-    "deviation",
-    "rms",
-    "peak",
-    "peak_to_peak",
-    "mean_absolute",
-    "skewness",
-    "kurtosis",
-    "crest_factor",
-    "shape_factor",
-    "impulse_factor",
-    "clearance_factor",
-)
-"""Of x: mean, √(mean (x-m)²), √(mean x²), max|x|, max - min, mean|x|, third and fourth standardized moment, peak / rms,
-rms / mean|x|, peak / mean|x|, peak / (mean √|x|)². The first six in the signal's unit, the others without one."""
-
 ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "crest_factor")
-"""The same, of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
+"""Those of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,30 +59,6 @@ def extract_features(windows: WindowSet) -> FeatureTable:
     return FeatureTable(np.concatenate(parts, axis=1), tuple(names))
 
 
-def time_statistics(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window statistic"]:
-    """The `TIME_STATISTICS` of each window; a ratio with a zero below it is 0."""
-    mean = signal.mean(axis=1)
-    deviation = signal.std(axis=1)
-    magnitude = np.abs(signal)
-    rms, peak, mean_absolute = np.sqrt((signal**2).mean(axis=1)), magnitude.max(axis=1), magnitude.mean(axis=1)
-    standard = (signal - mean[:, None]) / np.where(deviation > 0, deviation, 1.0)[:, None]
-    columns = (
-        mean,
-        deviation,
-        rms,
-        peak,
-        np.ptp(signal, axis=1),
-        mean_absolute,
-        (standard**3).mean(axis=1),
-        (standard**4).mean(axis=1),
-        _ratio(peak, rms),
-        _ratio(rms, mean_absolute),
-        _ratio(peak, mean_absolute),
-        _ratio(peak, np.sqrt(magnitude).mean(axis=1) ** 2),
-    )
-    return np.stack(columns, axis=1)
-
-
 def band_energies(
     signal: Float[np.ndarray, "window time"], n_bands: int = N_BANDS
 ) -> Float64[np.ndarray, "window band"]:
@@ -115,9 +75,3 @@ def band_energies(
     edges = np.geomspace(0.5, line[-1] + 0.5, n_bands + 1)
     upper, lower = np.minimum(edges[1:, None], line + 0.5), np.maximum(edges[:-1, None], line - 0.5)
     return np.log10(np.maximum(power @ np.maximum(upper - lower, 0).T, 1e-30))
-
-
-def _ratio(
-    above: Float64[np.ndarray, " window"], below: Float64[np.ndarray, " window"]
-) -> Float64[np.ndarray, " window"]:
-    return np.where(below > 0, above / np.where(below > 0, below, 1.0), 0.0)

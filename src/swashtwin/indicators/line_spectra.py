@@ -7,7 +7,6 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.errors import InputError
 from swashtwin.indicators.cepstrum import real_cepstrum
 from swashtwin.indicators.envelope import envelope_spectrum
 from swashtwin.inspection import refuse_unfit, stated_speed
@@ -85,7 +84,7 @@ def spectrum_of(
     Raises
     ------
     InputError
-        No such kind, no speed for orders, or a band that is none.
+        No speed for orders, or a band that is none.
     DataError
         The recording is unfit.
     """
@@ -105,8 +104,6 @@ def spectrum_of(
         quefrency, cepstrum = real_cepstrum(signal, rate)
         marks = tuple(Mark(1 / mark.at, mark.name, mark.of_pistons) for mark in _marks(shaft, pistons, harmonics=False))
         return LineSpectrum(*known, "quefrency", "s", quefrency, cepstrum, "", marks)
-    if kind != "order":
-        raise InputError(f"no spectrum {kind!r}; there are {', '.join(KINDS)}.")
     angle = stated_angle(recording) if angle is None else angle
     turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
     per_turn = float(turned.attributes["readings_per_turn"])

@@ -12,16 +12,20 @@ from .calibration import AmortizedIPINN as AmortizedIPINN
 from .calibration import AmortizedTraining as AmortizedTraining
 from .calibration import Calibration as Calibration
 from .calibration import DirectAdam as DirectAdam
+from .calibration import FleetCalibration as FleetCalibration
 from .calibration import GaussNewton as GaussNewton
 from .calibration import IdentifiabilityReport as IdentifiabilityReport
 from .calibration import LearningRates as LearningRates
+from .calibration import Population as Population
 from .calibration import calibrate as calibrate
+from .calibration import calibrate_fleet as calibrate_fleet
 from .calibration import check_coverage as check_coverage
 from .calibration import choose_learning_rate as choose_learning_rate
 from .calibration import expected_information_gain as expected_information_gain
 from .calibration import identifiability as identifiability
 from .calibration import load_amortized as load_amortized
 from .calibration import load_calibration as load_calibration
+from .calibration import load_population as load_population
 from .calibration import objective_without_recordings as objective_without_recordings
 from .calibration import profile as profile
 from .calibration import sample_posterior as sample_posterior
@@ -168,6 +172,7 @@ __all__ = [
     "DirectAdam",
     "FittedBaseline",
     "FittedClassifier",
+    "FleetCalibration",
     "GaussNewton",
     "GrooveErosion",
     "HarmonicBalance",
@@ -187,6 +192,7 @@ __all__ = [
     "OperatingCondition",
     "OrderLines",
     "PistonWear",
+    "Population",
     "Pump",
     "Recording",
     "Scales",
@@ -214,6 +220,7 @@ __all__ = [
     "build_network",
     "build_rig",
     "calibrate",
+    "calibrate_fleet",
     "canonical_label",
     "carry_over",
     "celsius",
@@ -241,6 +248,7 @@ __all__ = [
     "load_amortized",
     "load_calibration",
     "load_classifier",
+    "load_population",
     "load_pump",
     "load_windows",
     "mm",

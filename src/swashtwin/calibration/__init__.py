@@ -15,6 +15,7 @@ from swashtwin.calibration.discrepancy import Discrepancy
 from swashtwin.calibration.evolution import CMAES
 from swashtwin.calibration.gauss_newton import GaussNewton
 from swashtwin.calibration.gradient import LBFGS, DirectAdam
+from swashtwin.calibration.hierarchy import FleetCalibration, calibrate_fleet
 from swashtwin.calibration.identifiability import Estimate
 from swashtwin.calibration.identification import Direction, IdentifiabilityReport, identifiability
 from swashtwin.calibration.information import Candidate, Gain, candidates_for, expected_information_gain
@@ -22,6 +23,7 @@ from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
 from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
 from swashtwin.calibration.objective import Comparison, Objective, objective_of
+from swashtwin.calibration.population import Population, load_population
 from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.procedure import calibrate
 from swashtwin.calibration.profiles import Profile, profile, profiles
@@ -53,6 +55,7 @@ __all__ = [
     "Discrepancy",
     "Estimate",
     "Fit",
+    "FleetCalibration",
     "Gain",
     "GaussNewton",
     "History",
@@ -61,6 +64,7 @@ __all__ = [
     "Measurement",
     "Nuisances",
     "Objective",
+    "Population",
     "Posterior",
     "Profile",
     "ResumableCalibrator",
@@ -71,6 +75,7 @@ __all__ = [
     "Unknowns",
     "Waveforms",
     "calibrate",
+    "calibrate_fleet",
     "candidates_for",
     "check_coverage",
     "choose_learning_rate",
@@ -78,6 +83,7 @@ __all__ = [
     "identifiability",
     "load_amortized",
     "load_calibration",
+    "load_population",
     "measure",
     "objective_of",
     "objective_without_recordings",

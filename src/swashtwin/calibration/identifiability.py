@@ -48,7 +48,8 @@ class Estimate:
     """Where it was searched."""
     verdict: Verdict
     """``identified``; ``weak``: uncertain by more than a factor of 1.5; ``not identified``: the measurement hardly
-    says more than the bounds; ``at bound``: a bound stopped the search, often because a constant is wrong."""
+    says more than the prior (the bounds, or what is known of pumps of its type); ``at bound``: a bound stopped the
+    search, often because a constant is wrong."""
     traded_with: str | None = None
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
 
@@ -97,7 +98,7 @@ def estimates_of(
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
     space = objective.space
-    values, covariance = np.exp(point[:6]), covariance[:6, :6]
+    values, covariance, prior_std = np.exp(point[:6]), covariance[:6, :6], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(6)
     found = []
@@ -114,7 +115,7 @@ def estimates_of(
                 log_std=float(std[i]),
                 interval=_interval(float(np.log(values[i])), float(std[i]), low, high),
                 bounds=(float(space.lower[i]), float(space.upper[i])),
-                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(space.prior_std[i]), low, high),
+                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high),
                 traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
             )
         )

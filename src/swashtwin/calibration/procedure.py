@@ -2,18 +2,22 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from jaxtyping import Float
 
 from swashtwin.calibration.agreement import fit_of
 from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.identifiability import Estimate, estimates_of, posterior_covariance
 from swashtwin.calibration.ipinn import IPINN
+from swashtwin.calibration.likelihood import Likelihood
 from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Measurement, measure
 from swashtwin.calibration.objective import NONE, Objective, objective_of
+from swashtwin.calibration.population import Population
 from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import Calibrator, Progress, Search
@@ -33,6 +37,7 @@ def calibrate(
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
     band: tuple[float, float] | None = None,
     nuisances: Nuisances = NONE,
+    prior: Population | None = None,
     progress: Progress | None = None,
     checkpoint: Path | str | None = None,
     resume: bool = False,
@@ -52,6 +57,7 @@ def calibrate(
     bounds : where to search: a factor (10 by default), or (least, greatest) by parameter name or letter.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
+    prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
     progress : called with (steps done, steps in all, loss).
     checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is kept in every 25 of them.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a search without interruption.
@@ -67,16 +73,72 @@ def calibrate(
     """
     started = time.perf_counter()
     method = IPINN() if method is None else method
-    band = DEFAULT_BAND if band is None else band
     twins = [twin] if isinstance(twin, Twin) else list(twin)
-    measurements = _measured(twins, list(recordings), band)
-    objective = objective_of(twins, measurements, bounds, nuisances)
-    settings = {**_settings(method), "band": list(measurements[0].band), "seed": seed}
+    objective = prepared(twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances)
+    if prior is not None:
+        objective = replace(objective, unknowns=prior.prior_of(objective.unknowns))
+    settings = settings_of(method, objective, seed)
     kept = _checkpoint(checkpoint, resume, method, {**settings, "measurement (SHA-256)": objective.fingerprint()})
     found = method.search(objective, seed=seed, progress=progress, **kept)
-    covariance = posterior_covariance(objective, found.point)
+    if prior is None:
+        covariance = posterior_covariance(objective, found.point)
+    else:
+        settings["prior"] = f"population of {', '.join(prior.specimens)}"
+        found, covariance = settled(objective, found)
+    return concluded(
+        objective, twins[0], found, covariance, method=method, settings=settings, wall_s=time.perf_counter() - started
+    )
+
+
+def prepared(
+    twins: Sequence[Twin],
+    recordings: Sequence[Recording],
+    *,
+    bounds: Mapping[str, tuple[float, float]] | float | None,
+    band: tuple[float, float] | None,
+    nuisances: Nuisances,
+) -> Objective:
+    """Objective of `calibrate` on the recordings that agree with the twins."""
+    measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band)
+    return objective_of(twins, measurements, bounds, nuisances)
+
+
+def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
+    """Settings of a search, as JSON can hold them."""
+    return {**_settings(method), "band": list(objective.comparisons[0].measurement.band), "seed": seed}
+
+
+def settled(objective: Objective, found: Search) -> tuple[Search, np.ndarray]:
+    """What was found, moved to where the posterior is highest if the twin's discrepancy is counted, and the covariance.
+
+    A search weighs lines as if their errors were independent, and so believes the measurement more than a prior that
+    says something; see `likelihood`.
+    """
+    likelihood = Likelihood.around(objective, found.point)
+    point = likelihood.summit(objective, found.point)
+    return replace(found, point=point), likelihood.covariance(objective, point)
+
+
+def concluded(
+    objective: Objective,
+    nominal: Twin,
+    found: Search,
+    covariance: Float[np.ndarray, "unknown unknown"],
+    *,
+    method: Calibrator,
+    settings: Mapping[str, Any],
+    wall_s: float,
+) -> Calibration:
+    """Calibration of what a search found.
+
+    Parameters
+    ----------
+    nominal : the twin before.
+    covariance : of the coordinates found, about the truth.
+    wall_s : how long it took [s].
+    """
+    measurements = [one.measurement for one in objective.comparisons]
     estimates = estimates_of(objective, found.point, covariance)
-    nominal = twins[0]
     posterior = Posterior(objective.unknowns, measurements[0].channels, found.point, covariance)
     calibrated = posterior.twin_at(nominal, found.point)
     return Calibration(
@@ -93,7 +155,7 @@ def calibrate(
         method=type(method).__name__,
         settings=settings,
         simulations=found.simulations,
-        wall_s=time.perf_counter() - started,
+        wall_s=wall_s,
         version=VERSION,
     )
 
@@ -141,7 +203,7 @@ def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...])
             notes.append(f"{estimate.letter} was stopped by a bound: a constant of the pump file may be wrong.")
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
-        notes.append(f"{', '.join(unknown)}: not identified; the measurement hardly says more than the bounds.")
+        notes.append(f"{', '.join(unknown)}: not identified; the measurement hardly says more than was known before.")
     misfit = float(((lines - objective.measured) / objective.sigma).square().mean().sqrt())
     if misfit > 2:
         notes.append(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 if TYPE_CHECKING:
+    from swashtwin.calibration import Nuisances
     from swashtwin.condition import OperatingCondition
     from swashtwin.faults import Fault
     from swashtwin.integrators import SteadySolver
@@ -46,6 +47,23 @@ class Solver(StrEnum):
 SolverName = Annotated[Solver, typer.Option(help="What solves the equations; rk4 is the paper's.")]
 Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
 
+
+class Freed(StrEnum):
+    """Which constants are searched beside the six values."""
+
+    none = "none"
+    usual = "usual"
+    housing = "housing"
+
+
+FreedName = Annotated[
+    Freed,
+    typer.Option(
+        help="Constants nobody measured, searched as well: usual (mounting, bearings, excitation, sensors), or "
+        "housing (those, each channel's gain, and two modes of the housing)."
+    ),
+]
+
 SampleRate = Annotated[str | None, typer.Option(help='Readings per second where files do not say: "25.6 kHz".')]
 Unit = Annotated[str | None, typer.Option(help='Unit of the readings where files do not say: "g", "m/s^2", "1".')]
 CalibrationFactor = Annotated[
@@ -82,6 +100,13 @@ def solver_of(name: Solver, step: str | None) -> "SteadySolver":
     if step is not None:
         raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
     return HarmonicBalance()
+
+
+def nuisances_of(name: Freed) -> "Nuisances":
+    """Constants of the options, with their priors."""
+    from swashtwin.calibration import Nuisances
+
+    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
 
 
 def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:

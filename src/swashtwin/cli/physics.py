@@ -15,6 +15,8 @@ from swashtwin.cli.options import (
     FaultLength,
     FaultName,
     FaultWidth,
+    Freed,
+    FreedName,
     Index,
     Json,
     Length,
@@ -29,11 +31,12 @@ from swashtwin.cli.options import (
     condition_of,
     fault_of,
     given,
+    nuisances_of,
     solver_of,
 )
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, Calibrator, Nuisances
+    from swashtwin.calibration import Calibration, Calibrator
     from swashtwin.integrators import SteadySolver
 
 
@@ -44,14 +47,6 @@ class Method(StrEnum):
     gauss_newton = "gauss-newton"
     lbfgs = "lbfgs"
     cmaes = "cmaes"
-
-
-class Freed(StrEnum):
-    """Which constants are searched beside the six values."""
-
-    none = "none"
-    usual = "usual"
-    housing = "housing"
 
 
 def calibrate(
@@ -70,13 +65,7 @@ def calibrate(
         Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a fiftieth of the time.")
     ] = Method.ipinn,
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs of ipinn; 500 by default.")] = None,
-    nuisances: Annotated[
-        Freed,
-        typer.Option(
-            help="Constants nobody measured, searched as well: usual (mounting, bearings, excitation, sensors), or "
-            "housing (those, each channel's gain, and two modes of the housing)."
-        ),
-    ] = Freed.none,
+    nuisances: FreedName = Freed.none,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
@@ -110,7 +99,7 @@ def calibrate(
             method=_method(method, epochs, solver_of(solver, step)),
             seed=seed,
             bounds=bounds,
-            nuisances=_nuisances(nuisances),
+            nuisances=nuisances_of(nuisances),
             progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
         )
     found.save(out)
@@ -172,12 +161,6 @@ def _method(name: Method, epochs: int | None, solver: "SteadySolver") -> "Calibr
     if name is Method.ipinn:
         return IPINN(solver=solver, **given(epochs=epochs))
     return {Method.gauss_newton: GaussNewton, Method.lbfgs: LBFGS, Method.cmaes: CMAES}[name](solver=solver)
-
-
-def _nuisances(name: Freed) -> "Nuisances":
-    from swashtwin.calibration import Nuisances
-
-    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
 
 
 def _show_calibration(found: "Calibration", out: Path) -> None:

@@ -183,7 +183,7 @@ def _unfit(recording: Recording) -> Iterator[Finding]:
 
 
 def _channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Recording) -> Iterator[Finding]:
-    clipped = _clipped_readings(row)
+    clipped = clipped_readings(row)
     if clipped:
         message = (
             f"{clipped} readings ({clipped / len(row):.2%}) stand in a row at the extreme: the range was exceeded."
@@ -213,7 +213,7 @@ def _channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Rec
         yield Finding("offset", "warning", name, message)
 
 
-def _clipped_readings(row: Float[np.ndarray, " time"]) -> int:
+def clipped_readings(row: Float[np.ndarray, " time"]) -> int:
     """Readings in runs at an extreme, where the extreme is crowded as only a stop makes it."""
     low, high = float(np.nanmin(row)), float(np.nanmax(row))
     if not (np.isfinite(low) and np.isfinite(high)):

@@ -21,7 +21,7 @@ from swashtwin.calibration.identification import Direction, IdentifiabilityRepor
 from swashtwin.calibration.information import Candidate, Gain, candidates_for, expected_information_gain
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.loading import load_calibration
-from swashtwin.calibration.measurement import DEFAULT_BAND, Measurement, measure
+from swashtwin.calibration.measurement import DEFAULT_BAND, Lines, Measurement, measure
 from swashtwin.calibration.objective import Comparison, Objective, objective_of
 from swashtwin.calibration.population import Population, load_population
 from swashtwin.calibration.posterior import Posterior
@@ -61,6 +61,7 @@ __all__ = [
     "History",
     "IdentifiabilityReport",
     "LearningRates",
+    "Lines",
     "Measurement",
     "Nuisances",
     "Objective",

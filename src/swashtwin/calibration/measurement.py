@@ -3,14 +3,17 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from swashtwin.calibration.fitness import clipping_note, level_notes, lines_of
+from swashtwin.calibration.plausibility import refuse_other_speed
 from swashtwin.errors import DataError, InputError, UnitError
 from swashtwin.inspection import refuse_unfit
 from swashtwin.recording import Recording
-from swashtwin.signals import OrderSpectrum, order_spectrum
+from swashtwin.signals import OrderSpectrum
 from swashtwin.twin import Twin
 
 DEFAULT_BAND = (0.0, 2500.0)
@@ -27,11 +30,15 @@ SPEED_TOLERANCE = 0.01
 PRESSURE_TOLERANCE = 0.06
 """Relative difference of discharge pressure up to which a recording agrees with a twin."""
 GRAVITY = 9.80665
+Lines = Literal["piston", "shaft"]
+"""Which lines are compared: multiples of the piston count, or all multiples of the shaft frequency."""
+MOST_SHAFT_ORDER = 75
+"""Shaft orders above blend with their neighbors where the speed wanders by 0.6 %, as `order_spectrum` allows for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured amplitudes of the lines at multiples of the piston count, averaged over recordings."""
+    """Measured amplitudes of lines, averaged over recordings."""
 
     channels: tuple[str, ...]
     """Channels, each a sensor of the twin's pump."""
@@ -47,6 +54,10 @@ class Measurement:
     """Id of each recording that does not agree with the twin, and why."""
     band: tuple[float, float]
     """Frequencies [Hz] within which the orders lie."""
+    lines: Lines = "piston"
+    """Which lines they are."""
+    notes: tuple[str, ...] = ()
+    """What the user should look at in the recordings, in words."""
 
     @property
     def recording_ids(self) -> tuple[str, ...]:
@@ -54,26 +65,42 @@ class Measurement:
         return tuple(recording.recording_id for recording in self.recordings)
 
 
-def measure(twin: Twin, recordings: Iterable[Recording], band: tuple[float, float] = DEFAULT_BAND) -> Measurement:
+def measure(
+    twin: Twin,
+    recordings: Iterable[Recording],
+    band: tuple[float, float] = DEFAULT_BAND,
+    lines: Lines = "piston",
+) -> Measurement:
     """Line amplitudes of those `recordings` that agree with the twin in label, speed (1 %) and pressure (6 %).
+
+    Parameters
+    ----------
+    band : frequencies [Hz] whose lines are taken.
+    lines : ``"piston"``: multiples of the piston count, all there is where pistons are alike; ``"shaft"``: every order
+        up to 75, for twins of a fault that sets one piston apart.
 
     Raises
     ------
     DataError
-        None agrees; a recording is unfit, or has a channel for which the pump has no sensor.
+        None agrees; a recording is unfit (missing readings, too short, clipped, nothing but noise), shows another speed
+        than it states, or has a channel for which the pump has no sensor.
     UnitError
         A recording is not in m/s^2.
     InputError
-        The band holds no piston-pass line.
+        The band holds no such line, or the twin has none but piston-pass lines where all shaft orders are asked for.
     """
     used, left_out = agreeing(twin, recordings)
+    count, notes = twin.pump.rotating_group.piston_count, []
     for recording in used:
         refuse_unfit(recording)
         _require_channels(twin, recording, used[0])
-    orders = _orders_within(twin, band, used)
-    spectra = [order_spectrum(r.signal, r.sample_rate, _shaft_frequency(r), orders) for r in used]
-    for recording, spectrum in zip(used, spectra, strict=True):
-        _require_acceleration(twin, recording, spectrum)
+        notes.append(clipping_note(recording))
+    orders = _orders_within(twin, band, used, lines)
+    spectra = []
+    for recording in used:
+        refuse_other_speed(recording, _shaft_frequency(recording), count)
+        spectra.append(lines_of(recording, _shaft_frequency(recording), orders))
+        _require_acceleration(twin, recording, spectra[-1])
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
     between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
@@ -85,6 +112,8 @@ def measure(twin: Twin, recordings: Iterable[Recording], band: tuple[float, floa
         recordings=tuple(used),
         left_out=tuple(left_out),
         band=(float(band[0]), float(band[1])),
+        lines=lines,
+        notes=(*(note for note in notes if note is not None), *level_notes(used, amplitudes)),
     )
 
 
@@ -150,7 +179,9 @@ def _require_channels(twin: Twin, recording: Recording, first: Recording) -> Non
         )
 
 
-def _orders_within(twin: Twin, band: tuple[float, float], used: Sequence[Recording]) -> Int[np.ndarray, " order"]:
+def _orders_within(
+    twin: Twin, band: tuple[float, float], used: Sequence[Recording], lines: Lines
+) -> Int[np.ndarray, " order"]:
     low, high = band
     count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
     if not 0 <= low < high:
@@ -161,11 +192,20 @@ def _orders_within(twin: Twin, band: tuple[float, float], used: Sequence[Recordi
                 f"band ends at {high:g} Hz, above what {recording.recording_id} holds at {recording.sample_rate:g} "
                 f"readings per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
             )
-    orders = count * np.arange(1, int(high / (count * shaft)) + 1)
+    if lines == "shaft":
+        if not ((twin.orders % count > 0) & (twin.orders > 1)).any():  # the first is unbalance
+            raise InputError(
+                f"lines='shaft' needs a fault that sets one piston apart: a twin of {twin.label} has lines at "
+                f"multiples of {count} only; use lines='piston'."
+            )
+        orders = np.arange(1, min(MOST_SHAFT_ORDER, int(high / shaft)) + 1)
+    else:
+        orders = count * np.arange(1, int(high / (count * shaft)) + 1)
     orders = orders[orders * shaft >= low]
     if not len(orders):
         raise InputError(
-            f"band ({low:g}, {high:g}) Hz holds no multiple of the piston-pass frequency ({count * shaft:.1f} Hz)."
+            f"band ({low:g}, {high:g}) Hz holds no multiple of the {lines if lines == 'shaft' else 'piston-pass'} "
+            f"frequency ({(1 if lines == 'shaft' else count) * shaft:.1f} Hz)."
         )
     return orders
 

@@ -15,7 +15,7 @@ from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.identifiability import Estimate, estimates_of, posterior_covariance
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.likelihood import Likelihood
-from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Measurement, measure
+from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Lines, Measurement, measure
 from swashtwin.calibration.objective import NONE, Objective, objective_of
 from swashtwin.calibration.population import Population
 from swashtwin.calibration.posterior import Posterior
@@ -36,13 +36,14 @@ def calibrate(
     seed: int = 0,
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
     band: tuple[float, float] | None = None,
+    lines: Lines = "piston",
     nuisances: Nuisances = NONE,
     prior: Population | None = None,
     progress: Progress | None = None,
     checkpoint: Path | str | None = None,
     resume: bool = False,
 ) -> Calibration:
-    """Twin whose piston-pass lines come nearest to those of measured recordings, and how far to trust its six values.
+    """Twin whose lines come nearest to those of measured recordings, and how far to trust its six values.
 
     `recordings` may hold more than fits: used are those whose label is the twin's, whose speed is within 1 % and whose
     discharge pressure is within 6 % of the twin's; the others are listed in `Calibration.left_out`. So all known
@@ -56,6 +57,7 @@ def calibrate(
     method : `IPINN` (the paper's) by default; `GaussNewton` takes a tenth of the time.
     bounds : where to search: a factor (10 by default), or (least, greatest) by parameter name or letter.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
+    lines : multiples of the piston count, or all shaft orders; see `measure`.
     nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
     prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
     progress : called with (steps done, steps in all, loss).
@@ -74,7 +76,7 @@ def calibrate(
     started = time.perf_counter()
     method = IPINN() if method is None else method
     twins = [twin] if isinstance(twin, Twin) else list(twin)
-    objective = prepared(twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances)
+    objective = prepared(twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances, lines=lines)
     if prior is not None:
         objective = replace(objective, unknowns=prior.prior_of(objective.unknowns))
     settings = settings_of(method, objective, seed)
@@ -97,15 +99,17 @@ def prepared(
     bounds: Mapping[str, tuple[float, float]] | float | None,
     band: tuple[float, float] | None,
     nuisances: Nuisances,
+    lines: Lines = "piston",
 ) -> Objective:
     """Objective of `calibrate` on the recordings that agree with the twins."""
-    measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band)
+    measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band, lines)
     return objective_of(twins, measurements, bounds, nuisances)
 
 
 def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
     """Settings of a search, as JSON can hold them."""
-    return {**_settings(method), "band": list(objective.comparisons[0].measurement.band), "seed": seed}
+    measurement = objective.comparisons[0].measurement
+    return {**_settings(method), "band": list(measurement.band), "lines": measurement.lines, "seed": seed}
 
 
 def settled(objective: Objective, found: Search) -> tuple[Search, np.ndarray]:
@@ -160,12 +164,14 @@ def concluded(
     )
 
 
-def _measured(twins: Sequence[Twin], recordings: Sequence[Recording], band: tuple[float, float]) -> list[Measurement]:
+def _measured(
+    twins: Sequence[Twin], recordings: Sequence[Recording], band: tuple[float, float], lines: Lines
+) -> list[Measurement]:
     constant = [name for name in (item.name for item in fields(Twin)) if name != "condition"]
     for one in twins[1:]:
         if any(getattr(one, name) != getattr(twins[0], name) for name in constant):
             raise InputError("twins that are calibrated together must differ in condition only: twin.at(condition).")
-    return [measure(one, recordings, band) for one in twins]
+    return [measure(one, recordings, band, lines) for one in twins]
 
 
 def _checkpoint(
@@ -191,7 +197,7 @@ def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...
 
 
 def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:
-    notes = list(found.notes)
+    notes = [*found.notes, *(note for one in objective.comparisons for note in one.measurement.notes)]
     with torch.no_grad():
         nominal = objective.amplitude(objective.start)
         lines = objective.amplitude(torch.as_tensor(found.point))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import diagnosing, fleets, learning, physics, pumps, recordings, simulating, studying
+from swashtwin.cli import diagnosing, fleets, indicating, learning, physics, pumps, recordings, simulating, studying
 from swashtwin.cli.exits import GuardedGroup
 
 app = typer.Typer(
@@ -25,6 +25,9 @@ app.command("rig", rich_help_panel=_DATA)(recordings.rig)
 app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("inspect", rich_help_panel=_DATA)(recordings.inspect)
 app.command("split", rich_help_panel=_DATA)(recordings.split)
+app.command("features", rich_help_panel=_DATA)(indicating.features)
+app.command("spectrum", rich_help_panel=_DATA)(indicating.spectrum)
+app.command("trend", rich_help_panel=_DATA)(indicating.trend)
 app.add_typer(pumps.pumps, name="pump", rich_help_panel=_PHYSICS)
 app.command("simulate", rich_help_panel=_PHYSICS)(simulating.simulate)
 app.command("calibrate", rich_help_panel=_PHYSICS)(physics.calibrate)

@@ -37,10 +37,10 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     from rich.text import Text
 
     console = Console(width=None if sys.stdout.isatty() else 160)
-    grid = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    grid = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD)
     for place, name in enumerate(header):
         numeric = bool(rows) and all(isinstance(row[place], (int, float)) for row in rows)
-        grid.add_column(name, justify="right" if numeric else "left", overflow="fold", no_wrap=numeric)
+        grid.add_column(Text(name), justify="right" if numeric else "left", overflow="fold", no_wrap=numeric)
     for row in rows:
         grid.add_row(*(Text(_word(value)) for value in row))
     console.print(grid)

@@ -39,9 +39,12 @@ class Kurtogram:
     def best(self) -> int:
         """Band whose kurtosis lies highest after three standard deviations are taken off (our reading).
 
-        Antoni takes the highest itself, which in a short recording is often a narrow band of plain noise.
+        Antoni takes the highest itself, which in a short recording is often a narrow band of plain noise. Bands that
+        begin at 0 Hz have no part in it, as an envelope is one of something faster; the whole band where there is no
+        other.
         """
-        return int(np.argmax(self.kurtosis - _SURE * self.deviation))
+        sure = np.where(self.low > 0, self.kurtosis - _SURE * self.deviation, -np.inf)
+        return int(np.argmax(sure))
 
     @property
     def band(self) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Every indicator by name: what it is, in which unit, and which family computes it."""
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +21,11 @@ from swashtwin.order_domain import ShaftAngle
 from swashtwin.recording import Recording
 from swashtwin.signals import order_spectrum
 
+_BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
+
+_SHOWN = {"m/s": (1000.0, "mm/s"), "rad": (180 / math.pi, "deg")}
+"""Factor and unit of the trade for what is shown to people; files and JSON are in SI units."""
+
 
 @dataclass(frozen=True)
 class Band:
@@ -31,6 +37,26 @@ class Band:
     """Upper edge [Hz] or [shaft orders]."""
     in_orders: bool = False
     """Whether the edges are multiples of the shaft frequency."""
+
+    @classmethod
+    def parse(cls, text: str) -> "Band":
+        """Band of a text such as ``10-1000 Hz``, ``1-5 kHz`` or ``0.5-6.5x``.
+
+        Raises
+        ------
+        InputError
+            The text is no band.
+
+        Examples
+        --------
+        >>> Band.parse("0.5-6.5x")
+        Band(low=0.5, high=6.5, in_orders=True)
+        """
+        match = _BAND.fullmatch(text.strip())
+        if match is None or not float(match[1]) < float(match[2]):
+            raise InputError(f'band {text!r} must be two rising numbers and a unit: "10-1000 Hz" or "0.5-6.5x".')
+        factor = 1000.0 if match[3] == "kHz" else 1.0
+        return cls(float(match[1]) * factor, float(match[2]) * factor, in_orders=match[3] == "x")
 
     @property
     def name(self) -> str:
@@ -52,6 +78,11 @@ class Indicator:
     """Unit, empty where it has none."""
     meaning: str
     """What it is, with its convention."""
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor to the unit in which people read it, and that unit: millimeters per second, degrees."""
+        return _SHOWN.get(self.unit, (1.0, self.unit))
 
 
 @dataclass(frozen=True, eq=False)

@@ -145,7 +145,8 @@ def indicators_of(
     measured = Measured(picked, shaft, angle, orders, tuple(bands))
     found = [pair for name in wanted for pair in FAMILIES[name][1](measured)]
     pressure = math.nan if recording.condition is None else recording.condition.discharge_pressure
-    known = (recording.label, recording.specimen, recording.attributes.get("date"))
+    date = recording.attributes.get("date")
+    known = (recording.label, recording.specimen, None if date is None else str(date))
     speed = math.nan if shaft is None else 2 * math.pi * shaft
     rows = tuple(Row(recording.recording_id, channel, *known, speed, pressure) for channel in picked.channels)
     values = np.stack([value for _, value in found], axis=1) if found else np.empty((len(rows), 0))

@@ -154,8 +154,8 @@ def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:
         return "", row.recording_id
     if row.date is None:
         raise DataError(
-            f'{row.recording_id}: nobody wrote down when it was measured; give date = "2024-05-31" in the index, or '
-            "order by name."
+            f"{row.recording_id}: nobody wrote down when it was measured; give attributes = "
+            '{date = "2024-05-31"} in the index, or order by name.'
         )
     return row.date, row.recording_id
 

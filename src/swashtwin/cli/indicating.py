@@ -1,0 +1,293 @@
+"""Commands about what a recording tells without a classifier: features, spectrum, trend."""
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, say, table, tell
+from swashtwin.cli.exits import require_target
+from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given, list_of
+from swashtwin.cli.recordings import read_all
+
+if TYPE_CHECKING:
+    from swashtwin.indicators import Indicator, IndicatorTable
+    from swashtwin.order_domain import ShaftAngle
+    from swashtwin.recording import Recording
+
+Sources = Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")]
+Pistons = Annotated[
+    int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
+]
+Tachometer = Annotated[str | None, typer.Option(help="Channel with the pulses of a tachometer.")]
+Pulses = Annotated[int, typer.Option(min=1, help="Pulses of the tachometer per turn.")]
+Track = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ORDERS", help='Orders of which the clearest line is followed for the shaft angle: "7,14,28".'
+    ),
+]
+OwnSpeed = Annotated[str | None, typer.Option(help='Shaft speed where a file does not say it: "860 rpm".')]
+Bands = Annotated[
+    list[str] | None, typer.Option("--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.')
+]
+
+_NO_ZONE = "No ISO zone is printed: no part of ISO 20816 or 10816 is made for axial piston pumps."
+_FEW = ("rms", "velocity_rms", "crest_factor", "kurtosis")
+"""Indicators that the screen has room for, beside the amplitudes of orders."""
+
+
+class SpectrumKind(StrEnum):
+    """Spectra that can be drawn."""
+
+    amplitude = "amplitude"
+    envelope = "envelope"
+    order = "order"
+    cepstrum = "cepstrum"
+
+
+class Order(StrEnum):
+    """What a trend goes by."""
+
+    time = "time"
+    name = "name"
+
+
+def features(
+    source: Sources,
+    out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
+    pistons: Pistons = None,
+    band: Bands = None,
+    family: Annotated[
+        list[str] | None, typer.Option(help="Only this family (statistics, velocity, bands, ...); repeatable.")
+    ] = None,
+    tachometer: Tachometer = None,
+    pulses: Pulses = 1,
+    track: Track = None,
+    speed: OwnSpeed = None,
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    as_json: Json = False,
+) -> None:
+    """Table of indicators: velocity, levels, orders, envelope, cepstrum, for each recording and channel.
+
+    No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own baseline by swashtwin
+    trend.
+    """
+    if out is not None:
+        require_target(out, ".csv")
+    facts = given(
+        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+    )
+    made = _table_of(read_all(source, **facts), pistons, band, family, tachometer, pulses, track)
+    if out is not None:
+        from swashtwin.files import write_text
+
+        write_text(out, made.csv)
+
+    def show() -> None:
+        picked = [one for one in made.columns if one.name in _FEW or one.name.startswith("order_amplitude")]
+        rows = [
+            (row.recording_id, row.channel,
+             *(_number(values[made.columns.index(one)] * one.shown[0]) for one in picked))
+            for row, values in zip(made.rows, made.values.tolist(), strict=True)
+        ]  # fmt: skip
+        names = [_header(one) for one in picked]
+        table(f"{len(made.rows)} rows", ("recording", "channel", *names), rows)
+        say(f"{len(made.columns)} indicators in all{f': {out}' if out else '; --out FILE.csv keeps them'}. {_NO_ZONE}")
+
+    tell({"csv": out, **made.to_dict()}, as_json, show)
+
+
+def spectrum(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
+    kind: Annotated[SpectrumKind, typer.Option(help="Which spectrum.")] = SpectrumKind.amplitude,
+    out: Annotated[
+        Path | None, typer.Option(help="SVG file to write, a CSV file beside it; FILE_KIND.svg here.")
+    ] = None,
+    pistons: Pistons = None,
+    band: Annotated[
+        str | None, typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.')
+    ] = None,
+    resolution: Annotated[
+        float | None, typer.Option(help="Spacing of lines [Hz], or in orders; the whole recording at once by default.")
+    ] = None,
+    top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders, s).")] = None,
+    tachometer: Tachometer = None,
+    pulses: Pulses = 1,
+    track: Track = None,
+    speed: OwnSpeed = None,
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    as_json: Json = False,
+) -> None:
+    """Amplitude, envelope or order spectrum, or cepstrum, with the lines of shaft and pistons marked: CSV and SVG."""
+    from swashtwin.files import write_text
+    from swashtwin.indicators import Band, spectrum_of
+    from swashtwin.report.indicator_figures import spectrum_drawing
+
+    target = out or Path(f"{file.stem}_{kind.value}.svg")
+    require_target(target, ".svg")
+    facts = given(
+        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+    )
+    recordings = read_all([file], **facts)
+    if len(recordings) != 1:
+        raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
+    shown, angle = _with_angle(recordings[0], tachometer, pulses, track)
+    edges = None if band is None else _hertz(Band.parse(band))
+    made = spectrum_of(shown, kind.value, angle=angle, pistons=pistons, band=edges, resolution=resolution)
+    drawing = spectrum_drawing(made, top=top)
+    data = write_text(target.with_suffix(".csv"), drawing.csv)
+    write_text(target, drawing.svg)
+    marks = [
+        {"name": mark.name, "at": mark.at, "value": dict(zip(made.channels, made.at(mark).tolist(), strict=True))}
+        for mark in made.marks
+    ]
+    result = {
+        "recording": made.recording_id, "kind": made.kind, "axis": made.axis, "axis_unit": made.axis_unit,
+        "unit": made.unit, "marks": marks, "bands_hz": dict(zip(made.channels, made.bands, strict=False)),
+        "angle_from": made.angle_from, "svg": target, "csv": data,
+    }  # fmt: skip
+
+    def show() -> None:
+        for name, (low, high) in zip(made.channels, made.bands, strict=False):
+            say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
+        axis = f"{made.axis}{f' [{made.axis_unit}]' if made.axis_unit else ''}"
+        header = ("line", axis, *(f"{name} [{made.unit or '1'}]" for name in made.channels))
+        rows = [(mark.name, mark.at, *(_number(value) for value in made.at(mark).tolist())) for mark in made.marks]
+        if rows:
+            table(f"{drawing.title}, at the expected lines", header, rows)
+        else:
+            note('Nobody stated the speed, so no line is marked; give --speed "860 rpm".')
+        say(f"{target}\n{data}")
+
+    tell(result, as_json, show)
+
+
+def trend(
+    source: Sources,
+    indicator: Annotated[
+        str, typer.Option(help="Indicator to follow, such as rms; swashtwin features lists them.")
+    ] = "rms",
+    channel: Annotated[str | None, typer.Option(help="Channel to follow; the first by default.")] = None,
+    by: Annotated[Order, typer.Option(help="Order: by the attribute date, or by name.")] = Order.name,
+    k: Annotated[
+        float, typer.Option(help="Spreads (1.4826 MAD) from the baseline at which a recording is flagged.")
+    ] = 5.0,
+    healthy: Annotated[
+        list[str] | None,
+        typer.Option(help='Class, or pattern of recording ids, stated to be healthy; "normal" by default, repeatable.'),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="SVG file to write, a CSV file beside it.")] = None,
+    pistons: Pistons = None,
+    band: Bands = None,
+    tachometer: Tachometer = None,
+    pulses: Pulses = 1,
+    track: Track = None,
+    speed: OwnSpeed = None,
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    as_json: Json = False,
+) -> None:
+    """An indicator over recordings, against the machine's own healthy baseline at the same speed and pressure.
+
+    No ISO zone is printed (none is made for axial piston pumps). A baseline takes five healthy recordings at least.
+    """
+    from swashtwin.files import write_text
+    from swashtwin.indicators import trend_of
+    from swashtwin.report.indicator_figures import trend_drawing
+
+    if out is not None:
+        require_target(out, ".svg")
+    facts = given(
+        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+    )
+    made = _table_of(read_all(source, **facts), pistons, band, None, tachometer, pulses, track)
+    found = trend_of(made, indicator, channel=channel, by=by.value, k=k, healthy=healthy or ("normal",))
+    data = None
+    if out is not None:
+        drawing = trend_drawing(found)
+        data = write_text(out.with_suffix(".csv"), drawing.csv)
+        write_text(out, drawing.svg)
+
+    def show() -> None:
+        factor, shown_unit = found.indicator.shown
+        rows = [
+            (point.row.recording_id, point.row.label, _number(factor * point.value), _number(factor * point.median),
+             _number(factor * point.spread), point.count, point.status)
+            for point in found.points
+        ]  # fmt: skip
+        name = f"{found.indicator.name} [{shown_unit or '1'}]"
+        header = ("recording", "class", name, "baseline", "spread", "healthy", "status")
+        table(f"{found.indicator.name} of {found.channel}", header, rows)
+        without = sum(point.status == "no baseline" for point in found.points)
+        if without:
+            note(f"{without} recordings have no baseline: it takes 5 other healthy ones of the machine at that point.")
+        small = min((point.count for point in found.points if point.status != "no baseline"), default=12)
+        if small < 12:
+            note(f"The smallest baseline has {small} recordings; it flags some healthy ones (docs/indicators.md).")
+        say(f"{len(found.flagged)} of {len(found.points)} flagged beyond {k:g} spreads. {_NO_ZONE}")
+        if out is not None:
+            say(f"{out}\n{data}")
+
+    tell({**found.to_dict(), "svg": out, "csv": data}, as_json, show)
+
+
+def _table_of(
+    recordings: "Sequence[Recording]",
+    pistons: int | None,
+    bands: list[str] | None,
+    families: list[str] | None,
+    tachometer: str | None,
+    pulses: int,
+    track: str | None,
+) -> "IndicatorTable":
+    from swashtwin.indicators import BANDS, FAMILIES, Band, indicators_of, stacked
+
+    wanted = tuple(Band.parse(text) for text in bands or ()) or BANDS
+    tables = []
+    for recording in recordings:
+        shown, angle = _with_angle(recording, tachometer, pulses, track)
+        made = indicators_of(shown, angle=angle, pistons=pistons, bands=wanted, families=families or tuple(FAMILIES))
+        tables.append(made)
+    return stacked(tables)
+
+
+def _with_angle(
+    recording: "Recording", tachometer: str | None, pulses: int, track: str | None
+) -> "tuple[Recording, ShaftAngle | None]":
+    """The channels with vibration, and the shaft's angle where an option says how to find it."""
+    from swashtwin.order_domain import tachometer_speed, tracked_speed
+
+    if tachometer is not None and track is not None:
+        raise typer.BadParameter("a tachometer and a line to track are one too many.", param_hint="--track")
+    if tachometer is not None:
+        angle = tachometer_speed(recording, tachometer, pulses)
+        return recording.picked([name for name in recording.channels if name != tachometer]), angle
+    orders = list_of(track, int, "--track")
+    return recording, None if orders is None else tracked_speed(recording, order=orders)
+
+
+def _header(indicator: "Indicator") -> str:
+    name = indicator.name.removeprefix("order_amplitude ").replace("_", " ")
+    return f"{name} [{indicator.shown[1]}]" if indicator.unit else name
+
+
+def _hertz(band: Any) -> tuple[float, float]:
+    if band.in_orders:
+        raise typer.BadParameter("the band of an envelope is in Hz: 2-5 kHz.", param_hint="--band")
+    return band.low, band.high
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

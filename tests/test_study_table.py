@@ -37,7 +37,8 @@ def study() -> StudyTable:
 
 def test_a_row_holds_mean_deviation_and_values_of_its_trials(study):
     nominal, calibrated = study.rows()
-    assert nominal["twin"] == "nominal" and calibrated["test"] == "held out"
+    assert nominal["twin"] == "nominal"
+    assert calibrated["test"] == "held out"
     assert nominal["rmse"]["mean"] == pytest.approx(0.75)
     assert nominal["rmse"]["std"] == pytest.approx(np.std([0.7, 0.8], ddof=1))
     assert calibrated["rmse"]["values"] == pytest.approx([0.4, 0.5])
@@ -46,15 +47,19 @@ def test_a_row_holds_mean_deviation_and_values_of_its_trials(study):
 def test_a_metric_without_a_number_is_none_in_json(study):
     told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
     assert told["rows"][0]["sve"] == {"mean": None, "std": None, "values": [None, None]}
-    assert told["seeds"] == [0, 1] and told["wall_s"] == 1.23
+    assert told["seeds"] == [0, 1]
+    assert told["wall_s"] == 1.23
 
 
 def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
     page = write_report(study, folder=tmp_path).read_text(encoding="utf-8")
-    assert "The calibrated twin is nearer." in page and "stand-in for a machine" in page
-    assert "0.750 ± 0.0707" in page and "swashtwin study calibration" in page
+    assert "The calibrated twin is nearer." in page
+    assert "stand-in for a machine" in page
+    assert "0.750 ± 0.0707" in page
+    assert "swashtwin study calibration" in page
     rows = list(csv.DictReader((tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == 8 and {row["metric"] for row in rows} == {"rmse", "sve"}
+    assert len(rows) == 8
+    assert {row["metric"] for row in rows} == {"rmse", "sve"}
 
 
 def test_recordings_of_the_rig_are_called_a_stand_in():

@@ -112,10 +112,11 @@ class AmortizedIPINN:
         Raises
         ------
         InputError
-            It was trained for something else; the first difference is named.
+            It was trained for something else (the first difference is named), or phases are compared.
         DataError
             It reads a waveform, and the recording is too short.
         """
+        objective.require_amplitudes("an amortized network")
         if difference := difference_of(self.purpose, purpose_of(objective)):
             raise InputError(f"the network was trained for something else: {difference}. Train one for this.")
         with one_thread(), torch.no_grad():

@@ -1,6 +1,6 @@
 """Whether intervals hold what they promise: calibrations of a twin's own lines, over many draws of the noise."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from swashtwin.calibration.gauss_newton import GaussNewton
 from swashtwin.calibration.identifiability import estimates_of, posterior_covariance
-from swashtwin.calibration.objective import Comparison, Objective
+from swashtwin.calibration.objective import Objective
 from swashtwin.calibration.search import Calibrator
 from swashtwin.errors import InputError
 from swashtwin.seeding import stream
@@ -77,11 +77,12 @@ def check_coverage(
     if draws < 1:
         raise InputError(f"draws ({draws}) must be at least 1.")
     method = GaussNewton(starts=1) if method is None else method
-    clean = _with_lines(objective, _lines(objective, np.asarray(truth)))
+    clean = objective.with_readings(_lines(objective, np.asarray(truth)))
     held, identified, error = [], [], []
     for index in range(draws):
         noise = clean.sigma.numpy() * stream(seed, "coverage", index).standard_normal(len(clean.sigma))
-        noisy = _with_lines(objective, np.abs(clean.measured.numpy() + noise))
+        readings = clean.measured.numpy() + noise
+        noisy = objective.with_readings(readings if objective.has_phases else np.abs(readings))
         point = method.search(noisy, seed=seed).point
         found = estimates_of(noisy, point, posterior_covariance(noisy, point))
         low, high = np.log([one.interval for one in found]).T
@@ -94,15 +95,4 @@ def check_coverage(
 
 def _lines(objective: Objective, point: np.ndarray) -> np.ndarray:
     with torch.no_grad():
-        return objective.amplitude(torch.as_tensor(point)).numpy()
-
-
-def _with_lines(objective: Objective, lines: np.ndarray) -> Objective:
-    """`objective` with `lines` as what was measured."""
-    comparisons, first = [], 0
-    for one in objective.comparisons:
-        shape = one.measurement.amplitude.shape
-        part = lines[first : first + one.measurement.amplitude.size].reshape(shape)
-        comparisons.append(Comparison(one.twin, replace(one.measurement, amplitude=part)))
-        first += part.size
-    return replace(objective, comparisons=tuple(comparisons))
+        return objective.readings(torch.as_tensor(point)).numpy()

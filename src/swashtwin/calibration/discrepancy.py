@@ -58,22 +58,22 @@ class Linearized:
     point: Float[np.ndarray, " unknown"]
     """Where it was linearized."""
     residual: Float[np.ndarray, " reading"]
-    """Measured minus simulated amplitude [m/s^2]."""
+    """Measured minus simulated reading [m/s^2]."""
     slope: Float[np.ndarray, "reading unknown"]
-    """Derivatives of the simulated amplitude."""
+    """Derivatives of the simulated readings."""
     sigma: Float[np.ndarray, " reading"]
     """Standard deviation without what the twin lacks [m/s^2]."""
 
     @property
     def simulated(self) -> Float[np.ndarray, " reading"]:
-        """Simulated amplitude [m/s^2]."""
+        """Simulated readings [m/s^2]."""
         return self.objective.measured.numpy() - self.residual
 
 
 def linearized(objective: Objective, point: Float[np.ndarray, " unknown"]) -> Linearized:
     """`objective` around `point`, with exact derivatives."""
-    amplitude, slope = objective.sensitivity(torch.as_tensor(point))
-    residual = (objective.measured - amplitude).numpy()
+    readings, slope = objective.sensitivity(torch.as_tensor(point))
+    residual = (objective.measured - readings).numpy()
     return Linearized(objective, point, residual, slope.numpy(), objective.sigma.numpy())
 
 
@@ -129,7 +129,7 @@ def _most_probable(residual: np.ndarray, parts: list[np.ndarray], width: np.ndar
 
 
 def noise_covariance(around: Linearized, lacking: Discrepancy) -> Float[np.ndarray, "reading reading"]:
-    """Covariance of measured minus simulated amplitudes [(m/s^2)^2]: noise, and what the twin lacks."""
+    """Covariance of measured minus simulated readings [(m/s^2)^2]: noise, and what the twin lacks."""
     names = [name for name, _ in lacking.constants]
     shares = [share / getattr(CONSTANTS, name) for name, share in lacking.constants]
     shares += [lacking.excitation, lacking.path, lacking.line]
@@ -147,37 +147,46 @@ def _parts(around: Linearized, names: list[str]) -> list[np.ndarray]:
     """Covariance of each cause at a share of 1."""
     objective = around.objective
     held = [np.outer(one, one) for one in _constant_slopes(objective, around.point, names)]
-    frequency = np.concatenate(
-        [np.tile(_frequency(one), len(one.measurement.channels)) for one in objective.comparisons]
-    )
-    place = np.concatenate([np.full(one.measurement.amplitude.size, i) for i, one in enumerate(objective.comparisons)])
-    channel = np.concatenate(
-        [np.repeat(one.measurement.channels, len(one.measurement.orders)) for one in objective.comparisons]
-    )
-    level = _levels(objective, around.simulated)
-    near = np.exp(-np.abs(frequency[:, None] - frequency) / COHERENCE) * np.outer(level, level)
+    comparisons = objective.comparisons
+    frequency = np.concatenate([np.tile(_frequency(one), len(one.measured)) for one in comparisons])
+    place = np.concatenate([np.full(one.measured.numel(), i) for i, one in enumerate(comparisons)])
+    channel = np.concatenate([np.repeat(one.measurement.channels, one.measured.shape[1]) for one in comparisons])
+    level, turned = _levels(objective, around.simulated)
+    alike = np.outer(level, level) + np.outer(turned, turned)
+    near = np.exp(-np.abs(frequency[:, None] - frequency) / COHERENCE) * alike
     return [
         *held,
         near * (place[:, None] == place),
         near * (channel[:, None] == channel),
-        np.diag(level**2),
+        np.diag(level**2 + turned**2),
     ]
 
 
 def _frequency(comparison: Comparison) -> np.ndarray:
-    return comparison.measurement.orders * comparison.twin.condition.shaft_frequency
+    """Frequency [Hz] of each reading of a channel."""
+    lines = comparison.measurement.orders * comparison.twin.condition.shaft_frequency
+    return np.tile(lines, 2) if comparison.has_phases else lines
 
 
-def _levels(objective: Objective, simulated: np.ndarray) -> np.ndarray:
-    """What an error is relative to, line by line [m/s^2]."""
-    levels, first = [], 0
+def _levels(objective: Objective, simulated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What an error of 1 does to each reading [m/s^2]: one in phase with the line, and one a quarter turn ahead of it.
+
+    Amplitudes know only the first. A line's level is the mean of the simulated and the measured one, and a share of
+    the loudest channel's.
+    """
+    levels, ahead, first = [], [], 0
     for one in objective.comparisons:
-        shape = one.measurement.amplitude.shape
-        own = simulated[first : first + one.measurement.amplitude.size].reshape(shape)
-        square = (own**2 + one.measurement.amplitude**2) / 2
-        levels.append(np.sqrt(square + CROSS_TALK**2 * square.max(axis=0)).reshape(-1))
+        own = simulated[first : first + one.measured.numel()].reshape(one.measured.shape)
+        count = len(one.measurement.orders)
+        line = own[:, :count] + 1j * own[:, count:] if one.has_phases else own.astype(complex)
+        square = (np.abs(line) ** 2 + one.measurement.amplitude**2) / 2
+        level = np.sqrt(square + CROSS_TALK**2 * square.max(axis=0)) * np.exp(1j * np.angle(line))
+        parts = (level.real, level.imag) if one.has_phases else (np.abs(level),)
+        quarter = (-level.imag, level.real) if one.has_phases else (np.zeros_like(own),)
+        levels.append(np.concatenate(parts, axis=1).reshape(-1))
+        ahead.append(np.concatenate(quarter, axis=1).reshape(-1))
         first += own.size
-    return np.concatenate(levels)
+    return np.concatenate(levels), np.concatenate(ahead)
 
 
 def _constant_slopes(objective: Objective, point: np.ndarray, names: list[str]) -> np.ndarray:
@@ -191,6 +200,6 @@ def _constant_slopes(objective: Objective, point: np.ndarray, names: list[str]) 
         moved[SCALES.index(name)] += step
         other = replace(objective, unknowns=replace(unknowns, own_scales=moved))
         with torch.no_grad():
-            pair = [one.amplitude(torch.as_tensor(point)).numpy() for one in (other, objective)]
+            pair = [one.readings(torch.as_tensor(point)).numpy() for one in (other, objective)]
         rows.append((pair[0] - pair[1]) / step * getattr(CONSTANTS, name))
     return np.stack(rows)

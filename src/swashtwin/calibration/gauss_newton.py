@@ -80,8 +80,8 @@ class LeastSquares:
     def _simulated(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._last[0] != point.tobytes():
             objective, unknowns = self.objective, self.objective.unknowns
-            amplitude, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
-            lines = ((amplitude - objective.measured) / objective.sigma).numpy()
+            readings, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
+            lines = ((readings - objective.measured) / objective.sigma).numpy()
             slopes = (slope / objective.sigma[:, None]).numpy()
             prior = (point - unknowns.center) / unknowns.deviation
             jacobian = np.concatenate([slopes, np.diag(1 / unknowns.deviation)])

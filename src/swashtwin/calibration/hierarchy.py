@@ -124,6 +124,7 @@ def calibrate_fleet(
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
     band: tuple[float, float] | None = None,
     nuisances: Nuisances = NONE,
+    phases: bool = False,
     spread_width: float = SPREAD_WIDTH,
 ) -> FleetCalibration:
     """Calibration of each specimen among `recordings`, and of the population that they come from.
@@ -141,8 +142,8 @@ def calibrate_fleet(
     recordings : of all specimens, told apart by `Recording.specimen`; those that do not agree with the twin are left
         out, as in `calibrate`.
     method : of the first search of each specimen; `GaussNewton` by default.
-    bounds, band, nuisances : as in `calibrate`. Nuisances are coordinates as the values are: each has a mean over the
-        type and a spread.
+    bounds, band, nuisances, phases : as in `calibrate`. Nuisances are coordinates as the values are: each has a mean
+        over the type and a spread.
     spread_width : width of the half-normal density of the spreads of ln value.
 
     Raises
@@ -160,7 +161,7 @@ def calibrate_fleet(
     used, left_out = _by_specimen(twins, recordings)
     members = {}
     for name, (own, some) in used.items():
-        objective = prepared(own, some, bounds=bounds, band=band, nuisances=nuisances)
+        objective = prepared(own, some, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
         members[name] = _alone(own, objective, method, seed)
     names_shared([one.objective.unknowns for one in members.values()])
     with one_thread():

@@ -79,7 +79,13 @@ def expected_information_gain(
     Parameters
     ----------
     candidates : `candidates_for` of the objective by default.
+
+    Raises
+    ------
+    InputError
+        The objective compares phases, or a candidate has no line within the band.
     """
+    objective.require_amplitudes("the expected information gain")
     candidates = candidates_for(objective) if candidates is None else tuple(candidates)
     _prepare([_limited(objective, one.twin) for one in candidates if one.twin is not None])
     around = linearized(objective, point)

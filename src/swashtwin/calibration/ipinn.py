@@ -194,6 +194,7 @@ def spectrum_loss_of(
         return objective.spectrum_loss(point, solver=solver)
     if spectrum == "weighted":
         return objective.weighted_loss(point, solver=solver)
+    objective.require_amplitudes("a logarithmic spectrum")
     measured, least = objective.measured, 1e-6 * objective.sigma
     ratio = (objective.amplitude(point, solver=solver) + least) / (measured + least)
     return ((ratio.log() * measured / objective.sigma).square().mean(dim=-1) + 1e-24).sqrt()

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
 from swashtwin.calibration.fitness import clipping_note, level_notes, lines_of
+from swashtwin.calibration.phases import combined_lines, phased_lines
 from swashtwin.calibration.plausibility import refuse_other_speed
 from swashtwin.errors import DataError, InputError, UnitError
 from swashtwin.inspection import refuse_unfit
@@ -58,6 +59,11 @@ class Measurement:
     """Which lines they are."""
     notes: tuple[str, ...] = ()
     """What the user should look at in the recordings, in words."""
+    phasor: Complex[np.ndarray, "channel order"] | None = None
+    """Mean complex peak amplitude [m/s^2] along the shaft's angle, its position arbitrary; None where phases are
+    dropped."""
+    phasor_deviation: Float[np.ndarray, "channel order"] | None = None
+    """Standard deviation of the real and of the imaginary part of that mean [m/s^2]."""
 
     @property
     def recording_ids(self) -> tuple[str, ...]:
@@ -70,6 +76,8 @@ def measure(
     recordings: Iterable[Recording],
     band: tuple[float, float] = DEFAULT_BAND,
     lines: Lines = "piston",
+    *,
+    phases: bool = False,
 ) -> Measurement:
     """Line amplitudes of those `recordings` that agree with the twin in label, speed (1 %) and pressure (6 %).
 
@@ -78,6 +86,7 @@ def measure(
     band : frequencies [Hz] whose lines are taken.
     lines : ``"piston"``: multiples of the piston count, all there is where pistons are alike; ``"shaft"``: every order
         up to 75, for twins of a fault that sets one piston apart.
+    phases : measure the lines' phases too, along the shaft's angle (`phases.phased_lines`).
 
     Raises
     ------
@@ -104,6 +113,7 @@ def measure(
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
     between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
+    phasor, phasor_deviation = _phased(twin, used, orders) if phases else (None, None)
     return Measurement(
         channels=used[0].channels,
         orders=orders,
@@ -114,7 +124,16 @@ def measure(
         band=(float(band[0]), float(band[1])),
         lines=lines,
         notes=(*(note for note in notes if note is not None), *level_notes(used, amplitudes)),
+        phasor=phasor,
+        phasor_deviation=phasor_deviation,
     )
+
+
+def _phased(
+    twin: Twin, used: Sequence[Recording], orders: Int[np.ndarray, " order"]
+) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
+    found = [phased_lines(recording, orders, twin.pump.rotating_group.piston_count) for recording in used]
+    return combined_lines([one[0] for one in found], [one[1] for one in found], orders)
 
 
 def agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:

@@ -7,12 +7,14 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.calibration.measurement import Measurement
+from swashtwin.calibration.phases import turned
 from swashtwin.calibration.space import SearchSpace, search_space
 from swashtwin.calibration.unknowns import Nuisances, Unknowns, unknowns_of
+from swashtwin.errors import InputError
 from swashtwin.integrators import SteadySolver
 from swashtwin.twin import Twin
 
@@ -24,7 +26,12 @@ FLOOR = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One twin beside one measurement at its condition, line by line: phases are dropped, as in the paper."""
+    """One twin beside one measurement at its condition, line by line.
+
+    What is compared are *readings*: the lines' amplitudes, phases being dropped as in the paper, or, of a measurement
+    with phases, the real and then the imaginary parts of its lines, the twin being turned to the shaft position at
+    which it comes nearest.
+    """
 
     twin: Twin
     """The twin, computed up to the end of the measurement's band."""
@@ -40,32 +47,69 @@ class Comparison:
         return torch.as_tensor(np.flatnonzero(np.isin(self.twin.orders, self.measurement.orders)))
 
     @cached_property
+    def _orders(self) -> Tensor:
+        return torch.as_tensor(self.measurement.orders)
+
+    @cached_property
     def _frequency(self) -> Tensor:
-        return torch.as_tensor(self.measurement.orders * self.twin.condition.shaft_frequency)
+        return self._orders * self.twin.condition.shaft_frequency
+
+    @property
+    def has_phases(self) -> bool:
+        """Whether phases are compared too."""
+        return self.measurement.phasor is not None
 
     @cached_property
-    def measured(self) -> Float[Tensor, "channel order"]:
-        """Measured amplitudes [m/s^2]."""
-        return torch.as_tensor(self.measurement.amplitude)
+    def measured(self) -> Float[Tensor, "channel reading"]:
+        """Measured readings [m/s^2]."""
+        if self.measurement.phasor is None:
+            return torch.as_tensor(self.measurement.amplitude)
+        return _parts(torch.as_tensor(self.measurement.phasor))
 
     @cached_property
-    def sigma(self) -> Float[Tensor, "channel order"]:
-        """Standard deviation of measured minus simulated amplitude [m/s^2].
+    def sigma(self) -> Float[Tensor, "channel reading"]:
+        """Standard deviation of measured minus simulated reading [m/s^2].
 
         From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and a floor of
         0.02 m/s^2. A line of little amplitude then counts little, which it would not on a decibel scale.
         """
-        variance = self.measurement.deviation**2 + (MODEL_ERROR * self.measurement.amplitude) ** 2 + FLOOR**2
-        return torch.as_tensor(np.sqrt(variance))
+        measurement = self.measurement
+        if measurement.phasor is None or measurement.phasor_deviation is None:
+            return _sigma(measurement.amplitude, measurement.deviation)
+        return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation).repeat(1, 2)
+
+    def _lines(
+        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], solver: SteadySolver | None
+    ) -> Complex[Tensor, "*batch channel order"]:
+        lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
+        lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
+        path = unknowns.response_of(point, self._frequency)
+        return lines if path is None else lines * path
 
     def amplitude(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel order"]:
         """Simulated amplitudes [m/s^2] at `point`, differentiable."""
-        lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
-        lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
-        path = unknowns.response_of(point, self._frequency)
-        return (lines if path is None else lines * path).abs()
+        return self._lines(unknowns, point, solver).abs()
+
+    def readings(
+        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
+    ) -> Float[Tensor, "*batch channel reading"]:
+        """Simulated readings [m/s^2] at `point`, differentiable."""
+        lines = self._lines(unknowns, point, solver)
+        if self.measurement.phasor is None:
+            return lines.abs()
+        weight = self.sigma[:, : len(self._orders)] ** -2
+        return _parts(turned(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
+
+    def with_readings(self, readings: Float[np.ndarray, " reading"]) -> "Comparison":
+        """The same, had `readings` (channels one after the other) been measured."""
+        rows = readings.reshape(self.measured.shape)
+        if self.measurement.phasor is None:
+            return replace(self, measurement=replace(self.measurement, amplitude=rows))
+        count = len(self.measurement.orders)
+        phasor = rows[:, :count] + 1j * rows[:, count:]
+        return replace(self, measurement=replace(self.measurement, phasor=phasor, amplitude=np.abs(phasor)))
 
     def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
         """Amplitudes [m/s^2] that `twin`, with its own values, has where this comparison has lines."""
@@ -96,14 +140,19 @@ class Objective:
         """The first condition's twin; the others differ from it in condition only."""
         return self.comparisons[0].twin
 
+    @property
+    def has_phases(self) -> bool:
+        """Whether phases are compared too."""
+        return self.comparisons[0].has_phases
+
     @cached_property
     def measured(self) -> Float[Tensor, " reading"]:
-        """Measured amplitudes [m/s^2]."""
+        """Measured readings [m/s^2]; see `Comparison`."""
         return torch.cat([one.measured.reshape(-1) for one in self.comparisons])
 
     @cached_property
     def sigma(self) -> Float[Tensor, " reading"]:
-        """Standard deviation of measured minus simulated amplitude [m/s^2]; see `Comparison.sigma`."""
+        """Standard deviation of measured minus simulated reading [m/s^2]; see `Comparison.sigma`."""
         return torch.cat([one.sigma.reshape(-1) for one in self.comparisons])
 
     def fingerprint(self) -> str:
@@ -127,22 +176,46 @@ class Objective:
         rest = self.start[6:].expand(*values.shape[:-1], -1)
         return torch.cat([values.log(), rest], dim=-1)
 
-    def amplitude(
+    def readings(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch reading"]:
-        """Simulated amplitudes [m/s^2], differentiable."""
+        """Simulated readings [m/s^2], differentiable."""
+        parts = [one.readings(self.unknowns, point, solver=solver) for one in self.comparisons]
+        return torch.cat([part.flatten(-2) for part in parts], dim=-1)
+
+    def amplitude(
+        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
+    ) -> Float[Tensor, "*batch line"]:
+        """Simulated amplitudes [m/s^2], differentiable; they are the readings where phases are dropped."""
         parts = [one.amplitude(self.unknowns, point, solver=solver) for one in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
+
+    def with_readings(self, readings: Float[np.ndarray, " reading"]) -> "Objective":
+        """The same, had `readings` been measured."""
+        ends = np.cumsum([one.measured.numel() for one in self.comparisons])[:-1]
+        pairs = zip(self.comparisons, np.split(readings, ends), strict=True)
+        return replace(self, comparisons=tuple(one.with_readings(part) for one, part in pairs))
+
+    def require_amplitudes(self, who: str) -> None:
+        """Refuse an objective with phases.
+
+        Raises
+        ------
+        InputError
+            Phases are compared, of which `who` knows nothing.
+        """
+        if self.has_phases:
+            raise InputError(f"{who} compares amplitudes only; measure and calibrate with phases=False.")
 
     def spectrum_loss(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
-        """RMSE between simulated and measured amplitudes over the RMS of the measured ones (the paper's L_freq).
+        """RMSE between simulated and measured readings over the RMS of the measured ones (the paper's L_freq).
 
         With several conditions, the root of the mean of their squares, so that none counts more for being louder.
         """
         squares = [
-            (one.amplitude(self.unknowns, point, solver=solver) - one.measured).square().mean(dim=(-2, -1))
+            (one.readings(self.unknowns, point, solver=solver) - one.measured).square().mean(dim=(-2, -1))
             / one.measured.square().mean()
             for one in self.comparisons
         ]
@@ -152,7 +225,7 @@ class Objective:
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
-        difference = (self.amplitude(point, solver=solver) - self.measured) / self.sigma
+        difference = (self.readings(point, solver=solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
 
     def prior_loss(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch"]:
@@ -163,16 +236,25 @@ class Objective:
     def sensitivity(
         self, point: Float[Tensor, " unknown"], *, solver: SteadySolver | None = None
     ) -> tuple[Float[Tensor, " reading"], Float[Tensor, "reading unknown"]]:
-        """Amplitudes [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
+        """Readings [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
         directions = torch.eye(len(point), dtype=point.dtype)
         points = point.detach().repeat(len(point), 1).requires_grad_()
-        amplitude = self.amplitude(points, solver=solver)
+        readings = self.readings(points, solver=solver)
         # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
         # forward derivative along that direction. One batch holds all directions.
-        weights = torch.zeros_like(amplitude, requires_grad=True)
-        (backward,) = torch.autograd.grad(amplitude, points, weights, create_graph=True)
+        weights = torch.zeros_like(readings, requires_grad=True)
+        (backward,) = torch.autograd.grad(readings, points, weights, create_graph=True)
         (slope,) = torch.autograd.grad((backward * directions).sum(), weights)
-        return amplitude[0].detach(), slope.T
+        return readings[0].detach(), slope.T
+
+
+def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch reading"]:
+    """Real parts, then imaginary parts."""
+    return torch.cat([lines.real, lines.imag], dim=-1)
+
+
+def _sigma(amplitude: np.ndarray, deviation: np.ndarray) -> Tensor:
+    return torch.as_tensor(np.sqrt(deviation**2 + (MODEL_ERROR * amplitude) ** 2 + FLOOR**2))
 
 
 def _root(square: Tensor) -> Tensor:
@@ -216,5 +298,7 @@ def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
         orders=measurement.orders[common],
         amplitude=measurement.amplitude[:, common],
         deviation=measurement.deviation[:, common],
+        phasor=None if measurement.phasor is None else measurement.phasor[:, common],
+        phasor_deviation=None if measurement.phasor_deviation is None else measurement.phasor_deviation[:, common],
     )
     return Comparison(twin=limited, measurement=kept)

@@ -39,6 +39,7 @@ def calibrate(
     lines: Lines = "piston",
     nuisances: Nuisances = NONE,
     prior: Population | None = None,
+    phases: bool = False,
     progress: Progress | None = None,
     checkpoint: Path | str | None = None,
     resume: bool = False,
@@ -60,6 +61,8 @@ def calibrate(
     lines : multiples of the piston count, or all shaft orders; see `measure`.
     nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
     prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
+    phases : compare the lines' phases too, which halves what the search leaves open in the waveform; the paper drops
+        them. The shaft's angle is then followed on the recording itself.
     progress : called with (steps done, steps in all, loss).
     checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is kept in every 25 of them.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a search without interruption.
@@ -67,7 +70,7 @@ def calibrate(
     Raises
     ------
     DataError
-        No recording agrees with the twin, or one is unfit.
+        No recording agrees with the twin, or one is unfit, or shows no line to follow for the phases.
     UnitError
         A recording is not in m/s^2.
     InputError
@@ -76,7 +79,9 @@ def calibrate(
     started = time.perf_counter()
     method = IPINN() if method is None else method
     twins = [twin] if isinstance(twin, Twin) else list(twin)
-    objective = prepared(twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances, lines=lines)
+    objective = prepared(
+        twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances, lines=lines, phases=phases
+    )
     if prior is not None:
         objective = replace(objective, unknowns=prior.prior_of(objective.unknowns))
     settings = settings_of(method, objective, seed)
@@ -100,16 +105,18 @@ def prepared(
     band: tuple[float, float] | None,
     nuisances: Nuisances,
     lines: Lines = "piston",
+    phases: bool = False,
 ) -> Objective:
     """Objective of `calibrate` on the recordings that agree with the twins."""
-    measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band, lines)
+    measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band, lines, phases)
     return objective_of(twins, measurements, bounds, nuisances)
 
 
 def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
     """Settings of a search, as JSON can hold them."""
     measurement = objective.comparisons[0].measurement
-    return {**_settings(method), "band": list(measurement.band), "lines": measurement.lines, "seed": seed}
+    kept = {"band": list(measurement.band), "lines": measurement.lines, "phases": objective.has_phases, "seed": seed}
+    return {**_settings(method), **kept}
 
 
 def settled(objective: Objective, found: Search) -> tuple[Search, np.ndarray]:
@@ -165,13 +172,13 @@ def concluded(
 
 
 def _measured(
-    twins: Sequence[Twin], recordings: Sequence[Recording], band: tuple[float, float], lines: Lines
+    twins: Sequence[Twin], recordings: Sequence[Recording], band: tuple[float, float], lines: Lines, phases: bool
 ) -> list[Measurement]:
     constant = [name for name in (item.name for item in fields(Twin)) if name != "condition"]
     for one in twins[1:]:
         if any(getattr(one, name) != getattr(twins[0], name) for name in constant):
             raise InputError("twins that are calibrated together must differ in condition only: twin.at(condition).")
-    return [measure(one, recordings, band, lines) for one in twins]
+    return [measure(one, recordings, band, lines, phases=phases) for one in twins]
 
 
 def _checkpoint(
@@ -199,8 +206,8 @@ def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...
 def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:
     notes = [*found.notes, *(note for one in objective.comparisons for note in one.measurement.notes)]
     with torch.no_grad():
-        nominal = objective.amplitude(objective.start)
-        lines = objective.amplitude(torch.as_tensor(found.point))
+        nominal = objective.readings(objective.start)
+        lines = objective.readings(torch.as_tensor(found.point))
     ratio = float((nominal.square().mean() / objective.measured.square().mean()).sqrt())
     if abs(ratio / GRAVITY - 1) <= 0.2:
         notes.append(f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the readings in g?")

@@ -110,9 +110,9 @@ class _Valley:
     def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their derivatives."""
         self.simulations += 1
-        amplitude, slope = self.objective.sensitivity(torch.as_tensor(point))
+        readings, slope = self.objective.sensitivity(torch.as_tensor(point))
         lines = scipy.linalg.solve_triangular(
-            self.root, np.column_stack([(amplitude - self.objective.measured).numpy(), slope.numpy()]), lower=True
+            self.root, np.column_stack([(readings - self.objective.measured).numpy(), slope.numpy()]), lower=True
         )
         residual = np.concatenate([lines[:, 0], self.precision * (point - self.center)])
         return residual, np.concatenate([lines[:, 1:], np.diag(self.precision)])

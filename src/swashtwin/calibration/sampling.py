@@ -144,7 +144,7 @@ class _Density:
             rows = torch.as_tensor(points[inside])
             self.simulations += len(rows)
             with torch.no_grad():
-                missed = (self.objective.amplitude(rows) - self.objective.measured).numpy()
+                missed = (self.objective.readings(rows) - self.objective.measured).numpy()
                 prior = self.objective.prior_loss(rows).numpy()
             white = scipy.linalg.solve_triangular(self.root, missed.T, lower=True)
             result[inside] = -0.5 * (np.square(white).sum(axis=0) + prior)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -132,6 +133,20 @@ def test_noise_without_a_line_is_not_followed() -> None:
     noise = np.random.default_rng(0).standard_normal((2, 80000))
     with pytest.raises(DataError, match="stands clear of the noise"):
         tracked_speed(Recording(noise, RATE, "noise", ("a", "b")), order=7, near=rpm(860))
+
+
+def test_a_hump_of_noise_is_no_line() -> None:
+    low, high = 7 * 860 / 60 - 4, 7 * 860 / 60 + 4  # about the piston-pass line, some 0.3 orders to either side
+    sos = scipy.signal.butter(2, [low, high], "bandpass", fs=RATE, output="sos")
+    noise = np.random.default_rng(1).standard_normal(100_000)
+    hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
+    with pytest.raises(DataError, match="stands clear of the noise"):
+        tracked_speed(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
+
+
+def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
+    with pytest.raises(DataError, match=r"as far as the search goes|stands clear"):
+        tracked_speed(turning(course(start=14.9, end=14.9), noise=0.1), order=7, near=rpm(860), search=0.03)
 
 
 def test_what_cannot_be_followed_is_said() -> None:

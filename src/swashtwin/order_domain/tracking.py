@@ -41,8 +41,9 @@ def tracked_speed(
     then, three times over, the line is turned to zero frequency with the angle found so far, everything 0.4 orders away
     from it is cut off, the channels are added so that the line is strongest, and its phase corrects the angle; the
     first and the last revolution go on at their neighbors' speed. The angle's error comes from the noise half an order
-    beside the line; what the line's own path adds to its phase (a resonance that it crosses as the speed changes)
-    cannot be told from the shaft's turning. Angle 0 is where the line peaks, an arbitrary position of the shaft.
+    beside the line, or from how far its power fluctuates within 8 revolutions if that is more; what the line's own path
+    adds to its phase (a resonance that it crosses as the speed changes) cannot be told from the shaft's turning. Angle
+    0 is where the line peaks, an arbitrary position of the shaft.
 
     Parameters
     ----------
@@ -88,6 +89,11 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
     for _ in range(_PASSES):
         change = _ends_steady(change + np.unwrap(np.angle(line.strongest(change))) / order, round(line.per_turn))
     deviation, quality = _judged(line, change, recording.recording_id)
+    if np.median(np.abs(np.gradient(change) / np.gradient(line.turn))) > 0.95 * search:
+        raise DataError(
+            f"{recording.recording_id}: the line found for order {order} lies {search:.1%} off the speed to look "
+            "near, as far as the search goes; correct the speed."
+        )
     reading = np.arange(len(start.angle), dtype=float)
     angle = start.angle + make_interp_spline(line.reading, change, k=3)(reading)
     if np.any(np.diff(angle) < 0):
@@ -195,6 +201,17 @@ def _ends_steady(change: Float[np.ndarray, " kept"], turn: int) -> Float[np.ndar
     return np.concatenate([inner[0] - first * (turn - place), inner, inner[-1] + last * (place + 1)])
 
 
+def _fluctuating(power: Float[np.ndarray, " kept"], block: int) -> float:
+    """Power of the noise that would make the line's power fluctuate as it does within blocks.
+
+    A line in noise of K times less power has a variance of (2 K + 1) / (K + 1)² of its mean power squared, narrow noise
+    without a line has 1. So a hump of broadband noise (flow about a blade frequency) is not taken for a line.
+    """
+    blocks = power[: len(power) // block * block].reshape(-1, block)
+    unrest = float(np.median(blocks.var(axis=1) / np.maximum(blocks.mean(axis=1), 1e-300) ** 2))
+    return float(np.median(power)) * (1 - math.sqrt(max(1 - unrest, 0.0)))
+
+
 def _judged(line: _Line, change: Float[np.ndarray, " kept"], name: str) -> tuple[float, float]:
     """Standard deviation of the angle [rad] by the noise half an order beside the line, and the time it stands clear.
 
@@ -206,8 +223,8 @@ def _judged(line: _Line, change: Float[np.ndarray, " kept"], name: str) -> tuple
     weights = line.weights(change)
     beside = [np.abs(weights @ line.near(change, _ASIDE, aside)) ** 2 for aside in (-0.5, 0.5)]
     level = float(np.mean([np.median(power) for power in beside])) / math.log(2)
-    noise = max(level * _BANDWIDTH / _ASIDE, 1e-300)
     power = np.abs(line.strongest(change)) ** 2
+    noise = max(level * _BANDWIDTH / _ASIDE, _fluctuating(power, round(_RIDGE_TURNS * line.per_turn)), 1e-300)
     quality = float(np.mean(power > _CLEAR * noise))
     if quality < _LEAST_QUALITY:
         raise DataError(

@@ -215,10 +215,10 @@ def test_six_profiles_cost_few_simulations_and_leave_the_flat_value_open(
 
 def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:
     """Fitted anew from elsewhere with the value held, nothing lower is found."""
-    from swashtwin.calibration.profiles import _Valley
+    from swashtwin.calibration.profiles import _Likelihood
 
     one = profile(objective, point, "K_Hz")
-    valley = _Valley(objective, point)
+    valley = _Likelihood(objective, point)
     held = int(np.argmax(one.rise))
     start = point + 0.3
     start[5] = one.coordinate[held]

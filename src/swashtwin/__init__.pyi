@@ -17,10 +17,13 @@ from .calibration import GaussNewton as GaussNewton
 from .calibration import IdentifiabilityReport as IdentifiabilityReport
 from .calibration import LearningRates as LearningRates
 from .calibration import Population as Population
+from .calibration import SeveritySettings as SeveritySettings
+from .calibration import SeverityTrend as SeverityTrend
 from .calibration import calibrate as calibrate
 from .calibration import calibrate_fleet as calibrate_fleet
 from .calibration import check_coverage as check_coverage
 from .calibration import choose_learning_rate as choose_learning_rate
+from .calibration import estimate_severity as estimate_severity
 from .calibration import expected_information_gain as expected_information_gain
 from .calibration import identifiability as identifiability
 from .calibration import load_amortized as load_amortized

@@ -11,6 +11,7 @@ from swashtwin.calibration.amortized_saving import load_amortized, save_amortize
 from swashtwin.calibration.amortized_training import AmortizedTraining
 from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.coverage import Coverage, check_coverage
+from swashtwin.calibration.dimensions import Dimension
 from swashtwin.calibration.discrepancy import Discrepancy
 from swashtwin.calibration.evolution import CMAES
 from swashtwin.calibration.gauss_newton import GaussNewton
@@ -30,6 +31,8 @@ from swashtwin.calibration.profiles import Profile, profile, profiles
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.sampling import Sampling, sample_posterior
 from swashtwin.calibration.search import Calibrator, History, Search
+from swashtwin.calibration.severity import DimensionEstimate, Severity, SeverityTrend
+from swashtwin.calibration.severity_search import SeveritySettings, estimate_severity
 from swashtwin.calibration.space import SearchSpace, search_space
 from swashtwin.calibration.tuning import PAPER_RATES, LearningRates, choose_learning_rate
 from swashtwin.calibration.unknowns import Nuisances, Unknowns
@@ -50,6 +53,8 @@ __all__ = [
     "Checkpoint",
     "Comparison",
     "Coverage",
+    "Dimension",
+    "DimensionEstimate",
     "DirectAdam",
     "Direction",
     "Discrepancy",
@@ -72,6 +77,9 @@ __all__ = [
     "Sampling",
     "Search",
     "SearchSpace",
+    "Severity",
+    "SeveritySettings",
+    "SeverityTrend",
     "Spectra",
     "Unknowns",
     "Waveforms",
@@ -80,6 +88,7 @@ __all__ = [
     "candidates_for",
     "check_coverage",
     "choose_learning_rate",
+    "estimate_severity",
     "expected_information_gain",
     "identifiability",
     "load_amortized",

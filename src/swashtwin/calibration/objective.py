@@ -37,6 +37,10 @@ class Comparison:
     """The twin, computed up to the end of the measurement's band."""
     measurement: Measurement
     """What it shall come near to."""
+    background: Float[np.ndarray, "channel order"] | None = None
+    """What stands in each line [m/s^2] beside the twin's, at a phase of its own; nothing where None."""
+    floor: Float[np.ndarray, "channel order"] | float = FLOOR
+    """Least standard deviation of a line [m/s^2]."""
 
     @cached_property
     def _rows(self) -> Tensor:
@@ -49,6 +53,12 @@ class Comparison:
     @cached_property
     def _orders(self) -> Tensor:
         return torch.as_tensor(self.measurement.orders)
+
+    @cached_property
+    def _places(self) -> Tensor | None:
+        """Where the twin's lines stand among those measured; None where it has all of them."""
+        places = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
+        return None if len(places) == len(self.measurement.orders) else torch.as_tensor(places)
 
     @cached_property
     def _frequency(self) -> Tensor:
@@ -70,35 +80,41 @@ class Comparison:
     def sigma(self) -> Float[Tensor, "channel reading"]:
         """Standard deviation of measured minus simulated reading [m/s^2].
 
-        From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and a floor of
+        From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and `floor`, by default
         0.02 m/s^2. A line of little amplitude then counts little, which it would not on a decibel scale.
         """
         measurement = self.measurement
         if measurement.phasor is None or measurement.phasor_deviation is None:
-            return _sigma(measurement.amplitude, measurement.deviation)
-        return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation).repeat(1, 2)
+            return _sigma(measurement.amplitude, measurement.deviation, self.floor)
+        return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation, self.floor).repeat(1, 2)
 
     def _lines(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], solver: SteadySolver | None
     ) -> Complex[Tensor, "*batch channel order"]:
         lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
         lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
+        if self._places is not None:
+            silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))
+            lines = silent.index_copy(-1, self._places, lines)
         path = unknowns.response_of(point, self._frequency)
         return lines if path is None else lines * path
 
     def amplitude(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel order"]:
-        """Simulated amplitudes [m/s^2] at `point`, differentiable."""
-        return self._lines(unknowns, point, solver).abs()
+        """Simulated amplitudes [m/s^2] at `point`, differentiable; the `background` alone where the twin is silent."""
+        lines = self._lines(unknowns, point, solver).abs()
+        if self.background is None:
+            return lines
+        return (lines.square() + torch.as_tensor(self.background).square() + 1e-24).sqrt()
 
     def readings(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel reading"]:
         """Simulated readings [m/s^2] at `point`, differentiable."""
-        lines = self._lines(unknowns, point, solver)
         if self.measurement.phasor is None:
-            return lines.abs()
+            return self.amplitude(unknowns, point, solver=solver)
+        lines = self._lines(unknowns, point, solver)
         weight = self.sigma[:, : len(self._orders)] ** -2
         return _parts(turned(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
 
@@ -253,8 +269,8 @@ def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch read
     return torch.cat([lines.real, lines.imag], dim=-1)
 
 
-def _sigma(amplitude: np.ndarray, deviation: np.ndarray) -> Tensor:
-    return torch.as_tensor(np.sqrt(deviation**2 + (MODEL_ERROR * amplitude) ** 2 + FLOOR**2))
+def _sigma(amplitude: np.ndarray, deviation: np.ndarray, floor: np.ndarray | float) -> Tensor:
+    return torch.as_tensor(np.sqrt(deviation**2 + (MODEL_ERROR * amplitude) ** 2 + floor**2))
 
 
 def _root(square: Tensor) -> Tensor:

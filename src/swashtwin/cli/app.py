@@ -5,7 +5,18 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import diagnosing, fleets, indicating, learning, physics, pumps, recordings, simulating, studying
+from swashtwin.cli import (
+    diagnosing,
+    fleets,
+    indicating,
+    learning,
+    physics,
+    pumps,
+    recordings,
+    severities,
+    simulating,
+    studying,
+)
 from swashtwin.cli.exits import GuardedGroup
 
 app = typer.Typer(
@@ -32,6 +43,7 @@ app.add_typer(pumps.pumps, name="pump", rich_help_panel=_PHYSICS)
 app.command("simulate", rich_help_panel=_PHYSICS)(simulating.simulate)
 app.command("calibrate", rich_help_panel=_PHYSICS)(physics.calibrate)
 app.command("calibrate-fleet", rich_help_panel=_PHYSICS)(fleets.calibrate_fleet)
+app.command("severity", rich_help_panel=_PHYSICS)(severities.severity)
 app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)
 app.command("train", rich_help_panel=_LEARNING)(learning.train)
 app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)

@@ -69,6 +69,10 @@ def calibrate(
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
+    up_to: Annotated[
+        str | None,
+        typer.Option(help='Compare lines up to this frequency: "1000 Hz" before severity; 2500 Hz by default.'),
+    ] = None,
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
@@ -84,6 +88,7 @@ def calibrate(
     from swashtwin.readers import read_recordings
     from swashtwin.recording import select
     from swashtwin.twin import Twin
+    from swashtwin.units import parse
 
     values_file = out.with_name(f"{out.stem}-interfaces.toml")
     require_target(out, ".json")
@@ -99,6 +104,7 @@ def calibrate(
             method=_method(method, epochs, solver_of(solver, step)),
             seed=seed,
             bounds=bounds,
+            band=None if up_to is None else (0.0, parse(up_to, "Hz", name="up_to")),
             nuisances=nuisances_of(nuisances),
             progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
         )

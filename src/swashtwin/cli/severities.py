@@ -1,0 +1,93 @@
+"""Command that tells how severe a fault is: severity."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swashtwin.cli.console import note, say, table, tell
+from swashtwin.cli.options import Dimensions, FaultDepth, FaultLength, FaultWidth, Index, Json, fault_of, pairs_of
+
+if TYPE_CHECKING:
+    from swashtwin.calibration import SeverityTrend
+
+
+def severity(
+    calibration: Annotated[Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")],
+    source: Index,
+    fault: Annotated[str, typer.Option("--fault", help="Kind of fault, such as swash_plate.")],
+    length: FaultLength = None,
+    width: FaultWidth = None,
+    depth: FaultDepth = None,
+    dimensions: Dimensions = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(help="Further dimension to search, such as length; repeatable. The usual ones by default."),
+    ] = None,
+    healthy: Annotated[
+        Path | None,
+        typer.Option(help="Index of healthy recordings of this pump; by default those of INDEX that were calibrated."),
+    ] = None,
+    specimen: Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tell how severe a fault is in each recording of a pump, in mm or um, with an interval: for one pump's trend.
+
+    The severity (a depth, a clearance) is always searched; a given one is where the search starts. Of the further
+    dimensions the usual ones are searched where they are not given. Calibrate with --up-to "1000 Hz", as far as
+    severities are searched.
+    """
+    from swashtwin.calibration import estimate_severity, load_calibration
+    from swashtwin.readers import read_recordings
+    from swashtwin.recording import select
+
+    kind = fault_of(fault, length, width, depth, dimensions)
+    if kind is None:
+        raise typer.BadParameter(
+            "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
+        )
+    known = load_calibration(calibration)
+    recordings = select(read_recordings(source), specimen=specimen)
+    taught = [one for one in recordings if one.recording_id in known.recording_ids]
+    sound = taught if healthy is None else select(read_recordings(healthy), label="normal", specimen=specimen)
+    given = {"length": length, "width": width, **pairs_of(dimensions, "--dimension")}
+    held = {name for name, text in given.items() if text is not None}
+    found = estimate_severity(
+        known,
+        [one for one in recordings if one not in taught],
+        kind,
+        healthy=sound,
+        free=_free(free, held, type(kind)),
+    )
+    tell(found.to_dict(), as_json, lambda: _show(found))
+
+
+def _free(asked: list[str] | None, held: set[str], kind: type) -> list[str] | None:
+    """Further dimensions to search: those asked for, else the usual ones that were not given."""
+    from swashtwin.calibration.dimensions import USUALLY_FREE
+
+    return asked if asked else [name for name in USUALLY_FREE.get(kind, ()) if name not in held]
+
+
+def _show(found: "SeverityTrend") -> None:
+    rows = []
+    for one in found.estimates:
+        limit = one.detection_limit
+        rows.append(
+            (
+                one.recording_id,
+                f"{one.condition.discharge_pressure / 1e6:.4g} MPa",
+                one.severity.words,
+                one.severity.verdict,
+                None if limit is None else one.severity.dimension.words(limit),
+                ", ".join(f"{other.dimension.name} {other.words}, {other.verdict}" for other in one.dimensions[1:]),
+            )
+        )
+    name = found.estimates[0].severity.dimension.name
+    header = ("recording", "at", f"{name} (90 % interval)", "verdict", "least to be told", "further dimensions")
+    table(f"Severity of {type(found.reference).__name__} by inversion", header, rows)
+    for text in (*found.notes, *(f"{one.recording_id}: {text}" for one in found.estimates for text in one.notes)):
+        note(f"note: {text}")
+    for recording, reason in found.left_out:
+        note(f"left out: {recording}: {reason}")
+    say(f"{len(found.estimates)} recordings")

@@ -94,6 +94,9 @@ from .pump_files import new_pump as new_pump
 from .quantities import read_condition as read_condition
 from .quantities import read_fault as read_fault
 from .readers import narrow_index as narrow_index
+from .readers import open_recording as open_recording
+from .readers import open_recordings as open_recordings
+from .readers import open_store as open_store
 from .readers import propose_index as propose_index
 from .readers import read_public_set as read_public_set
 from .readers import read_recording as read_recording
@@ -103,6 +106,7 @@ from .readers import write_blocks as write_blocks
 from .readers import write_index as write_index
 from .readers import write_recording as write_recording
 from .readers import write_series as write_series
+from .readers import write_store as write_store
 from .recording import Recording as Recording
 from .recording import joined as joined
 from .recording import select as select
@@ -148,6 +152,7 @@ from .windows import hold_out_specimens as hold_out_specimens
 from .windows import load_windows as load_windows
 from .windows import save_windows as save_windows
 from .windows import split_by_recording as split_by_recording
+from .windows import window_batches as window_batches
 
 __all__ = [
     "CLASSES",

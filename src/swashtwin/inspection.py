@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from swashtwin.errors import DataError, UnitError
 from swashtwin.recording import Recording
+from swashtwin.stored import StoredRecording, opened
 from swashtwin.units import parse
 
 Severity = Literal["error", "warning", "note"]
@@ -131,7 +132,7 @@ def inspect_recordings(recordings: Sequence[Recording]) -> InspectionReport:
     return InspectionReport(tuple(inspect_recording(recording) for recording in recordings), tuple(findings))
 
 
-def refuse_unfit(recording: Recording) -> None:
+def refuse_unfit(recording: Recording | StoredRecording) -> None:
     """Nothing, or the error that says why nothing can be learned from the recording.
 
     Raises
@@ -144,7 +145,7 @@ def refuse_unfit(recording: Recording) -> None:
         raise DataError(f"{where}: {finding.message}")
 
 
-def stated_speed(recording: Recording) -> float | None:
+def stated_speed(recording: Recording | StoredRecording) -> float | None:
     """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None.
 
     Along the shaft's angle (`order_domain`) it is the frequency at which the turns are played back.
@@ -159,27 +160,48 @@ def stated_speed(recording: Recording) -> float | None:
         return None
 
 
-def _unfit(recording: Recording) -> Iterator[Finding]:
-    for name, row in zip(recording.channels, recording.signal, strict=True):
-        bad = np.flatnonzero(~np.isfinite(row))
-        if len(bad):
+def _unfit(recording: Recording | StoredRecording) -> Iterator[Finding]:
+    stored = opened(recording)
+    ranges = [_Range() for _ in stored.channels]
+    for block in stored.blocks():
+        for seen, row in zip(ranges, block.signal, strict=True):
+            seen.add(row)
+    for name, seen in zip(stored.channels, ranges, strict=True):
+        if seen.bad:
             message = (
-                f"{len(bad)} of {len(row)} readings are missing or infinite, the first at "
-                f"{bad[0] / recording.sample_rate:.6g} s; cut them out or repair the file."
+                f"{seen.bad} of {stored.n_readings} readings are missing or infinite, the first at "
+                f"{seen.first_bad / stored.sample_rate:.6g} s; cut them out or repair the file."
             )
             yield Finding("nan", "error", name, message)
-        elif np.ptp(row) == 0:
-            yield Finding("constant", "error", name, f"every reading is {row[0]:g}: a dead or unplugged sensor?")
-    gaps = recording.attributes.get("time_gaps")
+        elif seen.least == seen.most:
+            yield Finding("constant", "error", name, f"every reading is {seen.least:g}: a dead or unplugged sensor?")
+    gaps = stored.attributes.get("time_gaps")
     if gaps:
         yield Finding("gaps", "error", None, f"the time column has gaps: {gaps}; split the file where they are.")
-    shaft = stated_speed(recording)
-    if shaft and recording.duration * shaft < 1:
+    shaft = stated_speed(stored)
+    if shaft and stored.duration * shaft < 1:
         message = (
-            f"{recording.duration:.4g} s is shorter than one revolution at {shaft * 60:.5g} rev/min "
+            f"{stored.duration:.4g} s is shorter than one revolution at {shaft * 60:.5g} rev/min "
             f"({1 / shaft:.4g} s); record longer, or correct the sample rate."
         )
         yield Finding("short", "error", None, message)
+
+
+class _Range:
+    """Least and greatest reading of a channel, and how many are no numbers, of what was seen so far."""
+
+    def __init__(self) -> None:
+        self.bad, self.first_bad, self.seen = 0, 0, 0
+        self.least, self.most = math.inf, -math.inf
+
+    def add(self, row: Float[np.ndarray, " time"]) -> None:
+        least, most = float(row.min()), float(row.max())
+        if not (math.isfinite(least) and math.isfinite(most)):
+            bad = np.flatnonzero(~np.isfinite(row))
+            self.first_bad = self.first_bad if self.bad else self.seen + int(bad[0])
+            self.bad += len(bad)
+        self.least, self.most = min(self.least, least), max(self.most, most)
+        self.seen += len(row)
 
 
 def _channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Recording) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Names, SampleRate, Seed, Unit, given
-from swashtwin.cli.recordings import read_all
+from swashtwin.cli.recordings import open_all
 
 if TYPE_CHECKING:
     from swashtwin.evaluation import Scores
@@ -62,7 +62,7 @@ def diagnose(
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    verdicts = [diagnosis.diagnose(classifier, recording) for recording in read_all(paths, **facts)]
+    verdicts = [diagnosis.diagnose(classifier, recording) for recording in open_all(paths, **facts)]
     page = None if report is None else write_report(*verdicts, folder=report)
 
     def show() -> None:

@@ -1,4 +1,4 @@
-"""Commands about recordings: rig, index, inspect, split."""
+"""Commands about recordings: rig, index, convert, inspect, split."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -23,6 +23,7 @@ from swashtwin.cli.options import (
 
 if TYPE_CHECKING:
     from swashtwin.recording import Recording
+    from swashtwin.stored import StoredRecording
 
 
 class RigFormat(StrEnum):
@@ -51,15 +52,28 @@ class Group(StrEnum):
 
 
 def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
-    """Recordings of indexes, folders with an index, and single files with `facts`."""
-    from swashtwin.readers import read_recording, read_recordings
+    """Recordings of indexes, folders with an index, stores, and single files with `facts`."""
+    from swashtwin.readers import is_store, read_recording, read_recordings
 
     recordings = []
     for path in paths:
-        if path.is_dir() or path.suffix == ".toml":
+        if path.is_dir() or path.suffix == ".toml" or is_store(path):
             recordings += read_recordings(path)
         else:
             recordings.append(read_recording(path, **facts))
+    return recordings
+
+
+def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
+    """As `read_all`, but the readings stay in their files until they are asked for."""
+    from swashtwin.readers import is_store, open_recording, open_recordings
+
+    recordings = []
+    for path in paths:
+        if path.is_dir() or path.suffix == ".toml" or is_store(path):
+            recordings += open_recordings(path)
+        else:
+            recordings.append(open_recording(path, **facts))
     return recordings
 
 
@@ -133,6 +147,37 @@ def index(
             note(f"left out: {reason}")
         say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")
         say(f"Look it over, then: swashtwin inspect {path}")
+
+    tell(result, as_json, show)
+
+
+def convert(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
+    out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is whole.")],
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    names: Names = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a store that exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write recordings of any format, also such as are larger than memory, to one chunked HDF5 store."""
+    from swashtwin.readers import write_store
+
+    _refuse_existing(out, overwrite)
+    facts = given(
+        sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
+    )
+    recordings = open_all(paths, **facts)
+    with progress("MB") as bar:
+        write_store(recordings, out, progress=bar)
+    seconds, size = sum(one.duration for one in recordings), out.stat().st_size
+    result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
+
+    def show() -> None:
+        say(f"{out}: {len(recordings)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
+        say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
 

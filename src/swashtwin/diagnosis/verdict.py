@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,14 @@ import numpy as np
 from swashtwin.errors import DataError
 from swashtwin.evaluation import pooled_probabilities
 from swashtwin.recording import Recording
+from swashtwin.stored import StoredRecording
 from swashtwin.training import FittedClassifier
-from swashtwin.windows import WindowLayout, cut_windows
+from swashtwin.windows import WindowLayout, window_batches
 
 CLOSE = 0.05
 """Relative difference up to which a pressure or speed counts as one that was trained at."""
+_TOGETHER = 1024
+"""Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +57,10 @@ class Diagnosis:
         }
 
 
-def diagnose(classifier: FittedClassifier, recording: Recording) -> Diagnosis:
+def diagnose(classifier: FittedClassifier, recording: Recording | StoredRecording) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
+
+    A recording that was opened from its file (`open_recording`) is never whole in memory, and gets the same answer.
 
     Raises
     ------
@@ -67,13 +73,16 @@ def diagnose(classifier: FittedClassifier, recording: Recording) -> Diagnosis:
             f"{recording.recording_id} does not fit the classifier: {difference}; resample it, or pick its channels "
             "with recording.picked(...)."
         )
-    windows = cut_windows(
-        [recording.relabeled(None)],
+    parts = partial(
+        window_batches,
+        recording.relabeled(None),
         length=classifier.length,
         classes=classifier.classes,
         allow_partial_revolution=True,
+        batch=_TOGETHER,
     )
-    probability = classifier.predict_proba(windows)
+    settled = replace(classifier, normalization=classifier.normalization.settled(parts))
+    probability = np.concatenate([settled.predict_proba(windows) for windows in parts()])
     pooled = pooled_probabilities(probability)
     label = classifier.classes[int(pooled.argmax())]
     window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
@@ -87,7 +96,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording) -> Diagnosis:
     )
 
 
-def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
+def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording) -> list[str]:
     notes = []
     if recording.recording_id in classifier.manifest:
         notes.append("The classifier was made with this very recording; the answer proves nothing about new ones.")

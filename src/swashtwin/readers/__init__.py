@@ -1,4 +1,4 @@
-"""Recordings from files: CSV, MATLAB, WAV, TDMS, UFF58, Parquet, NPZ, MDF and HDF5, and one index that says what each file is.
+"""Recordings from files of ten formats, and one index that says what each file is.
 
 A folder of measurements becomes a data set by one file, ``recordings.toml``::
 
@@ -19,14 +19,16 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
     names = ["drive_end"]
 """
 
-from swashtwin.readers.assembly import read_recording
+from swashtwin.readers.assembly import open_recording, read_recording
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, write_blocks, write_recording
-from swashtwin.readers.index import declared_classes, read_recordings, save_index, write_index
+from swashtwin.readers.index import declared_classes, open_recordings, read_recordings, save_index, write_index
 from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
 from swashtwin.readers.public_sets import PUBLIC_SETS, read_public_set
-from swashtwin.readers.series import require_room, write_series
+from swashtwin.readers.room import require_room
+from swashtwin.readers.series import write_series
+from swashtwin.readers.store import is_store, open_store, write_store
 
 __all__ = [
     "PUBLIC_SETS",
@@ -34,7 +36,11 @@ __all__ = [
     "Entry",
     "IndexProposal",
     "declared_classes",
+    "is_store",
     "narrow_index",
+    "open_recording",
+    "open_recordings",
+    "open_store",
     "propose_index",
     "read_public_set",
     "read_recording",
@@ -45,4 +51,5 @@ __all__ = [
     "write_index",
     "write_recording",
     "write_series",
+    "write_store",
 ]

@@ -20,17 +20,23 @@ import numpy as np
 
 from swashtwin.errors import DataError, MissingExtraError
 from swashtwin.readers.raw import Options, RawFile
+from swashtwin.stored import BLOCK
 
 _PATIENCE = 30.0
 """Seconds that any file may take to read."""
 _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _lock = threading.Lock()
 _process: "subprocess.Popen[bytes] | None" = None
 
 
-def read_apart(module: str, path: Path, options: Options) -> RawFile:
+def read_apart(module: str, path: Path, options: Options, *, keep: bool = True) -> RawFile:
     """What ``swashtwin.readers.MODULE.read_here`` gives for a file, read in another process.
+
+    Parameters
+    ----------
+    keep : whether the columns come back; every reading is read in either case.
 
     Raises
     ------
@@ -39,7 +45,7 @@ def read_apart(module: str, path: Path, options: Options) -> RawFile:
     MissingExtraError
         The library is not installed.
     """
-    request = {"module": module, "path": str(path.resolve()), "options": asdict(options)}
+    request = {"module": module, "path": str(path.resolve()), "options": asdict(options), "keep": keep}
     limit = _PATIENCE + path.stat().st_size / _BYTES_PER_SECOND
     with _lock:
         process = _running()
@@ -59,6 +65,19 @@ def read_apart(module: str, path: Path, options: Options) -> RawFile:
         said = answer["error"].replace(request["path"], str(path))
         raise kinds.get(answer["kind"], OSError)(said)  # the last is what `read_raw` says of any damaged file
     return RawFile(columns, answer["sample_rate"], answer["units"], answer["attributes"], rates=answer["rates"])
+
+
+def require_sound(path: Path, module: str, options: Options) -> None:
+    """Refuse an HDF5 file on which the library crashes or finds no end, read in another process first.
+
+    A file of the older layouts, which MATLAB and many others write, has no checksums of its structure, and a damaged
+    one can do either; a file of the newer layouts tells its own damage and is let through unread.
+    """
+    with path.open("rb") as file:
+        head = file.read(8192)
+    at = next((at for at in (0, 512, 1024, 2048, 4096) if head[at : at + 8] == _HDF5_SIGNATURE), None)
+    if at is not None and head[at + 8 : at + 9] < b"\x02":
+        read_apart(module, path, options, keep=False)
 
 
 def _asked(process: "subprocess.Popen[bytes]", request: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -116,7 +135,11 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
         try:
             module = import_module(f"swashtwin.readers.{request['module']}")
             raw: RawFile = module.read_here(Path(request["path"]), Options(**request["options"]))
-            columns = {name: np.ascontiguousarray(column, dtype=np.float64) for name, column in raw.columns.items()}
+            for column in raw.columns.values():
+                for start in range(0, len(column), BLOCK):
+                    column[start : start + BLOCK]
+            if request["keep"]:
+                columns = {name: np.ascontiguousarray(column[:], np.float64) for name, column in raw.columns.items()}
             answer = {
                 "sample_rate": raw.sample_rate,
                 "rates": dict(raw.rates),

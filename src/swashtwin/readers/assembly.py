@@ -2,21 +2,22 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError, InputError, UnitError
 from swashtwin.files import sha256_of
 from swashtwin.readers.entry import QUANTITIES, Entry
-from swashtwin.readers.formats import read_raw, stem_of
+from swashtwin.readers.formats import open_raw, read_raw, stem_of
 from swashtwin.readers.raw import Options, RawFile, acceleration_factor
 from swashtwin.recording import Recording
+from swashtwin.stored import Column, StoredRecording, in_memory
 from swashtwin.units import parse
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
@@ -39,54 +40,99 @@ def read_recording(path: str | Path, **facts: Any) -> Recording:
         The file is missing, damaged, or contradicts a fact; or a fact is missing that nobody knows.
     """
     path = Path(path)
-    for name, unit in QUANTITIES.items():
-        if isinstance(facts.get(name), (int, float)):
-            facts[name] = f"{float(facts[name])!r} {unit}"
-    entry = Entry.from_mapping({"file": str(path), **facts}, where="read_recording")
-    return recording_from(path, entry)
+    return recording_from(path, _told(path, facts))
+
+
+def open_recording(path: str | Path, **facts: Any) -> StoredRecording:
+    """Recording of one file, whose readings are read in slices when they are asked for.
+
+    HDF5, TDMS, WAV, Parquet and text tables stay on the disk (a text table as numbers, in a temporary file); a file of
+    another format, and one that is to be resampled, is read whole. The slices hold what `read_recording` gives, bit by
+    bit. The file's checksum is only taken where the index states one.
+
+    Parameters
+    ----------
+    path : file to open.
+    facts : as in `read_recording`.
+
+    Raises
+    ------
+    DataError
+        As in `read_recording`.
+    """
+    path = Path(path)
+    return opened_from(path, _told(path, facts))
+
+
+def opened_from(path: Path, entry: Entry) -> StoredRecording:
+    """Recording of the file at `path` with the facts of `entry`, to be read in slices."""
+    if entry.resample is not None:
+        return in_memory(recording_from(path, entry))
+    digest = _checked_digest(path, entry) if entry.sha256 else ""
+    raw = open_raw(path, _options(entry))
+    return _stored(raw, entry, path, {"sha256": digest} if digest else {})
 
 
 def recording_from(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
-    where = str(path)
+    digest = _checked_digest(path, entry)
+    raw = read_raw(path, _options(entry))
+    recording = _stored(raw, entry, path, {"sha256": digest}).loaded()
+    return recording if entry.resample is None else _resampled(recording, entry, str(path))
+
+
+def _told(path: Path, facts: dict[str, Any]) -> Entry:
+    for name, unit in QUANTITIES.items():
+        if isinstance(facts.get(name), (int, float)):
+            facts[name] = f"{float(facts[name])!r} {unit}"
+    return Entry.from_mapping({"file": str(path), **facts}, where="read_recording")
+
+
+def _options(entry: Entry) -> Options:
+    return Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column)
+
+
+def _checked_digest(path: Path, entry: Entry) -> str:
+    """SHA-256 of the file, refused where the entry states another; empty where there is no file."""
     digest = sha256_of(path) if path.is_file() else ""
     if digest and entry.sha256 and entry.sha256.lower() != digest:
-        raise DataError(f"{where} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
-    raw = read_raw(path, Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column))
-    own = raw.recording
+        raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
+    return digest
+
+
+def _stored(raw: RawFile, entry: Entry, path: Path, digest: dict[str, str]) -> StoredRecording:
+    """The recording that a file's columns and an entry make."""
+    where, own = str(path), raw.recording
     chosen = choose_columns(raw, entry, where)
     names = entry.names or tuple(chosen)
     if len(names) != len(chosen):
         raise DataError(f"{where}: {len(names)} names for {len(chosen)} channels ({', '.join(chosen)}).")
     rate = stated_rate(raw, list(chosen), entry, where)
     factors, unit = scale(raw, entry, list(chosen), where)
-    signal = np.stack(list(chosen.values())).astype(np.float64) * np.array(factors)[:, None]
+    columns = tuple(chosen.values())
     attributes = dict(raw.attributes) | dict(entry.attributes)
     condition = _condition(entry, where, attributes)
-    speed, measured_rate = own.speed if own else None, rate
-    if entry.resample is not None:
-        signal, rate = _resampled(signal, rate, entry, where, attributes)
-    if speed is not None and rate != measured_rate:
-        speed = np.interp(np.arange(signal.shape[1]) / rate, np.arange(len(speed)) / measured_rate, speed)
-    attributes |= {"file": entry.file, "sha256": digest}
-    return Recording(
-        signal=signal,
+    attributes |= {"file": entry.file} | digest
+    facts = Recording(
+        signal=np.zeros((len(columns), 1)),
         sample_rate=rate,
         recording_id=entry.id or (own.recording_id if own else stem_of(path)),
         channels=tuple(names),
         unit=unit,
         label=entry.label or (own.label if own else None),
         condition=condition or (own.condition if own else None),
-        speed=speed,
+        speed=None if raw.speeds is None else np.zeros(1),
         specimen=entry.specimen or (own.specimen if own else None),
         synthetic=entry.synthetic or bool(own and own.synthetic),
         attributes=attributes,
     )
+    stored = StoredRecording(facts, columns, tuple(factors), raw.speeds)
+    return replace(stored, facts=stored.slice(0, 1))
 
 
-def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, np.ndarray]:
+def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
     """Columns the entry asks for, in its order; all where it asks for none."""
-    chosen: dict[str, np.ndarray] = {}
+    chosen: dict[str, Column] = {}
     for wanted in raw.columns if entry.channels is None else entry.channels:
         found = _matching(raw, wanted)
         if not found:
@@ -213,18 +259,21 @@ def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> Operatin
     return None
 
 
-def _resampled(
-    signal: Float[np.ndarray, "channel time"], rate: float, entry: Entry, where: str, attributes: dict[str, str]
-) -> tuple[Float[np.ndarray, "channel time2"], float]:
+def _resampled(recording: Recording, entry: Entry, where: str) -> Recording:
     from scipy.signal import resample_poly
 
-    target = parse(str(entry.resample), "Hz", name=f"{where}: resample")
+    rate, target = recording.sample_rate, parse(str(entry.resample), "Hz", name=f"{where}: resample")
     if target == rate:
-        return signal, rate
+        return recording
     ratio = Fraction(target / rate).limit_denominator(1000) if target > 0 else Fraction(0)
     if ratio == 0 or abs(float(ratio) * rate / target - 1) > 1e-9:
         raise DataError(f"{where}: {rate:g} Hz cannot be resampled to {target:g} Hz; choose a ratio of whole numbers.")
-    attributes["resampled"] = (
+    said = (
         f"from {rate:.15g} Hz to {target:.15g} Hz by scipy.signal.resample_poly({ratio.numerator}, {ratio.denominator})"
     )
-    return resample_poly(signal, ratio.numerator, ratio.denominator, axis=1, padtype="line"), target
+    signal = resample_poly(recording.signal, ratio.numerator, ratio.denominator, axis=1, padtype="line")
+    speed = recording.speed
+    if speed is not None:
+        speed = np.interp(np.arange(signal.shape[1]) / target, recording.time, speed)
+    attributes = {**recording.attributes, "resampled": said}
+    return replace(recording, signal=signal, sample_rate=target, speed=speed, attributes=attributes)

@@ -4,6 +4,10 @@ import csv
 import gzip
 import io
 import re
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,29 +17,97 @@ from swashtwin.errors import DataError
 from swashtwin.readers.raw import Options, RawFile, load_extra
 from swashtwin.readers.tables import split_unit, timed_columns
 from swashtwin.recording import Recording
+from swashtwin.stored import Column, SideBySide
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
 _NUMBER = {
     ".": re.compile(r"\s*([+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
     ",": re.compile(r"\s*([+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
 }
+_BYTES = 1 << 24
+"""Bytes of text that are in memory together."""
 _SAMPLE = 40
 """Lines that are looked at to find the dialect."""
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Columns, rate and units of a text table."""
-    text = _text(path)
-    lines = text.splitlines()
-    separator, decimal, start = _dialect(path, lines, options)
-    n_columns = len(_fields(lines[start], separator))
-    names, units = _header(lines, start, separator, n_columns)
-    table = _numbers(path, lines[start:], separator, decimal, n_columns, start)
-    if np.isnan(table[:, -1]).all() and lines[start].endswith(separator):
-        table, names = table[:, :-1], names[:-1]
-    attributes = {"header": "\n".join(lines[:start])[:2000]} if start > 1 else {}
-    columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
-    return timed_columns(path, columns, units, attributes, options)
+    table = _Table(path, options)
+    numbers = np.concatenate(list(table.blocks()))
+    return table.columns(np.ascontiguousarray(numbers.T), options)
+
+
+def open_columns(path: Path, options: Options) -> RawFile:
+    """As `read`, in slices: the numbers are written to a temporary file, which goes when nobody reads it any more."""
+    table = _Table(path, options)
+    spool = tempfile.TemporaryFile()  # noqa: SIM115
+    try:
+        count = 0
+        for block in table.blocks():
+            spool.write(block.tobytes())
+            count += len(block)
+        spool.flush()
+    except BaseException:
+        spool.close()
+        raise
+    width = len(table.names)
+
+    def rows(start: int, stop: int) -> np.ndarray:
+        flat = np.empty((stop - start) * width)
+        spool.seek(8 * width * start)
+        spool.readinto(flat.data)
+        return np.ascontiguousarray(flat.reshape(-1, width).T)
+
+    side_by_side = SideBySide(rows, (width, count))
+    weakref.finalize(side_by_side, spool.close)
+    return table.columns(side_by_side.columns(), options)
+
+
+class _Table:
+    """A text table whose numbers are read in blocks of lines."""
+
+    def __init__(self, path: Path, options: Options) -> None:
+        self._path = path
+        self._text = _lines(path)
+        first = next(self._text, [])
+        self._separator, self._decimal, start = _dialect(path, first, options)
+        self._width = len(_fields(first[start], self._separator))
+        self._first, self._start = first[start:], start
+        self.names, self._units = _header(first, start, self._separator, self._width)
+        self._attributes = {"header": "\n".join(first[:start])[:2000]} if start > 1 else {}
+
+    def blocks(self) -> Iterator[Float[np.ndarray, "time channel"]]:
+        """The numbers, in blocks of rows."""
+        line, empty_end = self._start, False
+        for lines, more in _with_more(chain([self._first], self._text)):
+            while not more and lines and not lines[-1].strip():
+                lines.pop()
+            if not lines:
+                continue
+            block = _numbers(self._path, lines, self._separator, self._decimal, self._width, line)
+            if line == self._start and np.isnan(block[:, -1]).all() and lines[0].endswith(self._separator):
+                empty_end = True
+                self.names = self.names[:-1]
+            if empty_end and not np.isnan(block[:, -1]).all():
+                raise DataError(f"{self._path}: the last column is empty up to line {line} and holds numbers after it.")
+            yield block[:, :-1] if empty_end else block
+            line += len(lines)
+
+    def columns(self, columns: Sequence[Column] | np.ndarray, options: Options) -> RawFile:
+        """The columns under their names, the time as the rate."""
+        named = dict(zip(self.names, columns, strict=True))
+        return timed_columns(self._path, named, self._units, self._attributes, options)
+
+
+def _with_more(parts: Iterable[list[str]]) -> Iterator[tuple[list[str], bool]]:
+    """Each part, and whether a line with something in it comes after it."""
+    waiting: list[list[str]] = []
+    for part in parts:
+        if any(line.strip() for line in part):
+            yield from ((earlier, True) for earlier in waiting)
+            waiting = []
+        waiting.append(part)
+    yield from ((last, False) for last in waiting)
 
 
 def write(recording: Recording, path: Path) -> None:
@@ -47,14 +119,22 @@ def write(recording: Recording, path: Path) -> None:
         polars.DataFrame(table).write_csv(file)
 
 
-def _text(path: Path) -> str:
-    data = path.read_bytes()
-    if path.suffix.lower() == ".gz":
-        data = gzip.decompress(data)
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16")
-    if b"\0" in data[:4096]:
-        raise DataError(f"{path} is a binary file, not a text table.")
+def _lines(path: Path) -> Iterator[list[str]]:
+    """Lines of the file, in lists of some megabytes."""
+    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+        data = file.read(_BYTES)
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            yield (data + file.read()).decode("utf-16").splitlines()
+            return
+        if b"\0" in data[:4096]:
+            raise DataError(f"{path} is a binary file, not a text table.")
+        while data:
+            data += file.readline()
+            yield _decoded(data).splitlines()
+            data = file.read(_BYTES)
+
+
+def _decoded(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -144,8 +224,6 @@ def _numbers(
     path: Path, lines: list[str], separator: str, decimal: str, n_columns: int, start: int
 ) -> Float[np.ndarray, "time channel"]:
     """The table of readings; a blank field is NaN, a short or unreadable row an error that names its line."""
-    while lines and not lines[-1].strip():
-        lines.pop()
     if separator == " ":
         lines = ["\t".join(line.split()) for line in lines]
         separator = "\t"

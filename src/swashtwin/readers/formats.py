@@ -1,7 +1,7 @@
 """Which module reads and writes which suffix, and what every file must pass before and after."""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def stem_of(path: Path) -> str:
 
 
 def read_raw(path: Path, options: Options) -> RawFile:
-    """Columns of the file and what it says of them.
+    """Columns of the file, as arrays, and what it says of them.
 
     Raises
     ------
@@ -60,14 +60,24 @@ def read_raw(path: Path, options: Options) -> RawFile:
     DataError
         The file is empty, of an unknown format, damaged or cut off.
     """
+    return _checked(path, lambda module: module.read(path, options))
+
+
+def open_raw(path: Path, options: Options) -> RawFile:
+    """As `read_raw`, but the columns stay in the file until they are sliced, where the format allows it."""
+    return _checked(path, lambda module: getattr(module, "open_columns", module.read)(path, options))
+
+
+def _checked(path: Path, read: Callable[[Any], RawFile]) -> RawFile:
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
     module = _module(path, SUFFIXES, "read")
+    if path.stat().st_size == 0:
+        raise DataError(f"{path} is empty (0 bytes).")
     try:
-        empty = path.stat().st_size == 0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here
-            raw: RawFile = module.read(path, options) if not empty else RawFile({})
+            raw = read(module)
     except (SwashTwinError, PermissionError):
         raise
     except Exception as cause:  # what a damaged file makes a parser raise has no bounds
@@ -75,8 +85,6 @@ def read_raw(path: Path, options: Options) -> RawFile:
         raise DataError(
             f"{path} is damaged, cut off, or no {suffix_of(path)} file ({type(cause).__name__}: {reason})."
         ) from cause
-    if empty:
-        raise DataError(f"{path} is empty (0 bytes).")
     if not raw.columns:
         raise DataError(f"{path} holds no vector of numbers.")
     for rate in (raw.sample_rate, *raw.rates.values()):

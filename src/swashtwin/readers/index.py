@@ -3,42 +3,59 @@
 import math
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from swashtwin.errors import DataError, InputError, MissingFileError
 from swashtwin.files import sha256_of, write_text
-from swashtwin.readers.assembly import recording_from
+from swashtwin.readers.assembly import opened_from, recording_from
 from swashtwin.readers.entry import QUANTITIES, Entry
 from swashtwin.readers.formats import stem_of, suffix_of
+from swashtwin.readers.store import is_store, open_store
 from swashtwin.recording import Recording
+from swashtwin.stored import StoredRecording
+
+Kind = TypeVar("Kind", Recording, StoredRecording)
 
 INDEX_NAME = "recordings.toml"
 _LOSSLESS = (".h5", ".hdf5")
 
 
 def read_recordings(path: str | Path) -> list[Recording]:
-    """Every recording of an index, in its order.
+    """Every recording of an index or a store, in its order.
 
     Parameters
     ----------
-    path : folder that holds ``recordings.toml``, or the index file itself.
+    path : folder that holds ``recordings.toml``, the index file itself, or a store (`write_store`).
 
     Raises
     ------
     DataError
         The index or a file is missing, damaged, or one contradicts the other.
     """
-    index = index_path(Path(path))
+    path = Path(path)
+    if is_store(path):
+        return [recording.loaded() for recording in open_store(path)]
+    return _entered(path, recording_from)
+
+
+def open_recordings(path: str | Path) -> list[StoredRecording]:
+    """As `read_recordings`, but the readings stay in their files until they are asked for (see `open_recording`)."""
+    path = Path(path)
+    return open_store(path) if is_store(path) else _entered(path, opened_from)
+
+
+def _entered(path: Path, read: Callable[[Path, Entry], Kind]) -> list[Kind]:
+    index = index_path(path)
     table = _load(index)
     root = index.parent / str(table.get("root", ""))
     entries = _entries(table, index)
     recordings = []
     for entry in entries:
         _check_class(entry.label, table.get("classes"), index, entry.file)
-        recording = recording_from(root / entry.file, entry)
+        recording = read(root / entry.file, entry)
         _check_class(recording.label, table.get("classes"), index, entry.file)
         recordings.append(recording)
     seen: dict[str, str] = {}

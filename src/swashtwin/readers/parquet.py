@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.readers.raw import Options, RawFile, load_extra
+from swashtwin.readers.raw import Options, RawFile, load_extra, read_all
 from swashtwin.readers.tables import split_unit, timed_columns
 from swashtwin.recording import Recording
+from swashtwin.stored import Column
 
 
 def read(path: Path, options: Options) -> RawFile:
@@ -15,19 +16,23 @@ def read(path: Path, options: Options) -> RawFile:
 
     A column of time stamps counts as the time [s] since its first.
     """
+    return read_all(open_columns(path, options))
+
+
+def open_columns(path: Path, options: Options) -> RawFile:
+    """As `read`, in slices; only the time is read at once."""
     polars = load_extra("polars")
-    with path.open("rb") as file:
-        frame = polars.read_parquet(file)
-    columns: dict[str, np.ndarray] = {}
+    table = polars.scan_parquet(path)
+    height = table.select(polars.len()).collect().item()
+    columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    for series in frame:
-        name, unit = split_unit(series.name)
-        name = name if name not in columns else series.name
-        numbers = _numbers(series)
-        if numbers is None:
+    for heading, kind in table.collect_schema().items():
+        if not (kind.is_numeric() or kind in (polars.Boolean, polars.Datetime, polars.Duration)):
             continue
-        columns[name] = numbers
-        if unit and not series.dtype.is_temporal():
+        name, unit = split_unit(heading)
+        name = name if name not in columns else heading
+        columns[name] = _Column(table.select(heading), height)
+        if unit and not kind.is_temporal():
             units[name] = unit
     return timed_columns(path, columns, units, {}, options)
 
@@ -41,12 +46,22 @@ def write(recording: Recording, path: Path) -> None:
         polars.DataFrame(table).write_parquet(file)
 
 
-def _numbers(series: Any) -> np.ndarray | None:
-    """The readings of a column, or None where it holds no numbers."""
-    polars = load_extra("polars")
-    if series.dtype in (polars.Datetime, polars.Duration):
-        nanoseconds = series.cast(series.dtype.__class__("ns")).cast(polars.Int64)
-        series = (nanoseconds - nanoseconds[0]).cast(polars.Float64) * 1e-9
-    elif not (series.dtype.is_numeric() or series.dtype == polars.Boolean):
-        return None
-    return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)
+class _Column:
+    """One column of a table, which is read when it is sliced."""
+
+    def __init__(self, table: Any, height: int) -> None:
+        self._table = table
+        self._height = height
+
+    def __len__(self) -> int:
+        return self._height
+
+    def __getitem__(self, where: slice, /) -> np.ndarray:
+        polars = load_extra("polars")
+        start, stop, step = where.indices(self._height)
+        series = self._table.slice(start, max(0, stop - start)).collect().to_series()
+        if series.dtype.is_temporal():
+            nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
+            origin = self._table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
+            series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
+        return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)[::step]

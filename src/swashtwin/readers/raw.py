@@ -1,14 +1,13 @@
 """What a file says of itself, before an index adds the rest."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
-import numpy as np
-
 from swashtwin.errors import MissingExtraError, UnitError
 from swashtwin.recording import Recording
+from swashtwin.stored import Column
 from swashtwin.units import parse
 
 _SPELLINGS = {"g": "g_0", "G": "g_0", "gn": "g_0", "mg": "mg_0", "m/s2": "m/s^2", "m/s/s": "m/s^2", "mm/s2": "mm/s^2"}
@@ -34,8 +33,8 @@ class Options:
 class RawFile:
     """Columns of one file and what it carries about them."""
 
-    columns: Mapping[str, np.ndarray]
-    """Every signal-like column, one-dimensional, in the file's order."""
+    columns: Mapping[str, Column]
+    """Every signal-like column, one-dimensional, in the file's order: an array, or what reads when it is sliced."""
     sample_rate: float | None = None
     """Rate the file states or its time column shows [Hz]."""
     units: Mapping[str, str] = field(default_factory=dict)
@@ -43,11 +42,18 @@ class RawFile:
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Whatever else the file said."""
     recording: Recording | None = None
-    """The whole recording, where the file is one of our own."""
+    """What is known of the recording, with its first reading only, where the file is one of our own."""
+    speeds: Column | None = None
+    """Angular speed of the shaft at each reading [rad/s], where the file is one of our own and has it."""
     full_scale: bool = False
     """Whether readings are shares of an unknown full scale (integer WAV)."""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
+
+
+def read_all(raw: RawFile) -> RawFile:
+    """The same with its columns in memory."""
+    return replace(raw, columns={name: column[:] for name, column in raw.columns.items()})
 
 
 def load_extra(module: str, extra: str = "readers") -> Any:

@@ -1,7 +1,6 @@
 """Many recordings in one folder, written one by one, so that a run that ends early can go on."""
 
 import json
-import shutil
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +10,11 @@ from swashtwin.errors import ArtifactError, InputError
 from swashtwin.files import write_text
 from swashtwin.readers.formats import write_blocks
 from swashtwin.readers.index import INDEX_NAME, write_index
+from swashtwin.readers.room import require_room
 from swashtwin.recording import Recording
 from swashtwin.version import VERSION
 
 MANIFEST_NAME = "series.json"
-_SPARE = 1 << 24
-"""Bytes that are left free on the disk: for the index, and for whoever else writes there."""
 
 
 def write_series(
@@ -93,13 +91,3 @@ def _difference(found: Any, wanted: Any, where: str) -> str:
                 return words
         return ""
     return "" if found == wanted else f"{where} was {json.dumps(found)[:60]}, now {json.dumps(wanted)[:60]}"
-
-
-def require_room(folder: Path, count: int, bytes_each: int) -> None:
-    """Refuse recordings for which the disk of an existing `folder` has no room."""
-    needed, free = count * bytes_each, shutil.disk_usage(folder).free - _SPARE
-    if needed > free:
-        raise InputError(
-            f"{folder} has {max(free, 0) / 1e9:.4g} GB free, and {count} such recordings take {needed / 1e9:.4g} GB; "
-            "ask for fewer or shorter ones, or name a folder on another disk."
-        )

@@ -9,16 +9,19 @@ from jaxtyping import Float
 
 from swashtwin.errors import DataError, UnitError
 from swashtwin.readers.raw import Options, RawFile, known_unit, snapped_rate
+from swashtwin.stored import BLOCK, Column
 from swashtwin.units import parse
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _TRADE_UNITS = ("s", "ms", "us", "g", "mg", "m/s^2", "m/s2", "m/s²", "mm/s^2", "mm/s", "V", "mV", "Pa", "bar")
+_ENOUGH = 1 << 18
+"""Readings, spread over the whole column, of which a median is taken."""
 _TIME_NAMES = ("time", "t", "zeit")
 
 
 def timed_columns(
     path: Path,
-    columns: Mapping[str, np.ndarray],
+    columns: Mapping[str, Column],
     units: Mapping[str, str],
     attributes: Mapping[str, str],
     options: Options,
@@ -28,7 +31,7 @@ def timed_columns(
     if name is None:
         return RawFile(columns, units=units, attributes=attributes)
     others = {other: column for other, column in columns.items() if other != name}
-    rate, gaps = read_time_column(path, columns[name] * _seconds(units.get(name, "s"), path))
+    rate, gaps = read_time_column(path, columns[name][:] * _seconds(units.get(name, "s"), path))
     left = {other: unit for other, unit in units.items() if other != name}
     return RawFile(others, rate, left, {**attributes, **({"time_gaps": gaps} if gaps else {})})
 
@@ -50,8 +53,7 @@ def read_time_column(path: Path, seconds: Float[np.ndarray, " time"]) -> tuple[f
     digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
     quantum = 10.0**-digits
     step = _step(seconds, quantum)
-    residual = seconds - step * np.arange(len(seconds))
-    drift = float(np.abs(residual - np.median(residual)).max())
+    drift = _drift(seconds, step)
     if drift <= max(0.5 * step, 1.01 * quantum):
         return snapped_rate(step, max(1e-6, min(quantum, 4 * drift) / (seconds[-1] - seconds[0]))), ""
     steps = np.diff(seconds)
@@ -73,8 +75,18 @@ def _step(seconds: Float[np.ndarray, " time"], quantum: float) -> float:
     """Time between two readings [s]: from the first and the last, unless the others contradict them."""
     span, half = float(seconds[-1] - seconds[0]), len(seconds) // 2
     step = span / (len(seconds) - 1)
-    usual = float(np.median(seconds[half:] - seconds[: len(seconds) - half])) / half
+    some = np.arange(0, len(seconds) - half, 1 + len(seconds) // _ENOUGH)
+    usual = float(np.median(seconds[some + half] - seconds[some])) / half
     return step if abs(step - usual) * len(seconds) <= 4 * quantum + 1e-9 * span else max(usual, 1e-300)
+
+
+def _drift(seconds: Float[np.ndarray, " time"], step: float) -> float:
+    """How far the time strays from even steps [s], looked at in parts: a long column leaves no room for another."""
+    some = np.arange(0, len(seconds), 1 + len(seconds) // _ENOUGH)
+    origin = float(np.median(seconds[some] - step * some))
+    parts = range(0, len(seconds), BLOCK)
+    strayed = (seconds[at : at + BLOCK] - origin - step * np.arange(at, min(at + BLOCK, len(seconds))) for at in parts)
+    return max(float(np.abs(part).max()) for part in strayed)
 
 
 def split_unit(text: str) -> tuple[str, str | None]:

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.errors import DataError, InputError
-from swashtwin.readers.raw import Options, RawFile, load_extra
+from swashtwin.readers.raw import Options, RawFile, load_extra, read_all
 from swashtwin.recording import Recording
+from swashtwin.stored import SideBySide
 
 _UNKNOWN_SIZE = 0x7FFFF000
 """A header that was written before the length was known says this or more [bytes]."""
@@ -14,21 +15,28 @@ _UNKNOWN_SIZE = 0x7FFFF000
 
 def read(path: Path, options: Options) -> RawFile:
     """Channels of a WAV file; integer files yield shares of full scale, which need a calibration factor."""
+    return read_all(open_columns(path, options))
+
+
+def open_columns(path: Path, options: Options) -> RawFile:
+    """As `read`, in slices."""
     with path.open("rb") as file:
         head = file.read(12)
     stated = int.from_bytes(head[4:8], "little") + 8
     if head[:4] == b"RIFF" and stated < _UNKNOWN_SIZE and stated > path.stat().st_size:
         raise DataError(f"{path} is cut off: its header states {stated} bytes, it has {path.stat().st_size}.")
-    soundfile = load_extra("soundfile")
-    with soundfile.SoundFile(str(path)) as sound:
-        integer = sound.subtype not in ("FLOAT", "DOUBLE")
-        rate = float(sound.samplerate)
-        frames = sound.frames
-        signal = sound.read(dtype="float64", always_2d=True)
-    if len(signal) != frames:
-        raise DataError(f"{path} is cut off: {len(signal)} of {frames} readings are there.")
-    columns = {f"channel_{number}": np.ascontiguousarray(row) for number, row in enumerate(signal.T)}
-    return RawFile(columns, rate, full_scale=integer)
+    sound = load_extra("soundfile").SoundFile(str(path))
+
+    def frames(start: int, stop: int) -> np.ndarray:
+        sound.seek(start)
+        signal = sound.read(stop - start, dtype="float64", always_2d=True)
+        if len(signal) != stop - start:
+            raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} readings are there.")
+        return np.ascontiguousarray(signal.T)
+
+    columns = SideBySide(frames, (sound.channels, sound.frames)).columns()
+    named = {f"channel_{number}": column for number, column in enumerate(columns)}
+    return RawFile(named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE"))
 
 
 def write(recording: Recording, path: Path) -> None:

@@ -1,5 +1,6 @@
 """Scaling of windows before a network sees them."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,18 @@ class Normalization:
             return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
         return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
 
+    def settled(self, parts: Callable[[], Iterable[WindowSet]]) -> "Normalization":
+        """The same for the windows of one recording that come in parts, each of which knows nothing of the others.
+
+        Parameters
+        ----------
+        parts : gives the parts; it is called where the scaling rests on the whole recording.
+        """
+        if self.kind != "recording":
+            return self
+        mean, deviation = _together([_moments(windows.signal) for windows in parts()])
+        return Normalization("set", mean, deviation)
+
     def applied(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
         """The readings of `windows`, scaled."""
         if self.kind == "window":
@@ -54,9 +67,23 @@ def _of_recordings(
     deviation = np.empty_like(mean)
     for name in np.unique(windows.recording_id):
         own = windows.recording_id == name
-        mean[own] = windows.signal[own].mean(axis=(0, 2), dtype=np.float64)
-        deviation[own] = windows.signal[own].std(axis=(0, 2), dtype=np.float64)
+        mean[own], deviation[own] = _together([_moments(windows.signal[own])])
     return mean, deviation
+
+
+_Moments = tuple[Float64[np.ndarray, "_ channel"], Float64[np.ndarray, "_ channel"]]
+
+
+def _moments(signal: Float32[np.ndarray, "window channel time"]) -> _Moments:
+    """Mean and variance of each window, which do not depend on the windows beside it."""
+    return signal.mean(axis=2, dtype=np.float64), signal.var(axis=2, dtype=np.float64)
+
+
+def _together(parts: list[_Moments]) -> tuple[Float64[np.ndarray, " channel"], Float64[np.ndarray, " channel"]]:
+    """Mean and deviation of all windows together, the same bit by bit however they came in parts."""
+    means, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
+    mean = means.mean(axis=0)
+    return mean, np.sqrt((variances + (means - mean) ** 2).mean(axis=0))
 
 
 def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:

@@ -1,6 +1,6 @@
 """Windows that are learnt from: cut from recordings, and split by recording, never by window."""
 
-from swashtwin.windows.cutting import cut_windows
+from swashtwin.windows.cutting import cut_windows, window_batches
 from swashtwin.windows.saving import load_windows, save_windows
 from swashtwin.windows.splitting import check_disjoint, hold_out, hold_out_specimens, split_by_recording
 from swashtwin.windows.window_set import WindowLayout, WindowSet
@@ -15,4 +15,5 @@ __all__ = [
     "load_windows",
     "save_windows",
     "split_by_recording",
+    "window_batches",
 ]

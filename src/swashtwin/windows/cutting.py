@@ -2,7 +2,8 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float32
@@ -10,11 +11,14 @@ from jaxtyping import Float32
 from swashtwin.errors import DataError, InputError
 from swashtwin.inspection import refuse_unfit, stated_speed
 from swashtwin.recording import Recording
+from swashtwin.stored import BLOCK, StoredRecording, opened
 from swashtwin.windows.window_set import WindowLayout, WindowSet
+
+Source = Recording | StoredRecording
 
 
 def cut_windows(
-    recordings: Iterable[Recording],
+    recordings: Iterable[Source],
     *,
     length: int | None = None,
     duration: float | None = None,
@@ -30,6 +34,7 @@ def cut_windows(
 
     Parameters
     ----------
+    recordings : in memory, or opened from their files: those are read in blocks, and only windows are kept.
     length : readings per window.
     duration : seconds per window [s].
     stride : readings from one window's start to the next one's; the default, `length`, lets none overlap.
@@ -66,7 +71,41 @@ def cut_windows(
     return _assembled(recordings, length, stride, classes)
 
 
-def _require_distinct(recordings: Sequence[Recording]) -> None:
+def window_batches(
+    recording: Source,
+    *,
+    length: int,
+    stride: int | None = None,
+    classes: Sequence[str] | None = None,
+    allow_partial_revolution: bool = False,
+    batch: int = 1024,
+) -> Iterator[WindowSet]:
+    """The windows of `cut_windows`, at most `batch` at a time, for a recording whose windows are larger than memory.
+
+    Parameters
+    ----------
+    recording : in memory, or opened from its file.
+    length, stride, classes, allow_partial_revolution : as in `cut_windows`.
+    batch : windows that are in memory together.
+
+    Raises
+    ------
+    InputError, DataError
+        As in `cut_windows`, before the first windows come.
+    """
+    stored, stride = opened(recording), length if stride is None else stride
+    known = _class_order([stored], classes)
+    refuse_unfit(stored)
+    _require_long_enough(stored, length, allow_partial_revolution)
+    count = 1 + (stored.n_readings - length) // stride
+    for first in range(0, count, batch):
+        last = min(first + batch, count)
+        part = stored.slice(first * stride, (last - 1) * stride + length)
+        windows = _assembled([part], length, stride, known)
+        yield replace(windows, start=windows.start + first * stride)
+
+
+def _require_distinct(recordings: Sequence[Source]) -> None:
     if not recordings:
         raise DataError("no recording to cut windows from; check the folder or the selection.")
     seen: set[str] = set()
@@ -92,7 +131,7 @@ def _window_length(sample_rate: float, length: int | None, duration: float | Non
     return wanted
 
 
-def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
+def _require_one_layout(recordings: Sequence[Source], length: int, like: WindowSet | None) -> None:
     first, first_name = _layout(recordings[0], length), recordings[0].recording_id
     if like is not None:
         first, first_name = like.layout, "the windows given as like="
@@ -104,11 +143,11 @@ def _require_one_layout(recordings: Sequence[Recording], length: int, like: Wind
             )
 
 
-def _layout(recording: Recording, length: int) -> WindowLayout:
+def _layout(recording: Source, length: int) -> WindowLayout:
     return WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, length)
 
 
-def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:
+def _class_order(recordings: Sequence[Source], classes: Sequence[str] | None) -> tuple[str, ...]:
     if classes is None:
         return tuple(sorted({recording.label for recording in recordings if recording.label is not None}))
     for recording in recordings:
@@ -122,8 +161,8 @@ def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None)
     return tuple(classes)
 
 
-def _require_long_enough(recording: Recording, length: int, allow_partial_revolution: bool) -> None:
-    readings = recording.signal.shape[1]
+def _require_long_enough(recording: Source, length: int, allow_partial_revolution: bool) -> None:
+    readings = opened(recording).n_readings
     if readings < length:
         raise DataError(
             f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
@@ -141,12 +180,20 @@ def _require_long_enough(recording: Recording, length: int, allow_partial_revolu
         )
 
 
-def _slices(recording: Recording, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
-    views = np.lib.stride_tricks.sliding_window_view(recording.signal, length, axis=1)[:, ::stride]
-    return np.ascontiguousarray(views.transpose(1, 0, 2), dtype=np.float32)
+def _slices(recording: Source, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
+    stored = opened(recording)
+    count = 1 + (stored.n_readings - length) // stride
+    windows = np.empty((count, len(stored.channels), length), dtype=np.float32)
+    at_once = max(1, BLOCK // stride)
+    for first in range(0, count, at_once):
+        last = min(first + at_once, count)
+        signal = stored.slice(first * stride, (last - 1) * stride + length).signal
+        views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
+        windows[first:last] = views.transpose(1, 0, 2)
+    return windows
 
 
-def _assembled(recordings: Sequence[Recording], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
+def _assembled(recordings: Sequence[Source], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
     slices = [_slices(recording, length, stride) for recording in recordings]
     repeats = [len(part) for part in slices]
     index = {name: position for position, name in enumerate(classes)}
@@ -155,7 +202,7 @@ def _assembled(recordings: Sequence[Recording], length: int, stride: int, classe
     speed = [math.nan if condition is None else condition.speed for condition in conditions]
     target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
     return WindowSet(
-        signal=np.concatenate(slices),
+        signal=slices[0] if len(slices) == 1 else np.concatenate(slices),
         target=np.repeat(np.array(target, dtype=np.int64), repeats),
         classes=classes,
         recording_id=np.repeat(np.array([recording.recording_id for recording in recordings], dtype=np.str_), repeats),

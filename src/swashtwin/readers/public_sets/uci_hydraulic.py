@@ -97,7 +97,7 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
 
 def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
     raw = read_raw(path, Options(separator="\t", decimal=".", header_lines=0))
-    return np.stack(list(raw.columns.values()), axis=1)
+    return np.stack([column[:] for column in raw.columns.values()], axis=1)
 
 
 def _at_ten_hertz(readings: Float[np.ndarray, "cycle value"], path: Path) -> Float[np.ndarray, "cycle time"]:

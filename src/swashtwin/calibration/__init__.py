@@ -11,6 +11,7 @@ from swashtwin.calibration.amortized_saving import load_amortized, save_amortize
 from swashtwin.calibration.amortized_training import AmortizedTraining
 from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.coverage import Coverage, check_coverage
+from swashtwin.calibration.difference import Difference, difference
 from swashtwin.calibration.dimensions import Dimension
 from swashtwin.calibration.discrepancy import Discrepancy
 from swashtwin.calibration.evolution import CMAES
@@ -53,6 +54,7 @@ __all__ = [
     "Checkpoint",
     "Comparison",
     "Coverage",
+    "Difference",
     "Dimension",
     "DimensionEstimate",
     "DirectAdam",
@@ -88,6 +90,7 @@ __all__ = [
     "candidates_for",
     "check_coverage",
     "choose_learning_rate",
+    "difference",
     "estimate_severity",
     "expected_information_gain",
     "identifiability",

@@ -177,6 +177,8 @@ class Objective:
         for one in self.comparisons:
             digest.update(repr([recording.fingerprint() for recording in one.measurement.recordings]).encode())
             digest.update(np.ascontiguousarray(one.measurement.orders).tobytes())
+            if one.background is not None:
+                digest.update(np.ascontiguousarray(one.background).tobytes())
         arrays = (self.measured.numpy(), self.sigma.numpy(), *vars(self.space).values())
         for array in (*arrays, self.unknowns.center, self.unknowns.deviation, self.unknowns.start):
             digest.update(np.ascontiguousarray(array).tobytes())

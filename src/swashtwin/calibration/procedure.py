@@ -80,10 +80,15 @@ def calibrate(
     method = IPINN() if method is None else method
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     objective = prepared(
-        twins, list(recordings), bounds=bounds, band=band, nuisances=nuisances, lines=lines, phases=phases
+        twins,
+        list(recordings),
+        bounds=bounds,
+        band=band,
+        nuisances=nuisances,
+        lines=lines,
+        phases=phases,
+        prior=prior,
     )
-    if prior is not None:
-        objective = replace(objective, unknowns=prior.prior_of(objective.unknowns))
     settings = settings_of(method, objective, seed)
     kept = _checkpoint(checkpoint, resume, method, {**settings, "measurement (SHA-256)": objective.fingerprint()})
     found = method.search(objective, seed=seed, progress=progress, **kept)
@@ -106,10 +111,12 @@ def prepared(
     nuisances: Nuisances,
     lines: Lines = "piston",
     phases: bool = False,
+    prior: Population | None = None,
 ) -> Objective:
     """Objective of `calibrate` on the recordings that agree with the twins."""
     measurements = _measured(twins, recordings, DEFAULT_BAND if band is None else band, lines, phases)
-    return objective_of(twins, measurements, bounds, nuisances)
+    objective = objective_of(twins, measurements, bounds, nuisances)
+    return objective if prior is None else replace(objective, unknowns=prior.prior_of(objective.unknowns))
 
 
 def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:

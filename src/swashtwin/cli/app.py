@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli import (
+    calibrating,
+    comparing,
     diagnosing,
     fleets,
     indicating,
@@ -42,7 +44,8 @@ app.command("spectrum", rich_help_panel=_DATA)(indicating.spectrum)
 app.command("trend", rich_help_panel=_DATA)(indicating.trend)
 app.add_typer(pumps.pumps, name="pump", rich_help_panel=_PHYSICS)
 app.command("simulate", rich_help_panel=_PHYSICS)(simulating.simulate)
-app.command("calibrate", rich_help_panel=_PHYSICS)(physics.calibrate)
+app.command("calibrate", rich_help_panel=_PHYSICS)(calibrating.calibrate)
+app.command("compare", rich_help_panel=_PHYSICS)(comparing.compare)
 app.command("calibrate-fleet", rich_help_panel=_PHYSICS)(fleets.calibrate_fleet)
 app.command("severity", rich_help_panel=_PHYSICS)(severities.severity)
 app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)

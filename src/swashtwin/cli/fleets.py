@@ -16,6 +16,7 @@ from swashtwin.cli.options import (
     FreedName,
     Index,
     Json,
+    Pressures,
     PumpName,
     Seed,
     Speed,
@@ -32,9 +33,7 @@ if TYPE_CHECKING:
 def calibrate_fleet(
     source: Index,
     speed: Speed,
-    pressure: Annotated[
-        list[str], typer.Option(help='Absolute pressure at the outlet, "15 MPa"; repeat it for several at once.')
-    ],
+    pressure: Pressures,
     pump: PumpName = "25scy14-1b",
     temperature: Temperature = None,
     fault: FaultName = "normal",

@@ -24,6 +24,10 @@ Length = Annotated[int, typer.Option(help="Readings per window; 2048 are 80 ms a
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin pump show).")]
 Speed = Annotated[str, typer.Option(help='Speed of the shaft, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute pressure at the outlet, such as "15 MPa".')]
+Pressures = Annotated[
+    list[str],
+    typer.Option("--pressure", help='Absolute pressure at the outlet, "15 MPa"; repeat it for several at once.'),
+]
 Temperature = Annotated[str | None, typer.Option(help='Oil temperature, such as "45 degC".')]
 FaultName = Annotated[
     str, typer.Option("--fault", help="Kind of fault, such as swash_plate; normal is a healthy pump.")

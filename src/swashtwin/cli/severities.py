@@ -34,7 +34,7 @@ def severity(
     """Tell how severe a fault is in each recording of a pump, in mm or um, with an interval: for one pump's trend.
 
     The severity (a depth, a clearance) is always searched; a given one is where the search starts. Of the further
-    dimensions the usual ones are searched where they are not given. Calibrate with --up-to "1000 Hz", as far as
+    dimensions the usual ones are searched where they are not given. Calibrate with --band "0 Hz" "1 kHz", as far as
     severities are searched.
     """
     from swashtwin.calibration import estimate_severity, load_calibration

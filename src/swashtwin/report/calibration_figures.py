@@ -224,7 +224,9 @@ def losses(calibration: Calibration, key: str) -> Drawing:
     step = np.arange(1, len(history.spectrum_loss) + 1)
     total = history.loss
     columns = {"step": step, "total": total, "frequency": history.spectrum_loss, "boundary": history.boundary_loss}
-    figure, axes = panels(1, 1, 3.2)
+    columns["prior"] = history.prior_loss
+    has_gradient = len(history.gradient_norm) == len(step)
+    figure, axes = panels(1 + has_gradient, 1, 3.2 + 1.8 * has_gradient, sharex=True)
     place = axes[0, 0]
     place.axvline(history.best + 1, color=LIGHT, linewidth=3)
     place.plot(step, total, color="#000000", label="total", linewidth=2.2)
@@ -234,16 +236,31 @@ def losses(calibration: Calibration, key: str) -> Drawing:
         place.plot(step, outside, ".-", color="#d55e00", label="boundary", markersize=3)
     else:
         place.plot([], [], " ", label="boundary: 0 at every step")
-    place.set(yscale="log", xlabel=_step_name(calibration), ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
+    if (history.prior_loss > 0).any():
+        place.plot(step, history.prior_loss, ":", color="#009e73", label="priors")
+    place.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
     place.set_ylim(bottom=max(place.get_ylim()[0], total.min() / 30))
-    place.xaxis.set_major_locator(MaxNLocator(integer=True))
     name_decades(place)
+    if has_gradient:
+        columns["gradient_norm"] = history.gradient_norm
+        _gradient_panel(axes[1, 0], calibration)
+    axes[-1, 0].set_xlabel(_step_name(calibration))
+    axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.legend(loc="outside right upper")
+    below = " Below: norm of the loss's gradient with respect to what the method moves." if has_gradient else ""
     caption = (
         f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the step "
-        f"that was kept, {history.best + 1} of {len(step)}."
+        f"that was kept, {history.best + 1} of {len(step)}.{below}"
     )
     return drawn(f"{key}_losses", figure, columns, title="Loss over the search", caption=caption)
+
+
+def _gradient_panel(place: Axes, calibration: Calibration) -> None:
+    norm = np.where(calibration.history.gradient_norm > 0, calibration.history.gradient_norm, np.nan)
+    place.axvline(calibration.history.best + 1, color=LIGHT, linewidth=3)
+    place.plot(np.arange(1, len(norm) + 1), norm, color="#000000", linewidth=1.0)
+    place.set(yscale="log", ylabel="gradient [1]")
+    name_decades(place)
 
 
 @styled()
@@ -282,4 +299,4 @@ def paths(calibration: Calibration, key: str) -> Drawing:
 
 
 def _step_name(calibration: Calibration) -> str:
-    return "epoch" if calibration.method == "IPINN" else "simulation from the best start"
+    return "epoch" if calibration.method in ("IPINN", "DirectAdam") else "simulation from the best start"

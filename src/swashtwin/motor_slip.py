@@ -69,7 +69,8 @@ def motor_slip(
 
     Of all pairs of a synchronous speed and a shaft speed below it, the one whose two combs of lines stand highest, by
     the mean logarithms of the spectrum there; a line of the shaft that cannot be told from the supply's does not count.
-    The spectrum is the mean over the channels, each divided by its own median level nearby. In 5 s the lag comes out to within a fifth at the lowest speeds, less above.
+    The spectrum is the mean over the channels, each divided by its own median level nearby. In 5 s the lag comes out to
+    within a fifth at the lowest speeds, and better above.
 
     Parameters
     ----------

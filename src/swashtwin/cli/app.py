@@ -14,6 +14,7 @@ from swashtwin.cli import (
     learning,
     physics,
     pumps,
+    real_data,
     recordings,
     severities,
     simulating,
@@ -34,6 +35,8 @@ app = typer.Typer(
 _DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
 app.command("demo", rich_help_panel=_DEMO)(studying.demo)
 app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
+studying.studies.command("public")(real_data.public)
+studying.studies.command("scarce")(real_data.scarce)
 app.command("rig", rich_help_panel=_DATA)(recordings.rig)
 app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("convert", rich_help_panel=_DATA)(recordings.convert)

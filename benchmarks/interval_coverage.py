@@ -23,8 +23,8 @@ from swashtwin.calibration.identifiability import estimates_of, sandwich
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.rig.fleet import RECESS, film_factors
-from swashtwin.rig.measuring import Run
+from swashtwin.rig.fleet import RECESS
+from swashtwin.rig.measuring import Run, true_values
 from swashtwin.twin import Twin
 
 NUISANCES = {"none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing()}
@@ -39,13 +39,6 @@ class Found:
     held: list[bool]
     verdicts: list[str]
     off: list[float]
-
-
-def truth_of(run: Run) -> np.ndarray:
-    """The six values that held in one recording."""
-    oil = run.specimen.pump.oil
-    viscosity = oil.viscosity_at(run.condition.oil_temperature) / oil.viscosity
-    return run.specimen.values * film_factors(run.condition.discharge_pressure, viscosity)
 
 
 def covariance_under(rule: str, around: Linearized) -> np.ndarray:
@@ -63,7 +56,7 @@ def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Found]
     torch.set_num_threads(1)
     assert recording.condition is not None
     twin = Twin(load_pump("25scy14-1b"), recording.condition, RECESS if recording.label == "swash_plate" else None)
-    measurement, truth = measure(twin, [recording]), truth_of(run)
+    measurement, truth = measure(twin, [recording]), true_values(run)
     result = {}
     for name, nuisances in NUISANCES.items():
         objective = objective_of(twin, measurement, None, nuisances)

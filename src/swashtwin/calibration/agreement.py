@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
 from swashtwin.calibration.measurement import Measurement
 from swashtwin.calibration.objective import Comparison
@@ -143,15 +143,30 @@ def agreement(
     ----------
     amplitude : the twin's line amplitudes [m/s^2] at the measurement's orders.
     """
-    rmses, relative, peaks, excerpts = [], [], [], []
     rows = [twin.pump.channels.index(name) for name in measurement.channels]
     with torch.no_grad():
         lines = twin.acceleration().numpy()[rows]
+    return agreement_of_lines(measurement, lines, twin.orders, amplitude)
+
+
+def agreement_of_lines(
+    measurement: Measurement,
+    lines: Complex[np.ndarray, "channel line"],
+    orders: Int[np.ndarray, " line"],
+    amplitude: Float[np.ndarray, "channel order"],
+) -> tuple[Agreement, Float[np.ndarray, "channel time"], Float[np.ndarray, "channel time"]]:
+    """The same of complex lines [m/s^2] at shaft `orders`, wherever they come from.
+
+    Parameters
+    ----------
+    amplitude : their amplitudes [m/s^2] at the measurement's orders.
+    """
+    rmses, relative, peaks, excerpts = [], [], [], []
     for recording in measurement.recordings:
         turn = _readings_per_turn(recording)
         low, high = max(measurement.band[0], 0.5 * recording.sample_rate / turn), measurement.band[1]
         measured = band_limited(recording.signal, recording.sample_rate, low, high)
-        shifted = [_simulated(twin, lines, recording, (low, high), step / PHASES) for step in range(PHASES)]
+        shifted = [_simulated(lines, orders, recording, (low, high), step / PHASES) for step in range(PHASES)]
         turns = measured.shape[1] // turn - 2 * MARGIN
         for number in np.unique(np.linspace(MARGIN, MARGIN + turns - 1, min(MOST_WINDOWS, turns)).astype(int)):
             start = number * turn
@@ -179,9 +194,9 @@ def _readings_per_turn(recording: Recording) -> int:
 
 
 def _simulated(
-    twin: Twin, lines: np.ndarray, recording: Recording, band: tuple[float, float], shift: float
+    lines: np.ndarray, orders: np.ndarray, recording: Recording, band: tuple[float, float], shift: float
 ) -> Float[np.ndarray, "channel time"]:
-    """Two revolutions of the twin at the recording's speed and rate, through the same filter as the recording.
+    """Two revolutions at the recording's speed and rate, through the same filter as the recording.
 
     Parameters
     ----------
@@ -189,7 +204,7 @@ def _simulated(
     """
     assert recording.condition is not None
     turn = _readings_per_turn(recording)
-    kept = twin.orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
+    kept = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
     angle = recording.condition.speed * (np.arange((2 + 2 * MARGIN) * turn) + shift) / recording.sample_rate
-    signal = synchronous_signal(lines[:, kept], twin.orders[kept], angle)
+    signal = synchronous_signal(lines[:, kept], orders[kept], angle)
     return band_limited(signal, recording.sample_rate, *band)[:, MARGIN * turn : (2 + MARGIN) * turn]

@@ -7,6 +7,7 @@ import typer
 
 from swashtwin.cli import (
     calibrating,
+    calibration_studies,
     comparing,
     diagnosing,
     fleets,
@@ -34,6 +35,7 @@ app = typer.Typer(
 
 _DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
 app.command("demo", rich_help_panel=_DEMO)(studying.demo)
+studying.studies.command("calibration")(calibration_studies.calibration)
 app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
 studying.studies.command("public")(real_data.public)
 studying.studies.command("scarce")(real_data.scarce)

@@ -59,16 +59,22 @@ def _periodic_terms(run: Run, structure: Structure, values: torch.Tensor) -> lis
     ]
 
 
+def true_values(run: Run) -> Float[np.ndarray, " 6"]:
+    """The six interface values that hold in a run: the specimen's as it was put together, on this oil and pressure."""
+    oil, condition = run.specimen.pump.oil, run.condition
+    viscosity = oil.viscosity_at(condition.oil_temperature) / oil.viscosity
+    return run.specimen.values * film_factors(condition.discharge_pressure, viscosity)
+
+
 def shell_lines(run: Run, pressure: Complex[np.ndarray, "order 13"]) -> Complex[np.ndarray, "sensor line"]:
     """Acceleration lines [m/s^2], orders 1..., of the rigid shell where the sensors sit.
 
     Motions are about the static deflection, so order 0 carries no force.
     """
     specimen, condition = run.specimen, run.condition
-    pump, oil = specimen.pump, specimen.pump.oil
-    films = film_factors(condition.discharge_pressure, oil.viscosity_at(condition.oil_temperature) / oil.viscosity)
+    pump = specimen.pump
     structure = assemble(pump, TOPOLOGY)
-    values = worn_values(pump, run.fault, torch.as_tensor(specimen.values * films))
+    values = worn_values(pump, run.fault, torch.as_tensor(true_values(run)))
     n_lines = pressure.shape[0] - 1
     frequency = np.arange(n_lines + 1) * condition.speed
     motion = excitation_lines(pump, condition, run.fault, n_lines)
@@ -89,6 +95,19 @@ def shell_lines(run: Run, pressure: Complex[np.ndarray, "order 13"]) -> Complex[
     )
     rows = structure.sensor_rows.numpy()
     return -(frequency[1:] ** 2) * (rows @ lines.numpy()[1:].T)
+
+
+def sensor_lines(run: Run) -> Complex[np.ndarray, "sensor line"]:
+    """Lines [m/s^2], orders 1..., of what the sensors read in a run, free of noise, drift and converter.
+
+    The best that any model could know of it: scores of twins are held against it, and nothing else may use it.
+    """
+    pump, condition, housing = run.specimen.pump, run.condition, run.specimen.housing
+    case = LoadCase(pump, condition, run.fault, run.specimen.clearances)
+    (pressure,) = force_lines([case], int(BANDWIDTH / condition.shaft_frequency), topology=TOPOLOGY)
+    lines = shell_lines(run, pressure)
+    frequency = np.arange(1, lines.shape[1] + 1) * condition.shaft_frequency
+    return housing.gain @ (lines * housing.response(frequency))
 
 
 def shaft_angle(

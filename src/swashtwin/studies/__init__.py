@@ -1,11 +1,14 @@
 """The paper's questions as functions of recordings and seeds."""
 
+from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
 from swashtwin.studies.table import StudyTable, Trial
 
 __all__ = [
     "CASE_ONE_SIZES",
+    "CONTENDERS",
+    "CalibrationStudySettings",
     "CaseOneSettings",
     "Embedding",
     "Outcome",
@@ -13,5 +16,6 @@ __all__ = [
     "StudyTable",
     "TrainingCurve",
     "Trial",
+    "run_calibration_study",
     "run_case_one",
 ]

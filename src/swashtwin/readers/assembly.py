@@ -170,11 +170,13 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
 
 def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | None:
     """Sample rate [Hz] that the file itself states for the chosen columns, or None."""
-    rates = {raw.rates[name]: name for name in chosen if name in raw.rates}
-    if len(rates) > 1:
-        listed = ", ".join(f"{name}: {rate:g} Hz" for rate, name in rates.items())
+    if not raw.rates:
+        return raw.sample_rate
+    names = {raw.rates.get(name): name for name in chosen}
+    if len(names) > 1:
+        listed = ", ".join(f"{name}: {f'{rate:g} Hz' if rate else 'none'}" for rate, name in names.items())
         raise DataError(f"{where} holds channels of several rates ({listed}); name those of one: channels = [...].")
-    return next(iter(rates), raw.sample_rate)
+    return next(iter(names))
 
 
 def positive(rate: float | None, where: str) -> float:

@@ -35,6 +35,8 @@ _FORMATS = {
 }
 SUFFIXES = tuple(_FORMATS)
 """Suffixes that can be read."""
+_RATES = (1e-3, 1e9)
+"""Sample rates that anything measures at [Hz]."""
 _WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 
 
@@ -88,8 +90,8 @@ def _checked(path: Path, read: Callable[[Any], RawFile]) -> RawFile:
     if not raw.columns:
         raise DataError(f"{path} holds no vector of numbers.")
     for rate in (raw.sample_rate, *raw.rates.values()):
-        if rate is not None and not 0 < rate < 1e10:
-            raise DataError(f"{path} states a sample rate of {rate!r} Hz; the file is damaged.")
+        if rate is not None and not _RATES[0] <= rate <= _RATES[1]:
+            raise DataError(f"{path} states a sample rate of {rate:g} Hz; the file is damaged, or its time no time.")
     return raw
 
 

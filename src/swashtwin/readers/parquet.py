@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.readers.apart import read_apart
 from swashtwin.readers.raw import Options, RawFile, load_extra, read_all
 from swashtwin.readers.tables import split_unit, timed_columns
 from swashtwin.recording import Recording
@@ -20,7 +21,13 @@ def read(path: Path, options: Options) -> RawFile:
 
 
 def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices; only the time is read at once."""
+    """As `read`, in slices; only the time is read at once. Another process goes first: damage makes polars panic."""
+    read_apart("parquet", path, options, keep=False)
+    return read_here(path, options)
+
+
+def read_here(path: Path, options: Options) -> RawFile:
+    """As `open_columns`, for a file that the library survives."""
     polars = load_extra("polars")
     table = polars.scan_parquet(path)
     height = table.select(polars.len()).collect().item()

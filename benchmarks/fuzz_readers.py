@@ -1,0 +1,266 @@
+"""Feed the readers mutated and truncated files, and count what comes of it.
+
+    python benchmarks/fuzz_readers.py --count 2000 --format all
+
+A file must be refused in one line by a SwashTwinError, or read. What is read may hold other readings where its format
+has no checksum of them (`CHECKED` names those that have), but never another sample rate. The only exceptions, counted
+apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, in which nothing has a checksum, so
+that changed bytes (not missing ones) that state the rate, or say where it stands, cannot be told from true ones unless
+the rate is absurd; and TDMS files of which only one channel is left, so that no other contradicts. A crash, a hang,
+another exception or a silently wrong rate is a failure. Each format is fuzzed in a process of its own, so that a crash
+is seen.
+"""
+
+import argparse
+import gzip
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from select import select
+
+import h5py
+import numpy as np
+
+from swashtwin.errors import SwashTwinError
+from swashtwin.readers import (
+    open_recording,
+    open_recordings,
+    read_recording,
+    read_recordings,
+    write_recording,
+    write_store,
+)
+from swashtwin.recording import Recording
+
+RATE = 25600.0
+TELLS_ONCE = ("mat73", "hdf5_foreign")
+"""Formats whose rate stands in one place, found by addresses, and of which nothing has a checksum."""
+CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
+"""Formats with checksums of everything, which must never be read as anything else than what was written."""
+FAILURES = ("wrong_rate", "wrong_readings", "exception", "two_lines", "crash", "hang")
+_PATIENCE = 90.0
+_WORDS = (b"\x00" * 4, b"\xff" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x01\x00\x00\x00", b"\xff" * 8)
+
+
+def recording() -> Recording:
+    """What every file holds."""
+    signal = np.random.default_rng(0).standard_normal((2, 60))
+    return Recording(signal, RATE, "a", channels=("x", "y"), label="normal", attributes={"sensor": "352C33"})
+
+
+def _plain(suffix: str) -> Callable[[Path], Path]:
+    return lambda folder: write_recording(recording(), folder / f"a.{suffix}")
+
+
+def _gzipped(folder: Path) -> Path:
+    text = write_recording(recording(), folder / "b.csv").read_bytes()
+    (folder / "a.csv.gz").write_bytes(gzip.compress(text))
+    return folder / "a.csv.gz"
+
+
+def _header_lines(folder: Path) -> Path:
+    rows = zip(recording().time, *recording().signal, strict=True)
+    lines = "".join("\t".join(f"{value:.10f}" for value in row) + "\n" for row in rows)
+    text = "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\nTime     \tch 0     \tch 1     \n" + lines
+    (folder / "a.dat.gz").write_bytes(gzip.compress(text.encode()))
+    return folder / "a.dat.gz"
+
+
+def _matlab_7_3(folder: Path) -> Path:
+    path = folder / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in {"x": recording().signal, "fs": np.array([[RATE]])}.items():
+            file[name] = value
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as opened:
+        opened.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    return path
+
+
+def _foreign(folder: Path) -> Path:
+    with h5py.File(folder / "a.h5", "w") as file:
+        file["acc"] = recording().signal
+        file["acc"].attrs.update({"fs": RATE, "unit": "g"})
+    return folder / "a.h5"
+
+
+def _store(folder: Path) -> Path:
+    return write_store([recording()], folder / "a.h5")
+
+
+def _universal(folder: Path) -> Path:
+    import pyuff
+
+    sets = [
+        pyuff.prepare_58(
+            id1=f"point {number}", func_type=1, rsp_node=number, rsp_dir=1, ref_node=0, ref_dir=0, ord_data_type=4,
+            num_pts=len(row), abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=1 / RATE, abscissa_spec_data_type=17,
+            ordinate_spec_data_type=12, orddenom_spec_data_type=0, ordinate_axis_units_lab="g", data=row,
+            x=recording().time,
+        )
+        for number, row in enumerate(recording().signal)
+    ]  # fmt: skip
+    pyuff.UFF(str(folder / "a.uff")).write_sets(sets, mode="overwrite")
+    return folder / "a.uff"
+
+
+FORMATS: dict[str, Callable[[Path], Path]] = {
+    "csv": _plain("csv"),
+    "csv_gz": _gzipped,
+    "text_gz": _header_lines,
+    "mat5": _plain("mat"),
+    "mat73": _matlab_7_3,
+    "hdf5": _plain("h5"),
+    "hdf5_foreign": _foreign,
+    "store": _store,
+    "wav": _plain("wav"),
+    "tdms": _plain("tdms"),
+    "uff": _universal,
+    "parquet": _plain("parquet"),
+    "npz": _plain("npz"),
+    "mdf": _plain("mf4"),
+}
+"""Writer of a valid file of each format."""
+
+
+def mutated(content: bytes, generator: np.random.Generator) -> bytes:
+    """`content` cut off, or with some of its bytes changed, left out, repeated or set to telling values."""
+    kind = generator.integers(0, 10)
+    if kind < 3:
+        return content[: int(generator.integers(0, len(content)))]
+    changed = bytearray(content)
+    reach = len(changed) if generator.random() < 0.5 else min(400, len(changed))  # half of them in the header
+    at = int(generator.integers(0, reach))
+    size = int(2 ** generator.uniform(0, np.log2(max(2, len(content) // 4))))
+    if kind < 7:
+        for place in generator.integers(0, reach, int(generator.integers(1, 12))):
+            changed[place] = (
+                int(generator.integers(0, 256)) if kind < 6 else changed[place] ^ (1 << generator.integers(8))
+            )
+    elif kind == 7:
+        word = _WORDS[generator.integers(0, len(_WORDS))]
+        changed[at : at + len(word)] = word
+    elif kind == 8:
+        del changed[at : at + size]
+    else:
+        changed[at:at] = changed[at : at + size]
+    return bytes(changed)
+
+
+def outcome(name: str, path: Path, original: bytes, *, lazily: bool) -> tuple[str, str]:
+    """Class of what came of reading a mutated file, and what was said."""
+    facts = (
+        {}
+        if name in ("csv", "csv_gz", "mat5", "hdf5", "tdms", "uff", "parquet", "npz", "mdf", "store")
+        else {"unit": "1"}
+    )
+    facts = {} if name == "hdf5_foreign" else facts
+    try:
+        if name == "store":
+            (back,) = [one.loaded() for one in open_recordings(path)] if lazily else read_recordings(path)
+        else:
+            back = open_recording(path, **facts).loaded() if lazily else read_recording(path, **facts)
+    except SwashTwinError as error:
+        return ("two_lines" if "\n" in str(error) else "refused"), str(error)
+    except Exception as error:  # what is looked for
+        return "exception", f"{type(error).__name__}: {error}"
+    if abs(back.sample_rate / RATE - 1) > 1e-6:
+        unchecked = name in TELLS_ONCE and len(path.read_bytes()) >= len(original)
+        alone = name == "tdms" and back.n_channels == 1  # the one whose rate would contradict is lost as well
+        return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{back.sample_rate:g} Hz"
+    if name in CHECKED and not np.allclose(back.signal, recording().signal, rtol=0, atol=1e-9):
+        return "wrong_readings", f"{back.signal.shape}"
+    return "same" if back.signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
+
+
+def fuzz(name: str, first: int, count: int, seed: int, folder: Path, told: Callable[[int, str, str], None]) -> None:
+    """Tell the outcome of each of `count` mutations of a file, from number `first` on."""
+    warnings.simplefilter("ignore")
+    valid = FORMATS[name](folder)
+    content, suffix = valid.read_bytes(), "".join(valid.suffixes)
+    kind, said = outcome(name, valid, content, lazily=True)
+    if kind != "same":
+        raise ValueError(f"the valid {name} file is {kind}: {said}")
+    for number in range(first, first + count):
+        generator = np.random.default_rng([seed, *name.encode(), number])
+        path = folder / f"mutated_{number}{suffix}"
+        path.write_bytes(mutated(content, generator))
+        told(number, *outcome(name, path, content, lazily=number % 2 == 1))
+        path.unlink(missing_ok=True)
+
+
+def _run(name: str, count: int, seed: int) -> dict[str, object]:
+    counts: Counter[str] = Counter()
+    failures: list[dict[str, object]] = []
+    done, started, slowest = 0, time.perf_counter(), 0.0
+    while done < count:
+        command = [sys.executable, "-W", "ignore", __file__, "--inside", name, str(done), str(count - done), str(seed)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+            assert process.stdout is not None
+            asked, last = time.perf_counter(), ""
+            while True:
+                ready, _, _ = select([process.stdout], [], [], _PATIENCE)
+                last = process.stdout.readline() if ready else "hang"
+                if not last.endswith("\n"):
+                    break
+                number, kind, said = json.loads(last)
+                counts[kind] += 1
+                if done > 0:
+                    slowest = max(slowest, time.perf_counter() - asked)
+                asked, done = time.perf_counter(), number + 1
+                if kind in FAILURES:
+                    failures.append({"number": number, "kind": kind, "said": said})
+            if last == "hang":
+                process.kill()
+        if done < count:
+            kind = "hang" if last == "hang" else "crash"
+            counts[kind] += 1
+            failures.append({"number": done, "kind": kind, "said": ""})
+            done += 1
+    return {
+        "format": name,
+        "count": count,
+        "outcomes": dict(counts),
+        "failures": failures,
+        "seconds": round(time.perf_counter() - started, 1),
+        "slowest_s": round(slowest, 2),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=2000, help="mutated files of each format")
+    parser.add_argument("--format", default="all", choices=["all", *FORMATS])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--inside", nargs=4, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.inside:
+        name, first, count, seed = given.inside
+        with tempfile.TemporaryDirectory() as folder:
+            fuzz(name, int(first), int(count), int(seed), Path(folder),
+                 lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
+        return 0
+    results = []
+    for name in FORMATS if given.format == "all" else [given.format]:
+        results.append(_run(name, given.count, given.seed))
+        if not given.json:
+            one = results[-1]
+            print(
+                f"{name:13s} {one['seconds']:7.1f} s  slowest {one['slowest_s']:.2f} s  {one['outcomes']}", flush=True
+            )
+            for failure in results[-1]["failures"][:8]:
+                print("   ", failure, flush=True)
+    if given.json:
+        print(json.dumps({"rate": RATE, "seed": given.seed, "results": results}))
+    return int(any(one["failures"] for one in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""A recording, and files of every format that hold it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from swashtwin.condition import OperatingCondition
+from swashtwin.readers import read_recording, write_recording
+from swashtwin.recording import Recording
+from swashtwin.units import MPa, celsius, rpm
+
+WRITABLE = ("h5", "mat", "wav", "csv", "tdms", "parquet", "npz", "mf4")
+READABLE = (*WRITABLE, "uff")
+
+
+def some_recording() -> Recording:
+    """Two channels of noise of which everything is known."""
+    return Recording(
+        signal=np.random.default_rng(0).standard_normal((2, 600)),
+        sample_rate=25600.0,
+        recording_id="normal_15MPa_1",
+        channels=("axial x", "radial"),
+        label="normal",
+        condition=OperatingCondition(speed=rpm(860.0), discharge_pressure=MPa(15.0), oil_temperature=celsius(45.0)),
+        specimen="A",
+        attributes={"sensor": "352C33"},
+    )
+
+
+def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") -> None:
+    import pyuff
+
+    sets = [
+        pyuff.prepare_58(
+            id1=f"point {number}",
+            func_type=1,
+            rsp_node=number,
+            rsp_dir=1,
+            ref_node=0,
+            ref_dir=0,
+            ord_data_type=4,
+            num_pts=len(row),
+            abscissa_spacing=1,
+            abscissa_min=0.0,
+            abscissa_inc=step,
+            abscissa_spec_data_type=17,
+            ordinate_spec_data_type=12,
+            orddenom_spec_data_type=0,
+            ordinate_axis_units_lab=unit,
+            data=row,
+            x=np.arange(len(row)) * step,
+        )
+        for number, row in enumerate(signal)
+    ]
+    pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+
+
+def written(recording: Recording, folder: Path, suffix: str) -> Path:
+    path = folder / f"file.{suffix}"
+    if suffix == "uff":
+        write_uff(path, recording.signal, 1 / recording.sample_rate)
+        return path
+    return write_recording(recording, path)
+
+
+def read_back(path: Path) -> Recording:
+    """The recording, told what its format has no place for."""
+    return read_recording(path, **({"unit": "m/s^2"} if path.suffix == ".wav" else {}))

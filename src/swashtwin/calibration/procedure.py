@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.agreement import fit_of
 from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
-from swashtwin.calibration.identifiability import Estimate, estimates_of, posterior_covariance
+from swashtwin.calibration.identifiability import estimates_of, posterior_covariance
 from swashtwin.calibration.ipinn import IPINN
 from swashtwin.calibration.likelihood import Likelihood
-from swashtwin.calibration.measurement import DEFAULT_BAND, GRAVITY, Lines, Measurement, measure
+from swashtwin.calibration.measurement import DEFAULT_BAND, Lines, Measurement, measure
+from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective import NONE, Objective, objective_of
 from swashtwin.calibration.population import Population
 from swashtwin.calibration.posterior import Posterior
@@ -169,7 +169,7 @@ def concluded(
         recording_ids=tuple(name for one in measurements for name in one.recording_ids),
         recording_hashes={one.recording_id: one.fingerprint() for m in measurements for one in m.recordings},
         left_out=_left_out(measurements),
-        notes=tuple(_notes(objective, found, estimates)),
+        notes=notes_of(objective, found, estimates),
         method=type(method).__name__,
         settings=settings,
         simulations=found.simulations,
@@ -208,29 +208,6 @@ def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...
     """What none of the measurements holds, with the reason of the first."""
     used = {name for one in measurements for name in one.recording_ids}
     return tuple(pair for pair in measurements[0].left_out if pair[0] not in used)
-
-
-def _notes(objective: Objective, found: Search, estimates: tuple[Estimate, ...]) -> list[str]:
-    notes = [*found.notes, *(note for one in objective.comparisons for note in one.measurement.notes)]
-    with torch.no_grad():
-        nominal = objective.readings(objective.start)
-        lines = objective.readings(torch.as_tensor(found.point))
-    ratio = float((nominal.square().mean() / objective.measured.square().mean()).sqrt())
-    if abs(ratio / GRAVITY - 1) <= 0.2:
-        notes.append(f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the readings in g?")
-    for estimate in estimates:
-        if estimate.verdict == "at bound":
-            notes.append(f"{estimate.letter} was stopped by a bound: a constant of the pump file may be wrong.")
-    unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
-    if unknown:
-        notes.append(f"{', '.join(unknown)}: not identified; the measurement hardly says more than was known before.")
-    misfit = float(((lines - objective.measured) / objective.sigma).square().mean().sqrt())
-    if misfit > 2:
-        notes.append(
-            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected; the model lacks "
-            "something (housing modes, wrong constants), and the intervals were widened for it."
-        )
-    return notes
 
 
 def _settings(method: Calibrator) -> dict[str, Any]:

@@ -140,3 +140,37 @@ def _show_table(study: "StudyTable", page: Path | None) -> None:
 def this_command() -> str:
     """The command line as it was typed, for a result to carry."""
     return shlex.join(["swashtwin", *sys.argv[1:]])
+
+
+class Background(StrEnum):
+    """Whose recordings wrong twins are calibrated on."""
+
+    own = "own"
+    rig = "rig"
+
+
+@studies.command("misspecification")
+def misspecification(
+    seeds: Annotated[str, typer.Option(help='Seeds of the fleets and of the twin\'s own recordings: "2,3".')] = "2",
+    pumps: Annotated[int, typer.Option(min=1, max=6, help="Pumps of each fleet.")] = 4,
+    background: Annotated[
+        list[Background] | None,
+        typer.Option(help="own: the twin's own recordings, where all else is right; rig: the virtual rig. Repeatable."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """What calibration makes of a twin that is wrong in one stated way, and whether it warns of it."""
+    from swashtwin.studies.misspecification import BACKGROUNDS, run_misspecification
+
+    with progress("wrong twins") as bar:
+        study = run_misspecification(
+            seeds=list_of(seeds, int, "--seeds") or [2],
+            pumps=pumps,
+            backgrounds=BACKGROUNDS if not background else [one.value for one in background],
+            jobs=jobs,
+            progress=bar,
+            command=this_command(),
+        )
+    tell_study(study, out, as_json)

@@ -2,6 +2,7 @@
 
 from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
+from swashtwin.studies.misspecification import run_misspecification
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
 from swashtwin.studies.table import StudyTable, Trial
 
@@ -18,4 +19,5 @@ __all__ = [
     "Trial",
     "run_calibration_study",
     "run_case_one",
+    "run_misspecification",
 ]

@@ -8,6 +8,7 @@ this list can be named; a twin that is wrong in another way (the timing of the p
 the misfit alone, or not at all.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -28,11 +29,11 @@ BEYOND_CHANCE = 20.0
 eight mistakes tried, once in a thousand cases."""
 ALIKE = 1.15
 """Mistakes that leave up to this factor of the least misfit are suspected as well: the lines cannot tell them apart."""
-WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.0, gains=1.0)
+WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, gains=1.5)
 """Priors of constants that may be wrong by mistake: wider than those of constants that nobody measured."""
-AWAY = (-0.5, 0.5)
+AWAY = {"mount": (-0.5, 0.5), "bearing": (-0.5, 0.5), "excitation": (-0.5, 0.5), "sensor": (-math.log(GRAVITY), 0.0)}
 """Where the search of a constant starts, in logarithms from the twin's: a mode on the other side of a line is a valley
-of its own."""
+of its own, and so is another unit."""
 NAMES = {
     "mount": "the mounting's stiffness",
     "bearing": "the bearings' stiffness",
@@ -40,6 +41,7 @@ NAMES = {
     "sensor": "the gain of all channels",
 }
 """What the constants are called."""
+IN_G = ": in g?"
 _REFIT = GaussNewton(starts=1, most_iterations=15)
 
 
@@ -106,16 +108,30 @@ def _freed(objective: Objective, before: float) -> Iterator[Suspicion]:
     for name in SCALES:
         if name == "excitation" and objective.twin.fault is None:
             continue
-        unknowns, own = objective.unknowns, float(objective.unknowns.own_scales[SCALES.index(name)])
-        if name not in unknowns.scales:
-            more = _with_more(unknowns, (name,), own, getattr(WIDE, name))
-            unknowns = replace(more, scales=(*unknowns.scales, name))
+        own = float(objective.unknowns.own_scales[SCALES.index(name)])
+        unknowns = _with_scale(objective.unknowns, name, own)
         place = unknowns.names.index(name)
-        begun = [replace(unknowns, start=_with_entry(unknowns.start, place, own + away)) for away in AWAY]
+        begun = [replace(unknowns, start=_with_entry(unknowns.start, place, own + away)) for away in AWAY[name]]
         point, misfit = min((_refitted(replace(objective, unknowns=one)) for one in begun), key=lambda one: one[1])
         factor = float(np.exp(point[place] - own))
-        told = f"{NAMES[name]} is {factor:.2g} times the twin's: search it from there, or mend the pump file"
+        advice = IN_G if name == "sensor" and _is_gravity(factor) else ": search it from there, or mend the pump file"
+        told = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
         yield Suspicion(told, misfit, before)
+
+
+def _with_scale(unknowns: Unknowns, name: str, own: float) -> Unknowns:
+    """`unknowns` with a constant searched under its wide prior, whatever it was before."""
+    wide = getattr(WIDE, name)
+    if name not in unknowns.scales:
+        more = _with_more(unknowns, (name,), own, wide)
+        return replace(more, scales=(*unknowns.scales, name))
+    place, reach = unknowns.names.index(name), REACH * wide
+    return replace(
+        unknowns,
+        deviation=_with_entry(unknowns.deviation, place, wide),
+        lower=_with_entry(unknowns.lower, place, own - reach),
+        upper=_with_entry(unknowns.upper, place, own + reach),
+    )
 
 
 def _with_entry(row: np.ndarray, place: int, value: float) -> np.ndarray:
@@ -135,10 +151,15 @@ def _gains(objective: Objective, before: float) -> Iterator[Suspicion]:
     gains = np.exp([point[unknowns.names.index(name)] for name in names])
     place = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[place] / np.median(gains))
-    unit = ": in g?" if abs(factor * GRAVITY - 1) < 0.3 else ""
+    unit = IN_G if _is_gravity(factor) else ""
     yield Suspicion(
         f"{channels[place]} reads {factor:.2g} times what it should beside the others{unit}", misfit, before
     )
+
+
+def _is_gravity(factor: float) -> bool:
+    """Whether readings that are `factor` times too large may be in g."""
+    return abs(factor * GRAVITY - 1) < 0.3
 
 
 def _with_more(unknowns: Unknowns, names: tuple[str, ...], center: float, deviation: float) -> Unknowns:

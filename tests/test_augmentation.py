@@ -8,6 +8,8 @@ import pytest
 from swashtwin import augmentation
 from swashtwin.augmentation import Variation, synthesize
 from swashtwin.baselines import fit_extra_trees
+from swashtwin.calibration import Nuisances, Posterior, search_space
+from swashtwin.calibration.unknowns import unknowns_of
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError, LeakError
 from swashtwin.evaluation import evaluate
@@ -123,3 +125,49 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
     only_synthetic = synthesize(twin, label="swash_plate", count=2, like=measured, seed=0)
     with pytest.raises(InputError, match="background=False"):
         synthesize(twin, label="swash_plate", count=1, like=only_synthetic, seed=0)
+
+
+@pytest.fixture(scope="module")
+def posterior(twin: Twin) -> Posterior:
+    """All six values within 20 %, the mounting and the sensors within their priors."""
+    unknowns = unknowns_of(twin, twin.pump.channels, search_space(twin), Nuisances.usual(gains=0.1))
+    deviation = np.where(np.arange(len(unknowns)) < 6, 0.2, unknowns.deviation)
+    return Posterior(unknowns, twin.pump.channels, unknowns.start, np.diag(deviation**2))
+
+
+def test_windows_of_a_posterior_are_those_of_its_draws(twin: Twin, measured: WindowSet, posterior: Posterior) -> None:
+    made = synthesize(
+        twin,
+        label="swash_plate",
+        count=3,
+        like=measured,
+        seed=4,
+        variation=STILL,
+        background=False,
+        posterior=posterior,
+    )
+    for window, drawn in zip(made.signal, posterior.twins(twin, 3, 4), strict=True):
+        own = synthesize(drawn, label="swash_plate", count=3, like=measured, seed=4, variation=STILL, background=False)
+        assert np.sqrt(np.mean((own.signal - window) ** 2, axis=(1, 2))).min() < 1e-4
+        assert np.abs(own.signal.std(axis=-1) - window.std(axis=-1)).max(axis=1).min() < 1e-4
+
+
+def test_a_posterior_spreads_the_levels_and_its_draws_do_not_depend_on_the_count(
+    twin: Twin, measured: WindowSet, posterior: Posterior
+) -> None:
+    still = {"label": "swash_plate", "like": measured, "seed": 0, "variation": STILL, "background": False}
+    plain = synthesize(twin, count=8, **still).signal.std(axis=-1)
+    spread = synthesize(twin, count=8, **still, posterior=posterior).signal
+    assert spread.std(axis=-1).std(axis=0).min() > 5 * plain.std(axis=0).max()
+    few = synthesize(twin, count=3, **still, posterior=posterior).signal
+    np.testing.assert_array_equal(few, spread[:3])
+
+
+def test_each_twin_has_its_own_posterior(twin: Twin, measured: WindowSet, posterior: Posterior, pump: Pump) -> None:
+    exact = replace(posterior, covariance=np.eye(len(posterior.unknowns)) * 1e-18)
+    pair = [twin, replace(twin, pump=replace(pump, name="other"))]
+    still = {"label": "swash_plate", "like": measured, "seed": 0, "variation": STILL, "background": False}
+    made = synthesize(pair, count=4, **still, posterior=[exact, posterior]).signal.std(axis=-1)
+    assert np.abs(made[0] - made[2]).max() < 0.01 * np.abs(made[1] - made[3]).max()
+    with pytest.raises(InputError, match="1 posteriors for 2 twins"):
+        synthesize(pair, count=4, **still, posterior=posterior)

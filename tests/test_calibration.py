@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from twin_recordings import DAMPER, recording_of, worn_twin
 
 from swashtwin.calibration import (
@@ -314,3 +315,17 @@ def test_the_covariance_belongs_to_the_deviations(calibration: Calibration) -> N
     std = np.sqrt(np.diag(calibration.posterior.covariance))
     assert [estimate.log_std for estimate in calibration.estimates] == pytest.approx(std.tolist())
     assert all(math.isfinite(value) for value in std)
+
+
+def test_the_band_of_each_line_holds_the_calibrated_twin_and_is_as_wide_as_the_posterior(
+    calibration: Calibration,
+) -> None:
+    spectra = calibration.fits[0].spectra
+    assert np.all(spectra.low <= spectra.high)
+    within = (spectra.low <= spectra.calibrated) & (spectra.calibrated <= spectra.high)
+    assert within.mean() > 0.85
+    twins = calibration.posterior.twins(calibration.nominal, 20, seed=3)
+    with torch.no_grad():
+        lines = np.stack([one.acceleration().abs().numpy()[:, np.isin(one.orders, spectra.orders)] for one in twins])
+    held = (spectra.low <= lines) & (lines <= spectra.high)
+    assert 0.75 < held.mean() < 0.99

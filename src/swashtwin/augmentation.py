@@ -6,13 +6,14 @@ from one moment to the next drawn anew, laid over noise as the machine makes it.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
 from swashtwin.seeding import stream
 from swashtwin.signals import synchronous_signal
@@ -27,8 +28,8 @@ class Variation:
 
     Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
     estimates of ours; those of severity and angle are also the virtual rig's own, so that results on the rig are those
-    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike, whatever a
-    calibration knew of each.
+    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike; what a
+    calibration leaves open of each comes on top of it (`synthesize(posterior=)`).
     """
 
     speed: float = 0.005
@@ -63,6 +64,7 @@ def synthesize(
     seed: int,
     variation: Variation = DEFAULT_VARIATION,
     background: bool = True,
+    posterior: Posterior | Sequence[Posterior] | None = None,
 ) -> WindowSet:
     """Synthetic windows of one class, of the layout and the classes of `like`.
 
@@ -76,21 +78,26 @@ def synthesize(
     variation : what differs from window to window.
     background : lay the windows over noise with the spectrum of the measured windows between the piston-pass lines;
         without, they are the bare model, as the paper simulates them.
+    posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
+        sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
+        recording to the next. Without, every window has the twin's own.
 
     Raises
     ------
     InputError
-        The label is not the twin's, the channels differ, or there is nothing to take noise from.
+        The label is not the twin's, the channels differ, there is nothing to take noise from, or there are not as many
+        posteriors as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     _require_agreement(twins, label, count, like)
+    known = _known(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
     noises = {id(one): _noise(like, one) for one in twins} if background else {}
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
         chunk = range(start, min(start + _CHUNK, count))
-        varied = [drawn(sources[i], variation, seed, i) for i in chunk]
+        varied = [drawn(known(sources[i], i), variation, seed, i) for i in chunk]
         with torch.no_grad():
             batch = accelerations(varied)
         for i, one, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
@@ -114,6 +121,24 @@ def synthesize(
         channels=like.channels,
         unit=like.unit,
     )
+
+
+def _known(
+    twins: Sequence[Twin], posterior: Posterior | Sequence[Posterior] | None, count: int, seed: int
+) -> Callable[[Twin, int], Twin]:
+    """What makes of a window's twin and number the twin as far as it is known."""
+    if posterior is None:
+        return lambda twin, index: twin
+    posteriors = [posterior] if isinstance(posterior, Posterior) else list(posterior)
+    if len(posteriors) != len(twins):
+        raise InputError(f"{len(posteriors)} posteriors for {len(twins)} twins; give one for each.")
+    points = [one.draws(-(-count // len(twins)), seed) for one in posteriors]
+
+    def known(twin: Twin, index: int) -> Twin:
+        turn, number = divmod(index, len(twins))
+        return posteriors[number].twin_at(twin, points[number][turn])
+
+    return known
 
 
 def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: WindowSet) -> None:

@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Int
 
 from swashtwin.calibration.measurement import Measurement
 from swashtwin.calibration.objective import Comparison
+from swashtwin.calibration.posterior import Posterior
 from swashtwin.condition import OperatingCondition
 from swashtwin.recording import Recording
 from swashtwin.signals import (
@@ -28,6 +29,8 @@ PHASES = 4
 """Shifts tried within one reading, which at 2.5 kHz and 25.6 kHz would else leave an error of a tenth."""
 ERRORS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
 """Figures of an `Agreement` that are zero at best."""
+DRAWS = 64
+"""Twins drawn from the posterior for the band of each line."""
 MARGIN = 5
 """Revolutions at each end, measured and simulated, that are not compared: the band filter settles there."""
 
@@ -84,6 +87,10 @@ class Spectra:
     """The twin before calibration."""
     calibrated: Float[np.ndarray, "channel order"]
     """The twin after calibration."""
+    low: Float[np.ndarray, "channel order"]
+    """Amplitude below which a twentieth of the twins drawn from the posterior lies."""
+    high: Float[np.ndarray, "channel order"]
+    """Amplitude above which a twentieth of them lies; between both are 90 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +111,8 @@ class Fit:
     """One revolution before and after."""
 
 
-def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin) -> Fit:
-    """Fit of both twins, each taken to the comparison's condition."""
+def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:
+    """Fit of both twins, each taken to the comparison's condition, and what the posterior leaves open of the lines."""
     measurement, condition = comparison.measurement, comparison.twin.condition
     amplitudes, agreements, excerpts = [], [], []
     for twin in (nominal.at(condition), calibrated.at(condition)):
@@ -113,6 +120,7 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin) -> Fit:
         near, measured, simulated = agreement(measurement, twin, amplitudes[-1])
         agreements.append(near)
         excerpts.append(simulated)
+    low, high = _band(comparison, posterior)
     spectra = Spectra(
         channels=measurement.channels,
         orders=measurement.orders,
@@ -121,11 +129,24 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin) -> Fit:
         deviation=measurement.deviation,
         nominal=amplitudes[0],
         calibrated=amplitudes[1],
+        low=low,
+        high=high,
     )
     times = np.arange(measured.shape[1]) / measurement.recordings[0].sample_rate
     before, after = agreements
     waveforms = Waveforms(times, measured, *excerpts)
     return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms)
+
+
+def _band(
+    comparison: Comparison, posterior: Posterior
+) -> tuple[Float[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
+    """5 % and 95 % quantile of each line's amplitude over twins drawn from the posterior."""
+    points = torch.as_tensor(posterior.draws(DRAWS, seed=0))
+    with torch.no_grad():
+        amplitude = comparison.amplitude(posterior.unknowns, points).numpy()
+    low, high = np.quantile(amplitude, (0.05, 0.95), axis=0)
+    return low, high
 
 
 def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:

@@ -164,7 +164,7 @@ def concluded(
         nominal=nominal,
         estimates=estimates,
         posterior=posterior,
-        fits=tuple(fit_of(comparison, nominal, calibrated) for comparison in objective.comparisons),
+        fits=tuple(fit_of(one, nominal, calibrated, posterior) for one in objective.comparisons),
         history=found.history,
         recording_ids=tuple(name for one in measurements for name in one.recording_ids),
         recording_hashes={one.recording_id: one.fingerprint() for m in measurements for one in m.recordings},

@@ -6,23 +6,31 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli.console import say, tell
-from swashtwin.cli.options import Json, Length, Seed
+from swashtwin.cli.options import Dimensions, Json, Length, Seed, fault_of
 
 
 def synthesize(
     calibration: Annotated[Path, typer.Argument(help="Saved calibration (swashtwin calibrate).")],
     like: Annotated[Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")],
-    label: Annotated[str, typer.Option(help="Class of the windows; the twin's.")],
     count: Annotated[int, typer.Option(help="How many.")],
     out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
+    label: Annotated[str | None, typer.Option(help="Class of the windows; the twin's, and checked.")] = None,
+    fault: Annotated[
+        str | None, typer.Option(help="Give the twin a fault that nobody recorded, such as piston, with --dimension.")
+    ] = None,
+    dimensions: Dimensions = None,
     pressure: Annotated[str | None, typer.Option(help="Take the twin to another outlet pressure.")] = None,
     nominal: Annotated[bool, typer.Option("--nominal", help="Use the twin as it was before calibration.")] = False,
+    draws: Annotated[
+        bool,
+        typer.Option(help="Draw the values of each window from the posterior, or take those found."),
+    ] = True,
     background: Annotated[bool, typer.Option(help="Lay the windows over noise as measured.")] = True,
     length: Length = 2048,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Make synthetic windows of one class with a calibrated twin.
+    """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
 
     Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
     """
@@ -36,10 +44,23 @@ def synthesize(
     twin = found.nominal if nominal else found.twin
     if pressure is not None:
         twin = twin.at(twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="pressure")))
+    if fault is not None:
+        twin = twin.with_fault(fault_of(fault, None, None, None, dimensions))
+    elif dimensions:
+        raise typer.BadParameter("belongs to --fault.", param_hint="--dimension")
+    label = twin.label if label is None else label
     recordings = read_recordings(like)
     classes = sorted({one.label for one in recordings if one.label is not None} | {label})
     measured = cut_windows(recordings, length=length, classes=classes)
-    windows = augmentation.synthesize(twin, label=label, count=count, like=measured, seed=seed, background=background)
+    windows = augmentation.synthesize(
+        twin,
+        label=label,
+        count=count,
+        like=measured,
+        seed=seed,
+        background=background,
+        posterior=found.posterior if draws and not nominal else None,
+    )
     manifest = {*found.recording_ids, *measured.recording_id.tolist()}
     save_windows(windows, out, manifest=manifest)
     result = {
@@ -49,5 +70,5 @@ def synthesize(
         "length": windows.length,
         "manifest": sorted(manifest),
     }
-    result |= {"classes": windows.classes, "seed": seed}
+    result |= {"classes": windows.classes, "seed": seed, "draws": draws and not nominal}
     tell(result, as_json, lambda: say(f"{out}: {len(windows)} windows of {label}\nNext: swashtwin train --add {out}"))

@@ -112,6 +112,8 @@ def spectra(fit: Fit, key: str) -> Drawing:
             "deviation": record.deviation[i, k],
             "nominal": record.nominal[i, k],
             "calibrated": record.calibrated[i, k],
+            "low": record.low[i, k],
+            "high": record.high[i, k],
         }
         for i, channel in enumerate(record.channels)
         for k, order in enumerate(record.orders)
@@ -121,11 +123,12 @@ def spectra(fit: Fit, key: str) -> Drawing:
         _spectrum_panel(place, record, i)
         place.set_title(words(record.channels[i]), loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
     axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
     caption = (
         "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
-        "amplitude, within recordings or between them. 20 dB are a factor of 10; what lies more than "
+        "amplitude, within recordings or between them. Blue band: 90 % of the twins drawn from the posterior, so what "
+        "the calibration leaves open, noise and model error apart. 20 dB are a factor of 10; what lies more than "
         f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge, as zero does."
     )
     title = f"Spectra before and after calibration, {_pressure(fit)}"
@@ -148,6 +151,15 @@ def _spectrum_panel(place: Axes, record: Spectra, i: int) -> None:
         label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
         height = decibel(getattr(record, name)[i])
         place.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
+    place.fill_between(
+        record.frequency,
+        decibel(record.low[i]),
+        decibel(record.high[i]),
+        color=CALIBRATED,
+        alpha=0.18,
+        linewidth=0,
+        label="calibrated twin, 90 % of its posterior",
+    )
     low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
     place.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
     place.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)

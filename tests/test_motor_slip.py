@@ -1,13 +1,15 @@
 """The slip of a motor is heard in what it drives, and tells a pump's load whatever its speed."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from swashtwin.errors import InputError
 from swashtwin.motor_slip import MotorSlip, motor_slip
-from swashtwin.units import rpm
+from swashtwin.readers.public_sets import read_public_set
+from swashtwin.units import parse, rpm
 
 RATE = 3200.0
 
@@ -41,3 +43,15 @@ def test_a_recording_too_short_for_the_lines_is_refused() -> None:
         motor_slip(driven(1034.4, 1012.0, duration=1.0), RATE, rpm(1000))
     with pytest.raises(InputError, match="rising ranges"):
         motor_slip(driven(1034.4, 1012.0), RATE, rpm(1000), slips=(0.04, 0.01))
+
+
+def test_a_real_pump_slips_less_the_less_it_delivers_and_turns_as_its_log_says(public_data: Path) -> None:
+    recordings = read_public_set("pump_cavitation", public_data / "pump_cavitation")
+    chosen = [
+        one for one in recordings if one.attributes["speed_nominal"] == "1000 rpm" and one.attributes["repeat"] == "1"
+    ]
+    assert [one.label for one in chosen] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
+    found = [motor_slip(one.signal, one.sample_rate, rpm(1000)) for one in chosen]
+    assert np.all(np.diff([one.load_coefficient for one in found]) < 0)
+    logged = [parse(one.attributes["speed"], "rad/s") for one in chosen]
+    assert [one.speed for one in found] == pytest.approx(logged, rel=3e-3)

@@ -73,12 +73,13 @@ def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recor
     assert "best filling" in study.answer[0]
 
 
-def test_the_command_prints_one_json_object(small: Path) -> None:
-    command = ["study", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json"]
+def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:
+    command = ["study", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
     told = CliRunner().invoke(app, command)
     assert told.exit_code == 0, told.output
     result = json.loads(told.stdout)
     assert result["seeds"] == [3]
+    assert "an honest split" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert set(result["rows"][0]) >= {"split", "balanced_accuracy", "random_window"}
 
 

@@ -135,7 +135,7 @@ class _Drill:
             pool = cell[train] if cell[train].any() else label == scarce
             try:
                 added = filler(self.windows.subset(train), X, pool, lacking, seed)
-            except ValueError:  # ADASYN finds no window of another class near the pool, and has nowhere to put one
+            except (ValueError, RuntimeError):  # ADASYN finds no window of another class near the pool
                 return {}
             X, label = np.concatenate([X, added]), np.concatenate([label, np.full(len(added), scarce)])
         told = extra_trees(derive_seed(seed, "trees") % 2**32).fit(X, label).predict(self.features[test])

@@ -147,9 +147,11 @@ from .units import um as um
 from .version import VERSION as VERSION
 from .windows import WindowSet as WindowSet
 from .windows import cut_windows as cut_windows
+from .windows import group_folds as group_folds
 from .windows import hold_out as hold_out
 from .windows import hold_out_specimens as hold_out_specimens
 from .windows import load_windows as load_windows
+from .windows import recording_groups as recording_groups
 from .windows import save_windows as save_windows
 from .windows import split_by_recording as split_by_recording
 from .windows import window_batches as window_batches
@@ -245,6 +247,7 @@ __all__ = [
     "film_values",
     "fit",
     "fit_extra_trees",
+    "group_folds",
     "hertz",
     "hold_out",
     "hold_out_specimens",
@@ -270,6 +273,7 @@ __all__ = [
     "read_fault",
     "read_recording",
     "read_recordings",
+    "recording_groups",
     "resampled_by_angle",
     "rig_recordings",
     "rpm",

@@ -7,8 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import require_target, resumable
-from swashtwin.cli.options import Index, Json, Length, Seed, given, list_of
-from swashtwin.cli.recordings import Group
+from swashtwin.cli.options import GroupName, Index, Json, Length, Seed, given, list_of
 
 
 def train(
@@ -18,7 +17,7 @@ def train(
         list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
     ] = None,
     test_fraction: Annotated[float, typer.Option(help="Share held out for evaluate; 0 trains on all.")] = 0.2,
-    group: Annotated[Group, typer.Option(help="What the split keeps whole.")] = Group.recording,
+    group: GroupName = "recording",
     length: Length = 2048,
     window_stride: Annotated[
         int | None, typer.Option(help="Readings from window to window; its length by default.")
@@ -52,14 +51,15 @@ def train(
     from swashtwin.networks import build_network
     from swashtwin.readers import declared_classes, read_recordings
     from swashtwin.training import TrainingSettings, fit
-    from swashtwin.windows import check_disjoint, cut_windows, load_windows, split_by_recording
+    from swashtwin.windows import check_disjoint, cut_windows, load_windows, recording_groups, split_by_recording
 
     require_target(out)
     added = [load_windows(path) for path in add or ()]
     manifest = {name for _, names in added for name in names}
     layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
+    recordings = read_recordings(source)
     windows = cut_windows(
-        read_recordings(source),
+        recordings,
         classes=None if added else declared_classes(source),
         stride=window_stride,
         allow_partial_revolution=allow_partial_revolution,
@@ -67,7 +67,8 @@ def train(
     )
     training, held_out = windows, windows.subset(windows.target < -1)
     if test_fraction:
-        training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=group.value)
+        groups = recording_groups(recordings, group)
+        training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
     _refuse_seen(held_out.recording_id.tolist(), manifest)
     for synthetic, _ in added:
         training = training + synthetic

@@ -19,6 +19,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on sta
 Seed = Annotated[int, typer.Option(help="Addresses every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Processes that work side by side.")]
 Index = Annotated[Path, typer.Argument(help="Index file, or the folder that holds recordings.toml.")]
+GroupName = Annotated[
+    str, typer.Option("--group", help="What stays whole: recording, specimen, condition, or an attribute (pump_run).")
+]
 Length = Annotated[int, typer.Option(help="Readings per window; 2048 are 80 ms at 25.6 kHz.")]
 
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin pump show).")]

@@ -11,6 +11,7 @@ from swashtwin.cli.exits import BAD_DATA, whole_folder
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
+    GroupName,
     Index,
     Json,
     Names,
@@ -43,12 +44,13 @@ class RigSizeName(StrEnum):
     paper = "paper"
 
 
-class Group(StrEnum):
-    """What a split keeps whole."""
+class Dealing(StrEnum):
+    """How groups are dealt into folds."""
 
-    recording = "recording"
-    specimen = "specimen"
-    condition = "condition"
+    stratified = "stratified"
+    plain = "plain"
+    each = "each"
+    shuffled = "shuffled"
 
 
 def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
@@ -221,7 +223,13 @@ def split(
     source: Index,
     out: Annotated[Path | None, typer.Option(help="Folder for both; that of the index by default.")] = None,
     test_fraction: Annotated[float, typer.Option(help="Share to test on, above 0 and at most 0.5.")] = 0.2,
-    group: Annotated[Group, typer.Option(help="What stays whole.")] = Group.recording,
+    group: GroupName = "recording",
+    folds: Annotated[
+        int | None, typer.Option(min=2, help="Write this many folds, fold-1/train.toml and so on, not one split.")
+    ] = None,
+    dealing: Annotated[
+        Dealing | None, typer.Option(help="Folds: classes alike in each, of like size, each group once, or drawn.")
+    ] = None,
     seed: Seed = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a split that exists.")] = False,
     as_json: Json = False,
@@ -231,24 +239,56 @@ def split(
     Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
     """
     from swashtwin.readers import narrow_index, read_recordings
-    from swashtwin.windows import cut_windows, split_by_recording
 
     recordings = read_recordings(source)
-    shortest = min(recording.signal.shape[1] for recording in recordings)
-    whole = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
-    sets = split_by_recording(whole, test_fraction=test_fraction, seed=seed, group=group.value)
+    sides = _sides(recordings, test_fraction, group, folds, dealing, seed)
     folder = out or (source if source.is_dir() else source.parent)
-    ids = {name: sorted(set(part.recording_id.tolist())) for name, part in zip(("train", "test"), sets, strict=True)}
-    for name in ids:
-        _refuse_existing(folder / f"{name}.toml", overwrite)
-    written = {name: narrow_index(source, recordings, kept, folder / f"{name}.toml") for name, kept in ids.items()}
-    result = {**written, "train_recordings": ids["train"], "test_recordings": ids["test"], "seed": seed}
+    for place, name in ((place, name) for place, side in sides.items() for name in side):
+        _refuse_existing(folder / place / f"{name}.toml", overwrite)
+    parts: list[dict[str, Any]] = []
+    for place, side in sides.items():
+        paths = {name: folder / place / f"{name}.toml" for name in side}
+        written = {name: narrow_index(source, recordings, side[name], path) for name, path in paths.items()}
+        parts.append({**written, **{f"{name}_recordings": ids for name, ids in side.items()}})
+    result = {"seed": seed, "group": group, **({"folds": parts} if folds or dealing else parts[0])}
 
     def show() -> None:
-        for name, path in written.items():
-            say(f"{path}: {len(ids[name])} recordings")
+        for part in parts:
+            for name in ("train", "test"):
+                say(f"{part[name]}: {len(part[f'{name}_recordings'])} recordings")
 
     tell(result, as_json, show)
+
+
+def _sides(
+    recordings: "list[Recording]",
+    test_fraction: float,
+    group: str,
+    folds: int | None,
+    dealing: Dealing | None,
+    seed: int,
+) -> dict[str, dict[str, list[str]]]:
+    """Recording ids of each role, by the folder that they are to stand in."""
+    from swashtwin.windows import cut_windows, group_folds, recording_groups, split_by_recording
+
+    shortest = min(recording.signal.shape[1] for recording in recordings)
+    whole = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
+    groups = recording_groups(recordings, group)
+    if folds is None and dealing is None:
+        pairs = [split_by_recording(whole, test_fraction=test_fraction, seed=seed, group=groups)]
+    else:
+        how: Any = (dealing or Dealing.stratified).value
+        dealt = group_folds(
+            whole, group=groups, n_folds=folds or 5, dealing=how, test_fraction=test_fraction, seed=seed
+        )
+        pairs = [(whole.subset(trained), whole.subset(tested)) for trained, tested in dealt]
+    names = [""] if folds is None and dealing is None else [f"fold-{number}" for number in range(1, len(pairs) + 1)]
+    return {
+        name: {
+            role: sorted(set(part.recording_id.tolist())) for role, part in zip(("train", "test"), pair, strict=True)
+        }
+        for name, pair in zip(names, pairs, strict=True)
+    }
 
 
 def _refuse_existing(path: Path, overwrite: bool) -> None:

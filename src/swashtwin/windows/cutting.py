@@ -199,7 +199,10 @@ def _assembled(recordings: Sequence[Source], length: int, stride: int, classes: 
     index = {name: position for position, name in enumerate(classes)}
     conditions = [recording.condition for recording in recordings]
     pressure = [math.nan if condition is None else condition.discharge_pressure for condition in conditions]
-    speed = [math.nan if condition is None else condition.speed for condition in conditions]
+    speed = [
+        (stated_speed(one) or math.nan) * 2 * math.pi if condition is None else condition.speed
+        for one, condition in zip(recordings, conditions, strict=True)
+    ]
     target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
     return WindowSet(
         signal=slices[0] if len(slices) == 1 else np.concatenate(slices),

@@ -5,21 +5,23 @@ need two calls: split off the test set first, then split the rest into training 
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Int, Shaped
 from sklearn.model_selection import StratifiedGroupKFold
 
 from swashtwin.errors import DataError, InputError, LeakError
+from swashtwin.windows.grouping import group_name, window_groups
 from swashtwin.windows.window_set import WindowSet
-
-GROUPS = ("recording", "specimen", "condition")
-"""What `split_by_recording` can keep whole: each is a level of generalization (L2, L4, L3)."""
 
 
 def split_by_recording(
-    windows: WindowSet, *, test_fraction: float = 0.2, seed: int = 0, group: str = "recording"
+    windows: WindowSet,
+    *,
+    test_fraction: float = 0.2,
+    seed: int = 0,
+    group: str | Mapping[str, str] = "recording",
 ) -> tuple[WindowSet, WindowSet]:
     """(training set, test set) that share no recording, with every class on both sides.
 
@@ -32,8 +34,9 @@ def split_by_recording(
     windows : measured windows with labels.
     test_fraction : share of the windows to test on, above 0 and at most 0.5.
     seed : seed of the draw.
-    group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only) or ``"condition"``
-        (one pressure and speed on one side only). A recording never stands on both sides, whichever it is.
+    group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only), ``"condition"`` (one
+        speed and pressure on one side only), or any group by recording id (`recording_groups`). A recording never
+        stands on both sides, whichever it is.
 
     Raises
     ------
@@ -48,12 +51,13 @@ def split_by_recording(
         name = windows.recording_id[windows.synthetic][0]
         raise LeakError(f"{name} is synthetic; split the measured windows first, then add synthetic ones to training.")
     windows.require_labels("a split by class")
-    groups = _groups(windows, group)
-    _require_two_groups(windows, groups, group)
+    groups = window_groups(windows, group)
+    _require_two_groups(windows, groups, group_name(group))
     test = _best_test_set(windows, groups, test_fraction, seed)
     if test is None:
         raise DataError(
-            f"no split by {group} keeps every class on both sides; name the test side with hold_out(windows, ids)."
+            f"no split by {group_name(group)} keeps every class on both sides; name the test side with "
+            "hold_out(windows, ids)."
         )
     mask = np.zeros(len(windows), dtype=np.bool_)
     mask[test] = True
@@ -90,22 +94,6 @@ def check_disjoint(train: WindowSet, test: WindowSet) -> None:
         twin = trained.get(window.tobytes())
         if twin is not None:
             raise LeakError(f"test recording {name} holds a window of training recording {twin}; one copies the other.")
-
-
-def _groups(windows: WindowSet, group: str) -> Shaped[np.ndarray, " window"]:
-    if group == "recording":
-        return windows.recording_id
-    if group == "specimen":
-        unknown, groups = windows.specimen == "", windows.specimen
-    elif group == "condition":
-        unknown = np.isnan(windows.discharge_pressure) & np.isnan(windows.speed)
-        pairs = zip(windows.cell_pressure, np.round(windows.speed, 1), strict=True)
-        groups = np.array([f"{pressure:g} Pa, {speed:g} rad/s" for pressure, speed in pairs], dtype=np.str_)
-    else:
-        raise InputError(f"group {group!r} is none of {', '.join(GROUPS)}.")
-    if unknown.any():
-        raise DataError(f"{windows.recording_id[unknown][0]} has no {group} written down, so it cannot be split by it.")
-    return groups
 
 
 def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"], group: str) -> None:

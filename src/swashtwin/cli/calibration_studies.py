@@ -14,6 +14,10 @@ def calibration(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5".')] = "0",
     fault: Annotated[str, typer.Option(help="Class calibrated on: normal or swash_plate.")] = "normal",
     specimens: Annotated[int, typer.Option(min=1, help="Pumps in each fleet.")] = 6,
+    repeats: Annotated[int, typer.Option(min=2, help="Recordings of each pump and pressure; one is held out.")] = 3,
+    thick_film: Annotated[
+        bool, typer.Option("--thick-film", help="Pumps whose slipper films are thick enough for K_sw to show.")
+    ] = False,
     methods: Annotated[str | None, typer.Option(help="Ways to calibrate, with commas; all by default.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     jobs: Jobs = 2,
@@ -23,7 +27,9 @@ def calibration(
     from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 
     chosen = tuple(CONTENDERS) if methods is None else tuple(one.strip() for one in methods.split(","))
-    settings = CalibrationStudySettings(label=fault, specimens=specimens, contenders=chosen)
+    settings = CalibrationStudySettings(
+        label=fault, specimens=specimens, repeats=repeats, thick_film=thick_film, contenders=chosen
+    )
     with progress("calibrating pumps of the virtual rig") as bar:
         found = run_calibration_study(
             seeds=list_of(seeds, int, "--seeds") or [0],

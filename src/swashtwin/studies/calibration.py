@@ -31,12 +31,15 @@ from swashtwin.calibration import (
     objective_of,
 )
 from swashtwin.calibration.agreement import agreement, agreement_of_lines, mean_agreement
+from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
 from swashtwin.faults import SwashPlateDefect
+from swashtwin.pump import Interfaces
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.rig.measuring import Run, sensor_lines, true_values
+from swashtwin.rig.measuring import measure as record
 from swashtwin.studies.table import StudyTable, Trial, origin_of
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm
@@ -81,6 +84,10 @@ METRICS = {
 }
 
 
+THICK_FILM = 9e4
+"""C_sw [N s/m] under which K_sw shows in the spectrum (docs/physics.md, section 6); the paper's is 1.86e6."""
+
+
 @dataclass(frozen=True)
 class CalibrationStudySettings:
     """What is calibrated on what."""
@@ -93,6 +100,8 @@ class CalibrationStudySettings:
     """Pumps in each fleet."""
     repeats: int = 3
     """Recordings of each pump at each pressure; the last at `pressure` is tested on."""
+    thick_film: bool = False
+    """Whether the slippers' films are so thick, on the rig and on the drawing, that C_sw is nominally `THICK_FILM`."""
     contenders: tuple[str, ...] = tuple(CONTENDERS)
     """Names in `CONTENDERS`."""
 
@@ -173,6 +182,8 @@ def run_calibration_study(
 def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
     size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
     pairs = list(rig_recordings(seed, size, labels=(settings.label,), jobs=jobs))
+    if settings.thick_film:
+        pairs = _with_thick_films(pairs, size.duration, seed)
     pumps = []
     for name in sorted({str(recording.specimen) for recording, _ in pairs}):
         own = [pair for pair in pairs if pair[0].specimen == name]
@@ -186,6 +197,34 @@ def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pu
         others = {f"{level / 1e6:g} MPa": [pair[0] for pair in rest] for level, rest in by_pressure.items()}
         pumps.append(_Pump(seed, name, train, kept, others))
     return pumps
+
+
+def _with_thick_films(
+    pairs: Sequence[tuple[Recording, Run]], duration: float, seed: int
+) -> list[tuple[Recording, Run]]:
+    """The same pumps with thick films under their slippers, recorded anew."""
+    factors = np.array([_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0])
+    runs = [replace(run, specimen=replace(run.specimen, values=run.specimen.values * factors)) for _, run in pairs]
+    recordings = [recording for recording, _ in pairs]
+    names = [(seed, recording.recording_id) for recording in recordings]
+    signals = record(runs, duration, recordings[0].sample_rate, names)
+    return [
+        (replace(recording, signal=signal), run)
+        for recording, run, signal in zip(recordings, runs, signals, strict=True)
+    ]
+
+
+def _thinner() -> float:
+    """The thick film's C_sw over the drawing's."""
+    return THICK_FILM / load_pump("25scy14-1b").interfaces.values()[0]
+
+
+def _nominal(settings: CalibrationStudySettings, condition: OperatingCondition) -> Twin:
+    pump = load_pump("25scy14-1b")
+    if settings.thick_film:
+        values = np.array(pump.interfaces.values()) * [_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0]
+        pump = replace(pump, interfaces=Interfaces.from_values(values))
+    return Twin(pump, condition, FAULTS[settings.label])
 
 
 def _pressure(recording: Recording) -> float:
@@ -206,7 +245,7 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
     torch.set_num_threads(1)
     train = [recording for recording, _ in pump.train]
     assert train[0].condition is not None
-    nominal = Twin(load_pump("25scy14-1b"), train[0].condition, FAULTS[settings.label])
+    nominal = _nominal(settings, train[0].condition)
     truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
     cases = [_case(pump, "nominal", nominal, {})]
     for name in settings.contenders:

@@ -1,6 +1,6 @@
 """Classifiers without a network, the rivals that a network must beat: extra trees on vibration features."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Float, Shaped
 from sklearn.ensemble import ExtraTreesClassifier
 
 from swashtwin.errors import DataError, InputError
-from swashtwin.features import extract_features
+from swashtwin.features import FeatureTable, extract_features
 from swashtwin.seeding import derive_seed
 from swashtwin.windows import WindowLayout, WindowSet
 
@@ -18,19 +18,21 @@ class FittedBaseline:
     """Fitted trees that answer as a fitted network does, so that `evaluate` takes either."""
 
     estimator: ExtraTreesClassifier
-    """The trees, fitted on the columns of `extract_features`."""
+    """The trees, fitted on the columns of `features`."""
     classes: tuple[str, ...]
     """Class names, in the order of the probabilities."""
     layout: WindowLayout
     """Sample rate, channels, unit and length that windows must have."""
     manifest: tuple[str, ...]
     """Every recording that had a part in it, sorted; none may be tested on."""
+    features: Callable[[WindowSet], FeatureTable] = extract_features
+    """What gives the trees their columns."""
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window: the share of the trees' votes."""
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the trees were fitted on other windows: {difference}.")
-        probability: np.ndarray = self.estimator.predict_proba(extract_features(windows).values)
+        probability: np.ndarray = self.estimator.predict_proba(self.features(windows).values)
         return probability
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
@@ -39,7 +41,12 @@ class FittedBaseline:
 
 
 def fit_extra_trees(
-    windows: WindowSet, *, seed: int = 0, n_trees: int = 300, manifest: Iterable[str] = ()
+    windows: WindowSet,
+    *,
+    seed: int = 0,
+    n_trees: int = 300,
+    manifest: Iterable[str] = (),
+    features: Callable[[WindowSet], FeatureTable] = extract_features,
 ) -> FittedBaseline:
     """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1) on the features.
 
@@ -51,6 +58,7 @@ def fit_extra_trees(
     seed : seed of the trees.
     n_trees : number of trees.
     manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+    features : what gives the columns; those of `extract_features` by default.
 
     Raises
     ------
@@ -63,6 +71,6 @@ def fit_extra_trees(
         missing = windows.classes[int(counts.argmin())] if counts.size else "any"
         raise DataError(f"class {missing} has no training window; add some, or cut the windows without this class.")
     estimator = ExtraTreesClassifier(n_trees, random_state=derive_seed(seed, "extra trees") % 2**32, n_jobs=1)
-    estimator.fit(extract_features(windows).values, windows.target)
+    estimator.fit(features(windows).values, windows.target)
     used = {*windows.recording_id.tolist(), *(str(name) for name in manifest)}
-    return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)))
+    return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)), features)

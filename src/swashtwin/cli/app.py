@@ -20,6 +20,7 @@ from swashtwin.cli import (
     severities,
     simulating,
     studying,
+    zero_shot,
 )
 from swashtwin.cli.exits import GuardedGroup
 
@@ -36,6 +37,7 @@ app = typer.Typer(
 _DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
 app.command("demo", rich_help_panel=_DEMO)(studying.demo)
 studying.studies.command("calibration")(calibration_studies.calibration)
+studying.studies.command("zero-shot")(zero_shot.zero_shot)
 app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
 studying.studies.command("public")(real_data.public)
 studying.studies.command("scarce")(real_data.scarce)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, panels
 from swashtwin.report.page import PROVENANCE, SCORES, Bullets, Cell, Group, Part, Picture, Section, Table
 from swashtwin.report.style import CALIBRATED, MEASURED, styled
@@ -29,7 +30,32 @@ def table_part(study: StudyTable, key: str) -> Part:
 
 
 def _blocks(study: StudyTable, key: str) -> tuple:
-    return (rows_table(study), Picture(rows_drawing(study, key)), Bullets("To be read with it", study.notes))
+    pictures = (Picture(rows_drawing(study, key)), *map(Picture, confusions(study, key)))
+    return (rows_table(study), *pictures, Bullets("To be read with it", study.notes))
+
+
+def confusions(study: StudyTable, key: str) -> list[Drawing]:
+    """Confusion matrices that a study kept in its details, first factor down, last factor across, a figure for each
+    value of those between.
+
+    ``details["confusion"]`` holds the factors and, under ``windows``, rows by actual class; those with ``drawn`` are
+    drawn. ``details["classes"]`` holds the classes' names.
+    """
+    first, *between, last = study.factors
+    figures: dict[str, dict[tuple[str, str], np.ndarray]] = {}
+    for one in study.details.get("confusion", ()):
+        if one["drawn"]:
+            figure = figures.setdefault(", ".join(words(one[name]) for name in between), {})
+            figure[words(one[first]), words(one[last])] = np.array(one["windows"])
+    return [
+        confusion_drawing(
+            f"{key}_confusion_{number}",
+            matrices,
+            study.details["classes"],
+            caption=f"{name}: percent of each actual class's windows, all seeds together.",
+        )
+        for number, (name, matrices) in enumerate(figures.items(), 1)
+    ]
 
 
 def rows_table(study: StudyTable) -> Table:

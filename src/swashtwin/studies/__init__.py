@@ -5,10 +5,14 @@ from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case
 from swashtwin.studies.misspecification import run_misspecification
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
 from swashtwin.studies.table import StudyTable, Trial
+from swashtwin.studies.zero_shot import ZERO_SHOT_SIZES, run_zero_shot
+from swashtwin.studies.zero_shot_data import ZeroShotSettings
+from swashtwin.studies.zero_shot_table import chosen_zero_shot
 
 __all__ = [
     "CASE_ONE_SIZES",
     "CONTENDERS",
+    "ZERO_SHOT_SIZES",
     "CalibrationStudySettings",
     "CaseOneSettings",
     "Embedding",
@@ -17,7 +21,10 @@ __all__ = [
     "StudyTable",
     "TrainingCurve",
     "Trial",
+    "ZeroShotSettings",
+    "chosen_zero_shot",
     "run_calibration_study",
     "run_case_one",
     "run_misspecification",
+    "run_zero_shot",
 ]

@@ -28,19 +28,20 @@ from swashtwin.calibration import IPINN, Calibration, Calibrator, calibrate
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError
 from swashtwin.evaluation import Classifier, Scores, evaluate
-from swashtwin.faults import CLASSES, Fault, SwashPlateDefect
+from swashtwin.faults import Fault, SwashPlateDefect
 from swashtwin.networks import BiTCN
 from swashtwin.pump import Pump
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.seeding import stream
+from swashtwin.studies.cells import cut_evenly, recordings_by_cell
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
 from swashtwin.studies.table import origin_of
 from swashtwin.training import FittedClassifier, TrainingSettings, fit
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm
 from swashtwin.version import VERSION
-from swashtwin.windows import WindowSet, cut_windows
+from swashtwin.windows import WindowSet
 
 TRAINING_SETS = ("measured", "nominal", "calibrated")
 """Names of the three training sets."""
@@ -248,7 +249,7 @@ def split_case_one(recordings: Sequence[Recording], settings: CaseOneSettings, s
     unseen = set(rng.permutation(specimens)[: settings.held_out].tolist())
     donor = str(rng.choice([name for name in specimens if name not in unseen]))
     train, same, other = set(), set(), set()
-    for cell in _by_cell(recordings):
+    for cell in recordings_by_cell(recordings, "Case I"):
         order = [cell[i] for i in rng.permutation(len(cell))]
         at_test = _near(order[0], settings.pressure)
         if order[0].specimen in unseen:
@@ -268,19 +269,6 @@ def split_case_one(recordings: Sequence[Recording], settings: CaseOneSettings, s
     return _Split(frozenset(train), {"L2": frozenset(same), "L4": frozenset(other)})
 
 
-def _by_cell(recordings: Sequence[Recording]) -> list[list[Recording]]:
-    cells: dict[tuple[str, str, float], list[Recording]] = {}
-    for recording in sorted(recordings, key=lambda r: r.recording_id):
-        if recording.label is None or recording.specimen is None or recording.condition is None:
-            raise DataError(
-                f"{recording.recording_id}: Case I needs label, specimen, speed and discharge_pressure of every "
-                "recording; write them into the index."
-            )
-        pressure = round(recording.condition.discharge_pressure, -4)
-        cells.setdefault((recording.specimen, recording.label, pressure), []).append(recording)
-    return list(cells.values())
-
-
 def _near(recording: Recording, pressure: float) -> bool:
     return recording.condition is not None and abs(recording.condition.discharge_pressure / pressure - 1) < 0.06
 
@@ -292,14 +280,7 @@ def _is_scarce(recording: Recording, settings: CaseOneSettings) -> bool:
 def _cut(
     recordings: Sequence[Recording], settings: CaseOneSettings, count: int, like: WindowSet | None = None
 ) -> WindowSet:
-    """`count` windows of each recording, evenly spaced and never overlapping."""
-    shortest = min(r.signal.shape[1] for r in recordings)
-    stride = max(settings.length, (shortest - settings.length) // max(1, count - 1))
-    if like is not None:
-        return cut_windows(list(recordings), like=like, stride=stride)
-    labels = {str(r.label) for r in recordings}
-    classes = CLASSES if labels <= set(CLASSES) else tuple(sorted(labels))
-    return cut_windows(list(recordings), length=settings.length, stride=stride, classes=classes)
+    return cut_evenly(recordings, length=settings.length, count=count, like=like)
 
 
 def _calibrate_specimen(specimen: str, known: Sequence[Recording], settings: CaseOneSettings, seed: int) -> Calibration:

@@ -34,6 +34,13 @@ def train(
         str | None, typer.Option(help="Scaling per window (default), recording, set, or none.")
     ] = None,
     class_weights: Annotated[bool, typer.Option(help="Count each class the same in the loss.")] = False,
+    balance: Annotated[
+        str | None, typer.Option(help="class or condition: what counts the same in every epoch; none by default.")
+    ] = None,
+    mixup: Annotated[float | None, typer.Option(help="Strength of mixing pairs of windows; 0 by default.")] = None,
+    alignment: Annotated[
+        str | None, typer.Option(help="coral or mmd: draw features of different conditions together; none by default.")
+    ] = None,
     network: Annotated[str, typer.Option(help="Name of the network.")] = "bitcn",
     kernel_size: Annotated[int | None, typer.Option(help="Taps of each convolution.")] = None,
     channels: Annotated[str | None, typer.Option(help='Features of each residual unit: "32,32,64".')] = None,
@@ -77,7 +84,7 @@ def train(
         class_weights=class_weights,
         **given(
             epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
-            decay=decay, normalization=normalization,
+            decay=decay, normalization=normalization, balance=balance, mixup=mixup, alignment=alignment,
         ),
     )  # fmt: skip
     shape = given(

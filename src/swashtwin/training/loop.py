@@ -17,6 +17,7 @@ from swashtwin.networks import Network
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.training.classifier import FittedClassifier
+from swashtwin.training.domains import conditions_of, epoch_order, misalignment, mixing
 from swashtwin.training.normalization import Normalization
 from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.windows import WindowSet, check_disjoint
@@ -78,10 +79,11 @@ def fit(
         data = _tensors(windows, normalization, device)
         held = None if validation is None else _tensors(validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
+        condition = conditions_of(windows)
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
-            loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings.batch_size, seed, number)
+            loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number)
             history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
@@ -214,25 +216,39 @@ def _train_epoch(
     network: Network,
     optimizer: torch.optim.Optimizer,
     data: tuple[Tensor, Tensor],
+    condition: np.ndarray,
     weights: Tensor | None,
-    batch_size: int,
+    settings: TrainingSettings,
     seed: int,
     number: int,
 ) -> tuple[float, float]:
     """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide."""
     signal, target = data
     torch.manual_seed(derive_seed(seed, "dropout", number))
-    order = torch.from_numpy(stream(seed, "order", number).permutation(len(target))).to(signal.device)
+    ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
+    order, place = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
+    draw = stream(seed, "mixup", number)
     network.train()
     total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
-    for batch in order.split(batch_size):
-        scores = network(signal[batch])
-        loss = functional.cross_entropy(scores, target[batch], weight=weights)
+    for batch in order.split(settings.batch_size):
+        windows, classes = signal[batch], target[batch]
+        partner, share = batch, 1.0
+        if settings.mixup:
+            others, share = mixing(len(batch), settings.mixup, draw)
+            partner = batch[torch.from_numpy(others).to(batch.device)]
+            windows = share * windows + (1 - share) * signal[partner]
+        features = network.features(windows)
+        scores = network.head(features)
+        loss = functional.cross_entropy(scores, classes, weight=weights)
+        if share < 1:
+            loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)
+        if settings.alignment != "none":
+            loss = loss + settings.alignment_weight * misalignment(features, place[batch], settings.alignment)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
         total += loss.detach() * len(batch)
-        right += (scores.argmax(dim=1) == target[batch]).sum()
+        right += (scores.argmax(dim=1) == classes).sum()
     mean = float(total) / len(target)
     if not math.isfinite(mean):
         raise InputError(

@@ -5,6 +5,12 @@ from dataclasses import dataclass
 
 from swashtwin.errors import InputError
 
+BALANCES = ("none", "class", "condition")
+"""What counts the same within an epoch: nothing, each class, or each class under each condition."""
+
+ALIGNMENTS = ("none", "coral", "mmd")
+"""How features of different conditions are drawn together; see `domains.misalignment`."""
+
 NORMALIZATIONS = ("window", "recording", "set", "none")
 """Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
 
@@ -36,6 +42,15 @@ class TrainingSettings:
     normalization: str = "window"
     """``"window"``, ``"recording"``, ``"set"`` or ``"none"``. Per window is the default because gain and mounting
     differ between machines, and between twin and machine; it hides what a fault does to the overall level."""
+    balance: str = "none"
+    """``"class"`` or ``"condition"``: windows of each epoch are drawn so that every class, or every class under every
+    speed and pressure, counts the same; ``"none"`` takes each once."""
+    mixup: float = 0.0
+    """Strength with which pairs of windows and their classes are mixed; 0 mixes none, 0.2 is usual."""
+    alignment: str = "none"
+    """``"coral"`` or ``"mmd"``: draws the features of different conditions together; see `domains.misalignment`."""
+    alignment_weight: float = 1.0
+    """Weight of it beside the cross-entropy."""
     deterministic: bool = True
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
@@ -47,10 +62,13 @@ class TrainingSettings:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
-        if self.decay not in DECAYS:
-            raise InputError(f"decay {self.decay!r} is none of {', '.join(DECAYS)}.")
-        if self.normalization not in NORMALIZATIONS:
-            raise InputError(f"normalization {self.normalization!r} is none of {', '.join(NORMALIZATIONS)}.")
+        for name in ("mixup", "alignment_weight"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
+        choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(known)}.")
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1.

@@ -78,7 +78,7 @@ METRICS = {
     "pe": "PE",
     "sve": "SVE",
     "identified": "values identified of 6",
-    "coverage": "90 % intervals of identified values that hold the truth",
+    "coverage": "coverage of identified",
     "wall_s": "wall time [s]",
     "simulations": "simulations",
 }
@@ -379,6 +379,7 @@ def _notes(table: StudyTable, settings: CalibrationStudySettings) -> tuple[str, 
     return (
         f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump; elsewhere: "
         f"{other}.",
+        "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
         "RMSE and PE hold the recording's own noise and the pump's being put together anew between two recordings: the "
         "rows of the rig's truth say how much no twin can explain.",
     )

@@ -1,12 +1,24 @@
-"""Command that tells how severe a fault is: severity."""
+"""Commands that tell how severe a fault is: severity, study severity, study fault-map."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, say, table, tell
-from swashtwin.cli.options import Dimensions, FaultDepth, FaultLength, FaultWidth, Index, Json, fault_of, pairs_of
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.options import (
+    Dimensions,
+    FaultDepth,
+    FaultLength,
+    FaultWidth,
+    Index,
+    Jobs,
+    Json,
+    fault_of,
+    list_of,
+    pairs_of,
+)
+from swashtwin.cli.studying import studies, tell_study, this_command
 
 if TYPE_CHECKING:
     from swashtwin.calibration import SeverityTrend
@@ -91,3 +103,35 @@ def _show(found: "SeverityTrend") -> None:
     for recording, reason in found.left_out:
         note(f"left out: {recording}: {reason}")
     say(f"{len(found.estimates)} recordings")
+
+
+@studies.command("severity")
+def study_severity(
+    seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """Severity by inversion on the virtual rig's trends: error against the hidden truth, by fault and dimension."""
+    from swashtwin.studies import run_severity
+
+    numbers = list_of(seeds, int, "--seeds") or [2, 3]
+    with progress("severities") as bar:
+        study = run_severity(numbers, jobs=jobs, progress=bar, command=this_command())
+    tell_study(study, out, as_json)
+
+
+@studies.command("fault-map")
+def study_fault_map(
+    seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """Which parameters move with which fault, on the virtual rig, and whether that tells faults apart."""
+    from swashtwin.studies import run_fault_map
+
+    numbers = list_of(seeds, int, "--seeds") or [2, 3]
+    with progress("moves") as bar:
+        study = run_fault_map(numbers, jobs=jobs, progress=bar, command=this_command())
+    tell_study(study, out, as_json)

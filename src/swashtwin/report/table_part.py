@@ -1,12 +1,16 @@
 """What a study in the form of a table adds to the page."""
 
 import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, panels
+from swashtwin.report.fault_map_figures import fault_map_drawing
 from swashtwin.report.page import PROVENANCE, SCORES, Bullets, Cell, Group, Part, Picture, Section, Table
+from swashtwin.report.severity_figures import severity_drawing
 from swashtwin.report.style import CALIBRATED, MEASURED, styled
 from swashtwin.report.wording import facts, flattened, number, plural, words
 from swashtwin.studies.table import StudyTable
@@ -30,8 +34,15 @@ def table_part(study: StudyTable, key: str) -> Part:
 
 
 def _blocks(study: StudyTable, key: str) -> tuple:
-    pictures = (Picture(rows_drawing(study, key)), *map(Picture, confusions(study, key)))
+    own = (draw(study, key) for draw in OWN_DRAWINGS.get(study.study, ()))
+    pictures = map(Picture, (*own, rows_drawing(study, key), *confusions(study, key)))
     return (rows_table(study), *pictures, Bullets("To be read with it", study.notes))
+
+
+OWN_DRAWINGS: Mapping[str, tuple[Callable[[StudyTable, str], Drawing], ...]] = MappingProxyType(
+    {"severity": (severity_drawing,), "fault-map": (fault_map_drawing,)}
+)
+"""What studies have to show besides their rows, by name."""
 
 
 def confusions(study: StudyTable, key: str) -> list[Drawing]:

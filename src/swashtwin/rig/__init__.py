@@ -11,6 +11,7 @@ drawing (geometry, masses, sensor places). Its interface values, mounting, beari
 scatter, drift and noise are its own.
 """
 
+from swashtwin.rig.trending import TRENDS, trend_recordings
 from swashtwin.rig.writing import RIG_VERSION, SIZES, RigSize, build_rig, rig_recordings
 
-__all__ = ["RIG_VERSION", "SIZES", "RigSize", "build_rig", "rig_recordings"]
+__all__ = ["RIG_VERSION", "SIZES", "TRENDS", "RigSize", "build_rig", "rig_recordings", "trend_recordings"]

@@ -9,11 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from joblib import Parallel, delayed
 
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
-from swashtwin.faults import CLASSES
+from swashtwin.faults import CLASSES, Fault
 from swashtwin.files import write_text
 from swashtwin.pump_files import load_pump
 from swashtwin.readers import write_index, write_recording
@@ -70,31 +71,34 @@ def _slots(size: RigSize) -> list[_Slot]:
     return [_Slot(*key) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
 
 
-def _run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    rng = stream(seed, "condition", slot.name)
+def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None) -> Run:
+    """Measurement `name` of a pump, put together anew, at a set discharge pressure [Pa]: what really held in it."""
+    rng = stream(seed, "condition", name)
     condition = OperatingCondition(
         speed=SPEED * rng.uniform(0.997, 1.003),
-        discharge_pressure=slot.pressure * rng.uniform(0.97, 1.03),
+        discharge_pressure=pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )
-    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
-    return Run(specimen.reassembled(seed, slot.name), condition, fault)
+    return Run(specimen.reassembled(seed, name), condition, fault)
 
 
-def _recording(slot: _Slot, run: Run, signal: np.ndarray) -> Recording:
+def recording_of(
+    name: str, label: str, pressure: float, run: Run, signal: Float[np.ndarray, "sensor time"]
+) -> Recording:
+    """Recording `name` of a run: it states the set pressure [Pa] and speed, not those that held."""
     stated = OperatingCondition(
         speed=SPEED,
-        discharge_pressure=slot.pressure,
+        discharge_pressure=pressure,
         oil_temperature=celsius(round(run.condition.oil_temperature - celsius(0))),
     )
     return Recording(
         signal=signal,
         sample_rate=SAMPLE_RATE,
-        recording_id=slot.name,
+        recording_id=name,
         channels=run.specimen.pump.channels,
-        label=slot.label,
+        label=label,
         condition=stated,
-        specimen=slot.specimen,
+        specimen=run.specimen.name,
         attributes={"origin": f"swashtwin virtual rig, version {RIG_VERSION}"},
     )
 
@@ -130,9 +134,15 @@ def _measure_batch(
     slots: Sequence[_Slot], specimens: Sequence[Specimen], duration: float, seed: int
 ) -> list[tuple[Recording, Run]]:
     torch.set_num_threads(1)
-    runs = [_run(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
+    runs = [
+        run_of(slot.name, specimen, slot.pressure, seed, draw_fault(slot.label, slot.specimen, seed, slot.name))
+        for slot, specimen in zip(slots, specimens, strict=True)
+    ]
     signals = measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
-    return [(_recording(slot, run, signal), run) for slot, run, signal in zip(slots, runs, signals, strict=True)]
+    return [
+        (recording_of(slot.name, slot.label, slot.pressure, run, signal), run)
+        for slot, run, signal in zip(slots, runs, signals, strict=True)
+    ]
 
 
 def _truth(run: Run) -> dict[str, object]:

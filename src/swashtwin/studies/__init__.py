@@ -2,8 +2,10 @@
 
 from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
+from swashtwin.studies.fault_map import run_fault_map
 from swashtwin.studies.misspecification import run_misspecification
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+from swashtwin.studies.severity import run_severity
 from swashtwin.studies.table import StudyTable, Trial
 from swashtwin.studies.zero_shot import ZERO_SHOT_SIZES, run_zero_shot
 from swashtwin.studies.zero_shot_data import ZeroShotSettings
@@ -25,6 +27,8 @@ __all__ = [
     "chosen_zero_shot",
     "run_calibration_study",
     "run_case_one",
+    "run_fault_map",
     "run_misspecification",
+    "run_severity",
     "run_zero_shot",
 ]

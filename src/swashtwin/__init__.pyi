@@ -37,6 +37,7 @@ from .condition import OperatingCondition as OperatingCondition
 from .contacts import ContactCheck as ContactCheck
 from .contacts import SlipperContact as SlipperContact
 from .diagnosis import Diagnosis as Diagnosis
+from .diagnosis import Trust as Trust
 from .diagnosis import diagnose as diagnose
 from .diagnosis import load_classifier as load_classifier
 from .diagnosis import save_classifier as save_classifier
@@ -50,8 +51,11 @@ from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
 from .evaluation import LEVELS as LEVELS
+from .evaluation import ConfidenceScores as ConfidenceScores
 from .evaluation import Scores as Scores
 from .evaluation import evaluate as evaluate
+from .evaluation import learn_confidence as learn_confidence
+from .evaluation import score_confidence as score_confidence
 from .evaluation import unseen_recordings as unseen_recordings
 from .faults import CLASSES as CLASSES
 from .faults import BoreDefect as BoreDefect

@@ -10,7 +10,8 @@ from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Name
 from swashtwin.cli.recordings import open_all
 
 if TYPE_CHECKING:
-    from swashtwin.evaluation import Scores
+    from swashtwin.diagnosis import Diagnosis
+    from swashtwin.evaluation import ConfidenceScores, Scores
 
 Model = Annotated[Path, typer.Argument(help="Model file that train wrote.")]
 
@@ -37,10 +38,19 @@ def evaluate(
     chosen = select(recordings, ids=ids) if ids else evaluation.unseen_recordings(classifier, recordings)
     test = cut_windows(chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
     scores = evaluation.evaluate(classifier, test, level=level, seed=seed)
+    trusted = evaluation.score_confidence(classifier, test) if classifier.confidence is not None else None
     names = [one.recording_id for one in chosen]
     if not ids and len(names) < len(recordings):
         note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
-    tell({"model": model, "recordings": names, **scores.to_dict()}, as_json, lambda: _show_scores(scores))
+    result = {"model": model, "recordings": names, **scores.to_dict()}
+    result["confidence"] = None if trusted is None else trusted.to_dict()
+
+    def show() -> None:
+        _show_scores(scores)
+        if trusted is not None:
+            _show_confidence(trusted)
+
+    tell(result, as_json, show)
 
 
 def diagnose(
@@ -51,6 +61,9 @@ def diagnose(
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     names: Names = None,
+    error_rate: Annotated[
+        float | None, typer.Option(help="Of the prediction sets and of calling unknown; the model's own by default.")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -62,12 +75,12 @@ def diagnose(
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    verdicts = [diagnosis.diagnose(classifier, recording) for recording in open_all(paths, **facts)]
+    recordings = open_all(paths, **facts)
+    verdicts = [diagnosis.diagnose(classifier, recording, error_rate=error_rate) for recording in recordings]
     page = None if report is None else write_report(*verdicts, folder=report)
 
     def show() -> None:
-        rows = [(one.recording_id, one.label, max(one.probabilities.values()), one.agreement) for one in verdicts]
-        table(f"{len(rows)} recordings", ("recording", "class", "probability", "windows that agree"), rows)
+        _show_verdicts(verdicts)
         for one in verdicts:
             for text in one.notes:
                 note(f"note: {one.recording_id}: {text}")
@@ -75,6 +88,24 @@ def diagnose(
             say(str(page))
 
     tell({"model": model, "diagnoses": [one.to_dict() for one in verdicts], "report": page}, as_json, show)
+
+
+def _show_verdicts(verdicts: "list[Diagnosis]") -> None:
+    rows: list[tuple[object, ...]] = []
+    for one in verdicts:
+        trust = one.trust
+        could_be = "" if trust is None else "unknown" if trust.unknown else ", ".join(trust.prediction_set)
+        rows.append((one.recording_id, one.label, max(one.probabilities.values()), one.agreement, could_be))
+    told = all(one.trust is not None for one in verdicts)
+    header = ("recording", "class", "probability", "windows that agree", "could be")
+    table(f"{len(rows)} recordings", header if told else header[:-1], rows if told else [row[:-1] for row in rows])
+    if not told:
+        note("note: the model was not taught how far to trust itself (train --validation-fraction 0.2).")
+
+
+def _show_confidence(trusted: "ConfidenceScores") -> None:
+    rows = [(name, value) for name, value in trusted.to_dict().items() if isinstance(value, int | float)]
+    table("Trust in itself, by recording", ("figure", "value"), rows)
 
 
 def _show_scores(scores: "Scores") -> None:

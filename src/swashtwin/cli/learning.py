@@ -18,6 +18,13 @@ def train(
     ] = None,
     test_fraction: Annotated[float, typer.Option(help="Share held out for evaluate; 0 trains on all.")] = 0.2,
     group: GroupName = "recording",
+    validation_fraction: Annotated[
+        float,
+        typer.Option(help="Share of the rest that teaches the model how far to trust itself, by --group; 0 for none."),
+    ] = 0.0,
+    error_rate: Annotated[
+        float, typer.Option(help="Share of recordings whose prediction set may miss, or that are wrongly unknown.")
+    ] = 0.1,
     length: Length = 2048,
     window_stride: Annotated[
         int | None, typer.Option(help="Readings from window to window; its length by default.")
@@ -55,10 +62,18 @@ def train(
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
     from swashtwin.diagnosis import save_classifier
+    from swashtwin.evaluation import learn_confidence
     from swashtwin.networks import build_network
     from swashtwin.readers import declared_classes, read_recordings
-    from swashtwin.training import TrainingSettings, fit
-    from swashtwin.windows import check_disjoint, cut_windows, load_windows, recording_groups, split_by_recording
+    from swashtwin.training import TrainingSettings, fit, require_enough
+    from swashtwin.windows import (
+        check_disjoint,
+        cut_windows,
+        load_windows,
+        recording_groups,
+        split_by_recording,
+        without_overlap,
+    )
 
     require_target(out)
     added = [load_windows(path) for path in add or ()]
@@ -76,6 +91,13 @@ def train(
     if test_fraction:
         groups = recording_groups(recordings, group)
         training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
+    validation = None
+    if validation_fraction:
+        training, validation = split_by_recording(
+            training, test_fraction=validation_fraction, seed=seed, group=recording_groups(recordings, group)
+        )
+        validation = without_overlap(validation)
+        require_enough(len(set(validation.recording_id.tolist())), error_rate)
     _refuse_seen(held_out.recording_id.tolist(), manifest)
     for synthetic, _ in added:
         training = training + synthetic
@@ -99,23 +121,33 @@ def train(
                 training,
                 settings=settings,
                 seed=seed,
+                validation=validation,
                 manifest=manifest,
                 checkpoint=checkpoint,
                 resume=resume,
                 progress=lambda epoch: bar(epoch.number, settings.epochs, f"training, loss {epoch.loss:.4f}"),
                 device=device,
             )
+        if validation is not None:
+            classifier = learn_confidence(classifier, validation, error_rate=error_rate)
         save_classifier(classifier, out)
     last = classifier.history[-1]
     held = sorted(set(held_out.recording_id.tolist()))
+    trust = classifier.confidence
     result = {
         "model": out, "classes": classifier.classes, "windows": len(training),
         "synthetic_windows": int(training.synthetic.sum()), "held_out": held, "epochs": last.number,
         "loss": last.loss, "accuracy": last.accuracy, "seed": seed,
+        "validation": [] if validation is None else sorted(set(validation.recording_id.tolist())),
+        "temperature": None if trust is None else trust.temperature,
     }  # fmt: skip
 
     def show() -> None:
         say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
+        if trust is None:
+            note("note: it was not taught how far to trust itself; --validation-fraction 0.2 does.")
+        else:
+            say(f"Temperature {trust.temperature:.3g}, from {trust.n_recordings} validation recordings")
         if held:
             say(f"Next, on {len(held)} recordings held out: swashtwin evaluate {out} {source}")
         else:

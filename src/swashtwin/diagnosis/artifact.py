@@ -18,7 +18,14 @@ from torch import Tensor, from_numpy
 from swashtwin.errors import ArtifactError, InputError, MissingFileError
 from swashtwin.files import replacing
 from swashtwin.networks import NETWORKS, build_network
-from swashtwin.training import Epoch, FittedClassifier, Normalization, TrainingSettings
+from swashtwin.training import (
+    Confidence,
+    Epoch,
+    FittedClassifier,
+    KnownRecordings,
+    Normalization,
+    TrainingSettings,
+)
 from swashtwin.windows import WindowLayout
 
 FORMAT = "swashtwin-classifier"
@@ -39,6 +46,11 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
     tensors = {f"network.{name}": tensor for name, tensor in classifier.network.state_dict().items()}
     tensors["normalization.mean"] = from_numpy(classifier.normalization.mean)
     tensors["normalization.deviation"] = from_numpy(classifier.normalization.deviation)
+    if classifier.known is not None:
+        tensors["known.features"] = from_numpy(classifier.known.features)
+    if classifier.confidence is not None:
+        tensors["confidence.surprise"] = from_numpy(classifier.confidence.surprise)
+        tensors["confidence.distance"] = from_numpy(classifier.confidence.distance)
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     card = _card(classifier)
     note = {"version": VERSION, "card": card, "sha256": _checksum(tensors, card)}
@@ -84,7 +96,14 @@ def load_classifier(path: Path | str) -> FittedClassifier:
 
 
 def _card(classifier: FittedClassifier) -> dict[str, Any]:
+    known, confidence = classifier.known, classifier.confidence
+    extra: dict[str, Any] = (
+        {} if known is None else {"known": {"recording_id": known.recording_id, "label": known.label}}
+    )
+    if confidence is not None:
+        extra["confidence"] = {"temperature": confidence.temperature, "error_rate": confidence.error_rate}
     return {
+        **extra,
         "network": {"name": classifier.network.name, "settings": classifier.network.settings},
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
@@ -115,7 +134,25 @@ def _classifier(tensors: dict[str, Tensor], card: dict[str, Any]) -> FittedClass
         manifest=tuple(card["manifest"]),
         pressures=tuple(card["pressures"]),
         speeds=tuple(card["speeds"]),
+        known=_known(tensors, card),
+        confidence=_confidence(tensors, card),
     )
+
+
+def _known(tensors: dict[str, Tensor], card: dict[str, Any]) -> KnownRecordings | None:
+    """None for a file from before recordings were kept, and where all windows were synthetic."""
+    if "known" not in card:
+        return None
+    names = card["known"]
+    return KnownRecordings(tuple(names["recording_id"]), tuple(names["label"]), tensors["known.features"].numpy())
+
+
+def _confidence(tensors: dict[str, Tensor], card: dict[str, Any]) -> Confidence | None:
+    """None for a file from before confidence was kept, and where nobody asked for it."""
+    if "confidence" not in card:
+        return None
+    surprise, distance = (tensors[f"confidence.{name}"].numpy() for name in ("surprise", "distance"))
+    return Confidence(surprise=surprise, distance=distance, **card["confidence"])
 
 
 def _checksum(tensors: dict[str, Tensor], card: dict[str, Any]) -> str:

@@ -1,19 +1,20 @@
 """What a fitted classifier says of one recording."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from swashtwin.errors import DataError
+from swashtwin.diagnosis.trust import Trust, trust_in
+from swashtwin.errors import DataError, InputError
 from swashtwin.evaluation import pooled_probabilities
 from swashtwin.recording import Recording
 from swashtwin.stored import StoredRecording
 from swashtwin.training import FittedClassifier
-from swashtwin.windows import WindowLayout, window_batches
+from swashtwin.windows import WindowLayout, WindowSet, window_batches
 
 CLOSE = 0.05
 """Relative difference up to which a pressure or speed counts as one that was trained at."""
@@ -30,14 +31,18 @@ class Diagnosis:
     label: str
     """Likeliest class of the whole recording."""
     probabilities: Mapping[str, float]
-    """Probability of each class, from the mean log-probability over the windows. The windows of one recording are not
-    independent, so it is a score between classes rather than a calibrated chance."""
+    """Probability of each class, from the mean log-probability over the windows, at the temperature that validation
+    recordings gave. Without `trust` it is a score between classes rather than a calibrated chance, since the windows of
+    one recording are not independent."""
     window_labels: tuple[str, ...]
     """Likeliest class of each window, in order of time."""
     agreement: float
     """Share of the windows that say the same as `label`."""
     notes: tuple[str, ...]
     """What a reader should know before trusting it, such as a condition that was never trained."""
+    trust: Trust | None = None
+    """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier was
+    never taught (`learn_confidence`, ``swashtwin train --validation-fraction``)."""
 
     @property
     def n_windows(self) -> int:
@@ -54,18 +59,62 @@ class Diagnosis:
             "n_windows": self.n_windows,
             "agreement": self.agreement,
             "notes": list(self.notes),
+            "trust": None if self.trust is None else self.trust.to_dict(),
         }
 
 
-def diagnose(classifier: FittedClassifier, recording: Recording | StoredRecording) -> Diagnosis:
+def diagnose(
+    classifier: FittedClassifier, recording: Recording | StoredRecording, *, error_rate: float | None = None
+) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
 
     A recording that was opened from its file (`open_recording`) is never whole in memory, and gets the same answer.
+
+    Parameters
+    ----------
+    error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
 
     Raises
     ------
     DataError
         The recording has another sample rate, other channels or another unit, is too short for one window, or is unfit.
+    InputError
+        An error rate that the classifier's validation recordings are too few for, or that it knows none of.
+    """
+    if error_rate is not None and classifier.confidence is None:
+        raise InputError(
+            f"error_rate ({error_rate:g}) needs a classifier that was taught how far to trust itself; train it with "
+            "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
+        )
+    settled, parts = settled_on(classifier, recording)
+    answers = [settled.answer(windows) for windows in parts()]
+    probability, features = (np.concatenate(one) for one in zip(*answers, strict=True))
+    pooled = pooled_probabilities(probability)
+    trust = trust_in(classifier, pooled, features, error_rate)
+    if classifier.confidence is not None:
+        pooled = classifier.confidence.softened(pooled)
+    label = classifier.classes[int(pooled.argmax())]
+    window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
+    return Diagnosis(
+        recording_id=recording.recording_id,
+        label=label,
+        probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
+        window_labels=window_labels,
+        agreement=float(np.mean([name == label for name in window_labels])),
+        notes=tuple(_notes(classifier, recording)),
+        trust=trust,
+    )
+
+
+def settled_on(
+    classifier: FittedClassifier, recording: Recording | StoredRecording
+) -> tuple[FittedClassifier, Callable[[], Iterator[WindowSet]]]:
+    """(the classifier with the scaling of this recording, what gives the recording's windows in parts).
+
+    Raises
+    ------
+    DataError
+        The recording does not fit the classifier.
     """
     layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.length)
     if difference := classifier.layout.difference(layout):
@@ -81,19 +130,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording | StoredRecordin
         allow_partial_revolution=True,
         batch=_TOGETHER,
     )
-    settled = replace(classifier, normalization=classifier.normalization.settled(parts))
-    probability = np.concatenate([settled.predict_proba(windows) for windows in parts()])
-    pooled = pooled_probabilities(probability)
-    label = classifier.classes[int(pooled.argmax())]
-    window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
-    return Diagnosis(
-        recording_id=recording.recording_id,
-        label=label,
-        probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
-        window_labels=window_labels,
-        agreement=float(np.mean([name == label for name in window_labels])),
-        notes=tuple(_notes(classifier, recording)),
-    )
+    return replace(classifier, normalization=classifier.normalization.settled(parts)), parts
 
 
 def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording) -> list[str]:

@@ -14,21 +14,31 @@ _NOT_CHECKED = (
     "Whether pump, sensors and mounting resemble those of the training; scores at L4 say how much that costs.",
     "Whether the score is a chance: windows of one recording are not independent, so it compares classes only.",
 )
+_NOT_CHECKED_BY_TRUST = (
+    _NOT_CHECKED[1],
+    "Whether the validation recordings stand for this one: rates and thresholds hold for the pumps, sensors, mountings "
+    "and conditions that they were drawn from, and for no other.",
+    "A fault never trained that looks like a known class: only recordings far from all known ones are called unknown.",
+)
 
 
 def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of one diagnosis."""
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
+    trust = diagnosis.trust
+    kind = "score" if trust is None else "probability"
     answer = (
         f"Recording {diagnosis.recording_id}: {words(diagnosis.label)}. Taken alone, {agreeing} of "
         f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}); all windows together give this class "
-        f"a score of {percent(diagnosis.probabilities[diagnosis.label])} among {len(diagnosis.probabilities)} classes.",
+        f"a {kind} of {percent(diagnosis.probabilities[diagnosis.label])} among {len(diagnosis.probabilities)} "
+        "classes.",
+        *(() if trust is None else (trust.sentence(),)),
     )
     blocks = (
         Bullets("What to know before trusting it", diagnosis.notes),
         Picture(probability_drawing(diagnosis, key)),
         Picture(window_drawing(diagnosis, key)),
-        Bullets("What was not checked", _NOT_CHECKED),
+        Bullets("What was not checked", _NOT_CHECKED if trust is None else _NOT_CHECKED_BY_TRUST),
     )
     return Part(
         title=f"Diagnosis of {diagnosis.recording_id}",
@@ -50,14 +60,22 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     for height, share in enumerate(shares):
         place.text(share + 0.01, height, percent(share), va="center", fontsize=9)
     place.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
-    place.set_xlabel("score of the class, all windows together")
+    kind = "score" if diagnosis.trust is None else "probability"
+    place.set_xlabel(f"{kind} of the class, all windows together")
     place.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     place.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     place.invert_yaxis()
     place.grid(axis="y", visible=False)
     caption = "From the mean log-probability over the windows. It compares classes and is no calibrated chance."
+    if diagnosis.trust is not None:
+        possible = ", ".join(words(name) for name in diagnosis.trust.prediction_set)
+        caption = (
+            f"From the mean log-probability over the windows, at the temperature that {diagnosis.trust.n_validation} "
+            f"validation recordings gave. Not ruled out at an error rate of {percent(diagnosis.trust.error_rate)}: "
+            f"{possible}."
+        )
     columns: dict[str, list] = {"class": classes, "score": shares}
-    return drawn(f"{key}_scores", figure, columns, title="Score of each class", caption=caption)
+    return drawn(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
 
 
 @styled()

@@ -10,6 +10,8 @@ from torch import Tensor
 
 from swashtwin.errors import InputError
 from swashtwin.networks import Network
+from swashtwin.training.confidence import Confidence
+from swashtwin.training.known import KnownRecordings
 from swashtwin.training.normalization import Normalization
 from swashtwin.training.settings import Epoch, TrainingSettings
 from swashtwin.windows import WindowLayout, WindowSet
@@ -41,6 +43,10 @@ class FittedClassifier:
     """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
+    known: KnownRecordings | None = None
+    """The measured recordings it was trained on, as its last layer sees them; None where there was none."""
+    confidence: Confidence | None = None
+    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
 
     @property
     def sample_rate(self) -> float:
@@ -74,6 +80,18 @@ class FittedClassifier:
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
         """What the last layer sees of each window, such as t-SNE is drawn from."""
         return self._through(windows, lambda batch: self.network.features(batch).double())
+
+    def answer(
+        self, windows: WindowSet
+    ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
+        """(`predict_proba`, `embed`) in one pass."""
+
+        def step(batch: Tensor) -> Tensor:
+            features = self.network.features(batch)
+            return torch.cat([torch.softmax(self.network.head(features).double(), dim=-1), features.double()], dim=-1)
+
+        both = self._through(windows, step)
+        return both[:, : len(self.classes)], both[:, len(self.classes) :]
 
     def _through(self, windows: WindowSet, step: Callable[[Tensor], Tensor]) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from swashtwin.seeding import derive_seed, stream
 from swashtwin.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.training.classifier import FittedClassifier
 from swashtwin.training.domains import conditions_of, epoch_order, misalignment, mixing
+from swashtwin.training.known import known_recordings
 from swashtwin.training.normalization import Normalization
 from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.windows import WindowSet, check_disjoint
@@ -89,7 +90,7 @@ def fit(
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
             if progress is not None:
                 progress(history[-1])
-    return FittedClassifier(
+    fitted = FittedClassifier(
         network=trained.cpu().eval(),
         classes=windows.classes,
         layout=windows.layout,
@@ -101,6 +102,8 @@ def fit(
         pressures=_known(windows.cell_pressure),
         speeds=_known(windows.speed),
     )
+    with _one_thread():
+        return replace(fitted, known=known_recordings(fitted.embed(windows), windows))
 
 
 def _require_device(device: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.errors import InputError
+from swashtwin.errors import DataError, InputError
 from swashtwin.networks import BiTCN
 from swashtwin.recording import Recording
 from swashtwin.seeding import stream
@@ -15,6 +15,8 @@ from swashtwin.training import TrainingSettings, fit
 from swashtwin.training.domains import conditions_of, epoch_order, misalignment, mixing
 from swashtwin.units import MPa, rpm
 from swashtwin.windows import WindowSet, cut_windows
+
+BY_CONDITION = TrainingSettings(balance="condition")
 
 
 @pytest.fixture(scope="module")
@@ -31,18 +33,17 @@ def windows() -> WindowSet:
     return cut_windows(recordings, length=20, classes=("normal", "piston"))
 
 
-def test_each_speed_and_pressure_is_one_condition(windows):
-    condition = conditions_of(windows)
-    assert set(zip(condition.tolist(), windows.discharge_pressure.tolist(), strict=True)) == {
-        (0, MPa(5)),
-        (1, MPa(15)),
-    }
+def test_each_speed_and_pressure_is_one_condition_where_they_are_asked_for(windows):
+    condition = conditions_of(windows, BY_CONDITION)
+    assert len({*zip(condition.tolist(), windows.discharge_pressure.tolist(), strict=True)}) == 2
+    assert set(conditions_of(windows, TrainingSettings())) == {0}
     nowhere = replace(windows, speed=windows.speed * np.nan, discharge_pressure=windows.speed * np.nan)
-    assert set(conditions_of(nowhere)) == {0}
+    with pytest.raises(DataError, match="no condition"):
+        conditions_of(nowhere, BY_CONDITION)
 
 
 def test_a_balanced_epoch_draws_every_class_under_every_condition_alike(windows):
-    condition = conditions_of(windows)
+    condition = conditions_of(windows, BY_CONDITION)
     order = epoch_order(windows.target, condition, "condition", stream(0, "order"))
     assert len(order) == len(windows)
     counts = np.unique(np.column_stack([windows.target, condition])[order], axis=0, return_counts=True)[1]

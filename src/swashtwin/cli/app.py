@@ -9,6 +9,7 @@ from swashtwin.cli import (
     calibrating,
     calibration_studies,
     comparing,
+    condition_studies,
     diagnosing,
     fleets,
     indicating,
@@ -37,6 +38,7 @@ app = typer.Typer(
 _DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
 app.command("demo", rich_help_panel=_DEMO)(studying.demo)
 studying.studies.command("calibration")(calibration_studies.calibration)
+studying.studies.command("conditions")(condition_studies.conditions)
 studying.studies.command("zero-shot")(zero_shot.zero_shot)
 app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
 studying.studies.command("public")(real_data.public)

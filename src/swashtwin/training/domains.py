@@ -12,17 +12,25 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from swashtwin.training.settings import TrainingSettings
 from swashtwin.windows import WindowSet
+from swashtwin.windows.grouping import window_groups
 
 BANDWIDTHS = (0.5, 1.0, 2.0)
 """Widths of the kernels of `mmd`, over the median distance of the features."""
 
 
-def conditions_of(windows: WindowSet) -> Int[np.ndarray, " window"]:
-    """Number of each window's condition: its speed to 1 % and its pressure; those without either share one."""
-    speed = np.round(np.log(np.nan_to_num(windows.speed, nan=1.0)) / 0.01)
-    pressure = np.nan_to_num(windows.cell_pressure, nan=-1.0)
-    return np.unique(np.column_stack([speed, pressure]), axis=0, return_inverse=True)[1].reshape(-1)
+def conditions_of(windows: WindowSet, settings: TrainingSettings) -> Int[np.ndarray, " window"]:
+    """Number of each window's speed and pressure, all alike where the settings do not ask for conditions.
+
+    Raises
+    ------
+    DataError
+        Some or all windows state no condition.
+    """
+    if settings.balance != "condition" and settings.alignment == "none":
+        return np.zeros(len(windows), dtype=np.int64)
+    return np.unique(window_groups(windows, "condition"), return_inverse=True)[1].astype(np.int64)
 
 
 def epoch_order(

@@ -80,7 +80,7 @@ def fit(
         data = _tensors(windows, normalization, device)
         held = None if validation is None else _tensors(validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
-        condition = conditions_of(windows)
+        condition = conditions_of(windows, settings)
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)

@@ -1,0 +1,32 @@
+"""The study of conditions that nobody trained on: study conditions."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swashtwin.cli.console import progress
+from swashtwin.cli.options import Index, Jobs, Json, list_of
+from swashtwin.cli.studying import tell_study, this_command
+
+
+def conditions(
+    source: Index,
+    seeds: Annotated[str, typer.Option(help='Seeds of weights, trees and folds: "0,1,2".')] = "0",
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """What classifiers score at a speed and pressure they were never trained on, and what helps against it."""
+    from swashtwin.readers import read_recordings
+    from swashtwin.studies.conditions import run_conditions
+
+    with progress("training for new conditions") as bar:
+        found = run_conditions(
+            read_recordings(source),
+            seeds=list_of(seeds, int, "--seeds") or [0],
+            jobs=jobs,
+            progress=bar,
+            command=this_command(),
+        )
+    tell_study(found, out, as_json)

@@ -1,6 +1,9 @@
 """Recordings of one's own on the command line: indexed, converted, inspected, diagnosed."""
 
+import re
+import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,3 +56,31 @@ def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
         run("convert", file, "--out", folder / "a.h5", "--overwrite", code=3)
     )
     assert (folder / "a.h5").read_bytes() == before
+
+
+def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "--sample-rate" in one_line(run("index", folder, code=3))
+    answers = iter(["2 kHz", "g"])
+    monkeypatch.setattr("swashtwin.cli.recordings._asked", lambda key, question: next(answers))
+    monkeypatch.setattr("swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    told = run("index", folder).stdout
+    assert "label: normal (2), piston (2), says its name" in told
+    assert {one.sample_rate for one in read_recordings(folder)} == {2000.0}
+
+
+def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    for label in ("normal", "piston"):
+        for number in range(1, 6):
+            path = tmp_path / "mine" / label / f"15MPa_{number}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("x\n" + "".join(f"{value:.6f}\n" for value in rng.standard_normal(1024)))
+    text = (Path(__file__).parents[1] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
+    commands = [line for block in blocks for line in block.splitlines()]
+    assert [shlex.split(line)[1] for line in commands] == [
+        "index", "inspect", "convert", "train", "evaluate", "diagnose",
+    ]  # fmt: skip
+    for line in commands:
+        run(*shlex.split(line)[1:])

@@ -212,6 +212,64 @@ def test_a_proposal_obeys_a_pattern(rig: Path) -> None:
         propose_index(rig, label_pattern="(", sample_rate="1 Hz", unit="g")
 
 
+def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
+    for name in ("swash_plate", "normal"):
+        (rig / name).mkdir()
+        write_recording(make(name, None), rig / name / f"{name}.mat")
+    write_recording(make("own", "piston"), rig / "own.h5")
+    pattern = r"(?P<label>normal|swash_plate|own)(_(?P<pressure>\d+)MPa)?.*?_?(?P<repeat>\d?)\."
+    found = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).found
+    assert found == (
+        "label: normal (1), swash_plate (1), says its name",
+        "speed: 860 rpm (2), says its name",
+        "discharge_pressure: 15 MPa (2), says its name",
+        "sample_rate: 25.6 kHz (2), says the flag",
+        "unit: m/s^2 (2), says the flag",
+        "channels: x, y (2), says the file",
+    )
+    found = propose_index(rig, include=["normal/*", "own.h5"]).found
+    assert found[0] == "label: normal (1), says the folder's name; piston (1), says the file"
+    assert found[1] == "sample_rate: 1000 Hz (2), says the file"
+    found = propose_index(
+        rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
+    )
+    assert "attribute repeat: 1 (2), says the pattern" in found.found
+    assert "speed: 860 rpm (2), says the flag" in found.found
+
+
+def test_a_proposal_asks_for_what_nobody_says(rig: Path) -> None:
+    asked = []
+
+    def ask(key: str, question: str) -> str | None:
+        asked.append((key, question))
+        return {"sample_rate": "25.6 kHz", "unit": "g"}[key]
+
+    proposal = propose_index(rig, ask=ask)
+    assert [key for key, _ in asked] == ["sample_rate", "unit"]
+    assert asked[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
+    assert proposal.index["defaults"] == {"sample_rate": "25.6 kHz", "unit": "g", "speed": "860 rpm"}
+    with pytest.raises(DataError, match="nobody says sample_rate of 3 files"):
+        propose_index(rig, ask=lambda key, question: None)
+
+
+def test_a_pressure_without_a_speed_is_noticed_when_the_index_is_proposed(tmp_path: Path) -> None:
+    (tmp_path / "normal_15MPa.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n")
+    facts = {"sample_rate": "1 kHz", "unit": "g"}
+    with pytest.raises(DataError, match=r"nobody says speed of 1 files .*--speed"):
+        propose_index(tmp_path, **facts)
+    index = propose_index(tmp_path, **facts, ask=lambda key, question: {"speed": "860 rpm"}[key]).index
+    assert index["defaults"]["speed"] == "860 rpm"
+
+
+def test_a_proposal_asks_how_the_class_is_written(tmp_path: Path) -> None:
+    for name in ("01_7", "02_8"):
+        write_recording(make(name, None), tmp_path / f"{name}.mat")
+    index = propose_index(
+        tmp_path, ask=lambda key, question: r"_(?P<label>\d)" if key == "label_pattern" else None
+    ).index
+    assert index["classes"] == ["7", "8"]
+
+
 def test_a_proposal_names_everything_that_nobody_says(rig: Path) -> None:
     with pytest.raises(DataError, match=r"sample_rate of 3 files .*--sample-rate.*unit of 3 files .*--unit"):
         propose_index(rig)

@@ -64,7 +64,7 @@ def train(
     from swashtwin.diagnosis import save_classifier
     from swashtwin.evaluation import learn_confidence
     from swashtwin.networks import build_network
-    from swashtwin.readers import declared_classes, read_recordings
+    from swashtwin.readers import declared_classes, open_recordings
     from swashtwin.training import TrainingSettings, fit, require_enough
     from swashtwin.windows import (
         check_disjoint,
@@ -79,7 +79,7 @@ def train(
     added = [load_windows(path) for path in add or ()]
     manifest = {name for _, names in added for name in names}
     layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
-    recordings = read_recordings(source)
+    recordings = open_recordings(source)
     windows = cut_windows(
         recordings,
         classes=None if added else declared_classes(source),

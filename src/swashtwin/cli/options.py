@@ -18,7 +18,7 @@ T = TypeVar("T")
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Addresses every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Processes that work side by side.")]
-Index = Annotated[Path, typer.Argument(help="Index file, or the folder that holds recordings.toml.")]
+Index = Annotated[Path, typer.Argument(help="Index file, the folder that holds recordings.toml, or a store.")]
 GroupName = Annotated[
     str, typer.Option("--group", help="What stays whole: recording, specimen, condition, or an attribute (pump_run).")
 ]

@@ -1,5 +1,6 @@
 """Commands about recordings: rig, index, convert, inspect, split."""
 
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -118,7 +119,7 @@ def index(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an index that exists.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Propose an index of a folder's files, to look over and correct."""
+    """Propose an index of a folder's files, to look over and correct; a terminal is asked what nobody says."""
     from swashtwin.readers import propose_index, save_index
 
     path = out or folder / "recordings.toml"
@@ -137,16 +138,19 @@ def index(
         speed=speed,
         discharge_pressure=pressure,
         index_folder=path.parent,
+        ask=None if as_json or not sys.stdin.isatty() else _asked,
     )
     _refuse_existing(path, overwrite)
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
     result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
-    result["skipped"] = list(proposal.skipped)
+    result |= {"found": list(proposal.found), "skipped": list(proposal.skipped)}
 
     def show() -> None:
         for reason in proposal.skipped:
             note(f"left out: {reason}")
+        for sentence in proposal.found:
+            say(sentence)
         say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")
         say(f"Look it over, then: swashtwin inspect {path}")
 
@@ -289,6 +293,12 @@ def _sides(
         }
         for name, pair in zip(names, pairs, strict=True)
     }
+
+
+def _asked(key: str, question: str) -> str | None:
+    """Answer of whoever sits at the terminal; None where it is empty."""
+    answer: str = typer.prompt(f"{question} [{key}]", default="", show_default=False, err=True)
+    return answer.strip() or None
 
 
 def _refuse_existing(path: Path, overwrite: bool) -> None:

@@ -103,6 +103,8 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
 
 def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
+    if is_store(Path(path)):
+        return None
     classes = _load(index_path(Path(path))).get("classes")
     return None if classes is None else tuple(str(name) for name in classes)
 

@@ -3,16 +3,17 @@
 import csv
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swashtwin.errors import DataError, InputError, MissingFileError
 from swashtwin.readers.assembly import choose_columns, rate_in_file
 from swashtwin.readers.entry import Entry
-from swashtwin.readers.formats import SUFFIXES, read_raw, stem_of, suffix_of
+from swashtwin.readers.formats import SUFFIXES, open_raw, stem_of, suffix_of
+from swashtwin.readers.origins import Said, facts_said, sentences
 from swashtwin.readers.raw import Options, RawFile
 
 _TABLE_UNITS = {"speed": "rpm", "discharge_pressure": "MPa", "suction_pressure": "MPa", "case_pressure": "MPa"}
@@ -32,6 +33,8 @@ class IndexProposal:
     """The index as `save_index` writes it."""
     skipped: tuple[str, ...]
     """Files that are left out, each with the reason."""
+    found: tuple[str, ...]
+    """For each fact its values with their number of files, and who says so: what to look over first."""
 
 
 def propose_index(
@@ -50,6 +53,7 @@ def propose_index(
     discharge_pressure: str | None = None,
     calibration_factor: str | None = None,
     index_folder: str | Path | None = None,
+    ask: Callable[[str, str], str | None] | None = None,
 ) -> IndexProposal:
     """Index of every file below `folder` that can be read.
 
@@ -66,6 +70,8 @@ def propose_index(
     sample_rate, unit, channels, names, resample, speed, discharge_pressure, calibration_factor : facts for every file
         that does not say them itself.
     index_folder : where the index will lie, if not in `folder`.
+    ask : called with ``sample_rate``, ``unit``, ``speed`` or ``label_pattern`` and a question, where that fact is
+        missing; gives the answer, or None. By default a missing fact is an error.
 
     Raises
     ------
@@ -79,19 +85,27 @@ def propose_index(
     told |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
     told |= {"speed": speed, "discharge_pressure": discharge_pressure}
     defaults = {key: value for key, value in told.items() if value is not None}
-    if table is None:
-        facts = {name: _from_name(name, label_pattern) for name in _files(folder)}
-    else:
-        facts = _from_table(folder, Path(table), columns or {})
-    if include:
-        facts = {name: fact for name, fact in facts.items() if any(fnmatchcase(name, pattern) for pattern in include)}
-        if not facts:
-            raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
-    entries, skipped = _checked(folder, facts, defaults, strict=table is not None)
-    if not entries:
-        reason = skipped[0] if skipped else f"supported are {', '.join(SUFFIXES)}."
+    while True:
+        if table is None:
+            facts = {name: _from_name(name, label_pattern) for name in _files(folder)}
+        else:
+            facts = _from_table(folder, Path(table), columns or {})
+        if include:
+            facts = {name: fact for name, fact in facts.items() if any(fnmatchcase(name, kept) for kept in include)}
+            if not facts:
+                raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
+        checked = _checked(folder, facts, defaults, label_pattern, strict=table is not None)
+        answers = _asked(checked.missing, ask)
+        if not answers:
+            break
+        label_pattern = answers.pop("label_pattern", label_pattern)
+        defaults |= answers
+    _refuse_missing(folder, checked.missing)
+    if not checked.entries:
+        reason = checked.skipped[0] if checked.skipped else f"supported are {', '.join(SUFFIXES)}."
         raise DataError(f"{folder} holds no file to index: {reason}")
-    return IndexProposal(_assembled(entries, defaults, folder, index_folder), tuple(skipped))
+    index = _assembled(checked.entries, defaults, folder, index_folder)
+    return IndexProposal(index, tuple(checked.skipped), sentences(checked.said))
 
 
 def _files(folder: Path) -> list[str]:
@@ -158,42 +172,76 @@ def _facts(texts: Mapping[str, str]) -> dict[str, Any]:
     return facts | ({"attributes": attributes} if attributes else {})
 
 
+class _Checked(NamedTuple):
+    """What came of reading every file."""
+
+    entries: list[dict[str, Any]]
+    skipped: list[str]
+    missing: dict[str, list[str]]
+    said: list[Said]
+
+
 def _checked(
-    folder: Path, facts: Mapping[str, dict[str, Any]], defaults: Mapping[str, Any], *, strict: bool
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Entries of the files that can be read, and why others cannot; what is missing is an error that says all of it."""
-    entries, skipped = [], []
-    missing: dict[str, list[str]] = {}
+    folder: Path, facts: Mapping[str, dict[str, Any]], defaults: Mapping[str, Any], pattern: str | None, *, strict: bool
+) -> _Checked:
+    """Entries of the files that can be read, why others cannot, and what nobody says of which."""
+    checked = _Checked([], [], {}, [])
     for name, fact in facts.items():
         path = folder / name
         try:
-            raw = read_raw(path, Options())
+            raw = open_raw(path, Options())
         except MissingFileError:
             raise
         except DataError as cause:
             if strict:
                 raise
-            skipped.append(str(cause))
+            checked.skipped.append(str(cause))
             continue
         own = raw.recording
-        entry = {key: value for key, value in fact.items() if key != "label" or not (own and own.label)}
-        for key in _lacking(raw, Entry.from_mapping({"file": name, **defaults, **entry}, str(path)), str(path)):
-            missing.setdefault(key, []).append(name)
-        entries.append({"file": name, **entry})
+        given = {key: value for key, value in fact.items() if key != "label" or not (own and own.label)}
+        entry = Entry.from_mapping({"file": name, **defaults, **given}, str(path))
+        chosen = choose_columns(raw, entry, str(path))
+        for key in _lacking(raw, list(chosen), entry, str(path)):
+            checked.missing.setdefault(key, []).append(name)
+        checked.said.append(facts_said(name, raw, chosen, given, defaults, pattern=pattern, table=strict))
+        checked.entries.append({"file": name, **given})
+    return checked
+
+
+_QUESTIONS = {
+    "sample_rate": ('--sample-rate "25.6 kHz"', "How many readings per second and channel have they, with the unit"),
+    "unit": ('--unit "g" (or "1")', 'In which unit are their readings: g, m/s^2, or "1" where nobody knows'),
+    "speed": ('--speed "860 rpm"', "A pressure without a speed is no operating condition: how fast did the shaft turn"),
+    "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
+}
+
+
+def _asked(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
+    answers = {}
+    for key, files in missing.items() if ask is not None else ():
+        question = f"{len(files)} files (as {files[0]}) do not say their {key}. {_QUESTIONS[key][1]}?"
+        wanted = "label_pattern" if key == "label" else key
+        answer = ask(wanted, question) if ask is not None else None
+        if answer:
+            answers[wanted] = answer
+    return answers
+
+
+def _refuse_missing(folder: Path, missing: Mapping[str, list[str]]) -> None:
     if missing:
-        flags = {"sample_rate": '--sample-rate "25.6 kHz"', "unit": '--unit "g" (or "1")', "label": "--label-pattern"}
-        said = "; ".join(f"{key} of {len(files)} files (as {files[0]}): {flags[key]}" for key, files in missing.items())
+        said = "; ".join(
+            f"{key} of {len(files)} files (as {files[0]}): {_QUESTIONS[key][0]}" for key, files in missing.items()
+        )
         raise DataError(f"{folder}: nobody says {said}.")
-    return entries, skipped
 
 
-def _lacking(raw: RawFile, entry: Entry, where: str) -> list[str]:
-    chosen = choose_columns(raw, entry, where)
+def _lacking(raw: RawFile, chosen: list[str], entry: Entry, where: str) -> list[str]:
     known_units = all(name in raw.units for name in chosen)
     lacking = {
-        "sample_rate": entry.sample_rate is None and rate_in_file(raw, list(chosen), where) is None,
+        "sample_rate": entry.sample_rate is None and rate_in_file(raw, chosen, where) is None,
         "unit": not known_units and entry.unit is None and entry.calibration_factor is None,
         "label": not entry.label and not (raw.recording and raw.recording.label),
+        "speed": entry.discharge_pressure is not None and entry.speed is None,
     }
     return [key for key, lacks in lacking.items() if lacks]
 

@@ -12,6 +12,7 @@ from swashtwin.cli import (
     condition_studies,
     diagnosing,
     fleets,
+    guarding,
     indicating,
     learning,
     physics,
@@ -48,6 +49,8 @@ app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("convert", rich_help_panel=_DATA)(recordings.convert)
 app.command("inspect", rich_help_panel=_DATA)(recordings.inspect)
 app.command("split", rich_help_panel=_DATA)(recordings.split)
+app.command("guard", rich_help_panel=_DATA)(guarding.guard)
+app.command("audit", rich_help_panel=_DATA)(guarding.audit)
 app.command("features", rich_help_panel=_DATA)(indicating.features)
 app.command("spectrum", rich_help_panel=_DATA)(indicating.spectrum)
 app.command("trend", rich_help_panel=_DATA)(indicating.trend)

@@ -3,6 +3,7 @@
 from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
 from swashtwin.studies.fault_map import run_fault_map
+from swashtwin.studies.leakage import run_leakage
 from swashtwin.studies.misspecification import run_misspecification
 from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
 from swashtwin.studies.severity import run_severity
@@ -28,6 +29,7 @@ __all__ = [
     "run_calibration_study",
     "run_case_one",
     "run_fault_map",
+    "run_leakage",
     "run_misspecification",
     "run_severity",
     "run_zero_shot",

@@ -13,7 +13,7 @@ from swashtwin.windows.grouping import group_name, window_groups
 from swashtwin.windows.window_set import WindowSet
 
 Dealing = Literal["stratified", "plain", "each", "shuffled"]
-Fold = tuple[Int[np.ndarray, " trained"], Int[np.ndarray, " tested"]]
+Fold = tuple[Int[np.ndarray, " _trained"], Int[np.ndarray, " _tested"]]
 
 
 def group_folds(

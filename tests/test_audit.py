@@ -72,6 +72,11 @@ def test_synthetic_windows_in_a_test_are_a_leak(tmp_path):
     assert kinds(run_json("audit", table(tmp_path, text)))["synthetic"] == "leak"
 
 
+def test_quoted_names_may_hold_commas_and_breaks(tmp_path):
+    told = run_json("audit", table(tmp_path, 'recording,role\n"a, first\nday",train\n"a, first\nday",test\n'))
+    assert told["findings"][0]["examples"] == ["a, first\nday"]
+
+
 def test_what_must_stay_whole_is_named_by_the_reader(tmp_path):
     path = table(tmp_path, CLEAN + "x,z,p1,test,0,100,normal,h9\n")
     run("audit", path, "--whole", "specimen", "--strict", code=3)

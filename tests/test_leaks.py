@@ -47,6 +47,12 @@ def test_a_copy_at_any_gain_sign_and_offset_is_found_and_nothing_else(gain, offs
     assert found[0].gain == pytest.approx(gain, rel=1e-3)
 
 
+def test_a_copy_far_off_zero_is_found_with_its_gain():
+    one = recording("one")
+    far = replace(one, signal=2 * one.signal + 1e6, recording_id="far")
+    assert [round(copy.gain, 6) for copy in copied_recordings([one, far])] == [2.0]
+
+
 def test_a_copy_in_twelve_bits_is_found_and_an_exact_one_is_called_so():
     one = recording("one")
     step = np.ptp(one.signal) / 2**12

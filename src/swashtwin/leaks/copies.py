@@ -105,8 +105,12 @@ def _copies(places: Sequence[Place], rows: Sequence[np.ndarray]) -> Iterator[Cop
         distinct = list(firsts.values())
         for one, other in _alike([rows[member] for member in distinct]):
             first, again = distinct[one], distinct[other]
-            gain = float(np.polyfit(rows[first].astype(np.float64), rows[again].astype(np.float64), 1)[0])
-            yield Copy(places[first], places[again], False, gain)
+            yield Copy(places[first], places[again], False, _gain(rows[first], rows[again]))
+
+
+def _gain(first: np.ndarray, again: np.ndarray) -> float:
+    centered = first - first.mean(dtype=np.float64)
+    return float(centered @ (again - again.mean(dtype=np.float64)) / (centered @ centered))
 
 
 def _alike(rows: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:

@@ -1,6 +1,7 @@
 """Tables of windows that say which role each plays: anyone's CSV file, or the indexes that a split wrote."""
 
 import csv
+import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -85,7 +86,7 @@ def read_audit_rows(
     except UnicodeDecodeError as cause:
         raise DataError(f"{path} is no text in UTF-8 ({cause.reason}); save the table as CSV UTF-8.") from cause
     head = text.splitlines()[0] if text.strip() else ""
-    reader = csv.DictReader(text.splitlines(), delimiter=max(",;\t", key=head.count), restval="")
+    reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count), restval="")
     names = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = names
     known = _columns(path, names, columns or {}, groups)

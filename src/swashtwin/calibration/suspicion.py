@@ -1,7 +1,7 @@
 """What else would explain a misfit: simple mistakes, each tried by calibrating anew as if it had been made.
 
 Tried are two channels with each other's name, the other topology, one channel read in another unit, and each constant,
-searched from two places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was, which a
+searched from several places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was, which a
 number more does not do where it explains nothing, and where the fall is beyond chance (`BEYOND_CHANCE`): so a misfit
 within the model error that is allowed to every twin is explained too, if a single mistake explains it. Only mistakes of
 this list can be named; a twin that is wrong in another way (the timing of the ports, the place of a defect) is told by
@@ -31,7 +31,12 @@ ALIKE = 1.15
 """Mistakes that leave up to this factor of the least misfit are suspected as well: the lines cannot tell them apart."""
 WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, gains=1.5)
 """Priors of constants that may be wrong by mistake: wider than those of constants that nobody measured."""
-AWAY = {"mount": (-0.5, 0.5), "bearing": (-0.5, 0.5), "excitation": (-0.5, 0.5), "sensor": (-math.log(GRAVITY), 0.0)}
+AWAY = {
+    "mount": (-0.5, 0.0, 0.5),
+    "bearing": (-0.5, 0.0, 0.5),
+    "excitation": (0.0,),
+    "sensor": (-math.log(GRAVITY), 0.0),
+}
 """Where the search of a constant starts, in logarithms from the twin's: a mode on the other side of a line is a valley
 of its own, and so is another unit."""
 NAMES = {
@@ -42,7 +47,7 @@ NAMES = {
 }
 """What the constants are called."""
 IN_G = ": in g?"
-_REFIT = GaussNewton(starts=1, most_iterations=15)
+_REFIT = GaussNewton(starts=1, most_iterations=8)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,111 @@
+"""Whether pumps of the virtual rig learn from each other: calibrated alone, and as one fleet.
+
+    python benchmarks/fleet_calibration.py --seeds 2 3 --json
+
+Each of the six pumps of a fleet is calibrated on one healthy recording at 10 MPa and compared with another one there
+(and with what really held in the recording used, the films at its temperature included). `alone` is `calibrate`,
+`fleet` is `calibrate_fleet`, `sister` calibrates a pump on nothing: the type's mean as five other pumps give it. The
+figures say nothing about a real pump (docs/rig.md).
+"""
+
+import argparse
+import json
+
+import numpy as np
+import torch
+
+from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, calibrate_fleet, measure, objective_of
+from swashtwin.condition import OperatingCondition
+from swashtwin.pump import Interfaces
+from swashtwin.pump_files import load_pump
+from swashtwin.recording import Recording
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.rig.fleet import film_factors
+from swashtwin.rig.measuring import Run
+from swashtwin.signals import spectrum_value_error
+from swashtwin.twin import Twin
+from swashtwin.units import MPa, rpm
+
+NUISANCES = {"none": Nuisances(), "usual": Nuisances.usual()}
+Pairs = list[tuple[Recording, Run]]
+
+
+def truth_of(run: Run) -> np.ndarray:
+    """Logarithms of the values that held in one recording."""
+    oil = run.specimen.pump.oil
+    viscosity = oil.viscosity_at(run.condition.oil_temperature) / oil.viscosity
+    return np.log(run.specimen.values * film_factors(run.condition.discharge_pressure, viscosity))
+
+
+def sve_of(twin: Twin, held_out: Recording) -> float:
+    """Spectrum value error on a recording that was not used."""
+    comparison = objective_of(twin, measure(twin, [held_out])).comparisons[0]
+    return spectrum_value_error(comparison.measurement.amplitude, comparison.amplitude_of(twin))
+
+
+def figures(found: Calibration, held_out: Recording, truth: np.ndarray) -> dict[str, list[float]]:
+    """What one calibration came to, value by value."""
+    values = np.log([one.value for one in found.estimates])
+    low, high = np.log([one.interval for one in found.estimates]).T
+    sure = np.array([one.verdict in ("identified", "weak") for one in found.estimates])
+    held = (low <= truth) & (truth <= high)
+    return {
+        "sve": [sve_of(found.twin, held_out)],
+        "error": np.abs(values - truth).tolist(),
+        "coverage": held.astype(float).tolist(),
+        "coverage_told": held[sure].astype(float).tolist(),
+        "width": (high - low).tolist(),
+    }
+
+
+def of_fleet(seed: int, name: str) -> list[tuple[str, dict[str, list[float]]]]:
+    """Figures of every pump of one fleet."""
+    pairs: dict[str, Pairs] = {}
+    for recording, run in rig_recordings(seed, RigSize(specimens=6, repeats=2), labels=("normal",)):
+        if recording.condition is not None and recording.condition.discharge_pressure == MPa(10):
+            pairs.setdefault(run.specimen.name, []).append((recording, run))
+    twin = Twin(load_pump("25scy14-1b"), OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
+    options = {"method": GaussNewton(starts=2), "nuisances": NUISANCES[name]}
+    fleet = calibrate_fleet(twin, [some[0][0] for some in pairs.values()], **options)
+    rows = []
+    for pump, ((used, run), (held_out, _)) in pairs.items():
+        truth = truth_of(run)
+        rows.append(("alone", figures(calibrate(twin, [used], **options), held_out, truth)))
+        rows.append(("fleet", figures(fleet.calibrations[pump], held_out, truth)))
+        others = calibrate_fleet(twin, [some[0][0] for one, some in pairs.items() if one != pump], **options)
+        mean = others.population.mean[:6]
+        typical = twin.with_interfaces(Interfaces.from_values(np.exp(mean)))
+        rows.append(("sister", {"sve": [sve_of(typical, held_out)], "error": np.abs(mean - truth).tolist()}))
+        rows.append(
+            (
+                "nominal",
+                {"sve": [sve_of(twin, held_out)], "error": np.abs(np.log(twin.values.numpy()) - truth).tolist()},
+            )
+        )
+    return rows
+
+
+def main() -> None:
+    """Print a table, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[2, 3], help="fleets of the rig, six pumps each")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    asked = parser.parse_args()
+    torch.set_num_threads(1)
+    rows = []
+    for name in NUISANCES:
+        found = [pair for seed in asked.seeds for pair in of_fleet(seed, name)]
+        for kind in dict.fromkeys(kind for kind, _ in found):
+            some = [one for each, one in found if each == kind]
+            means = {m: float(np.mean(np.concatenate([one[m] for one in some]))) for m in some[0]}
+            by_value = np.mean([one["error"] for one in some], axis=0).round(3).tolist()
+            rows.append({"twin": kind, "nuisances": name, "pumps": len(some), **means, "error_by_value": by_value})
+    if asked.json:
+        print(json.dumps({"rows": rows, "seeds": asked.seeds}))
+        return
+    for row in rows:
+        print("  ".join(f"{key} {value:.3f}" if isinstance(value, float) else f"{value}" for key, value in row.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -50,7 +50,7 @@ def wrong_twins() -> tuple[Wrong, ...]:
         Wrong("ports open 1° later", _on_pump(_later_ports)),
         Wrong("oil 20 % softer", _on_pump(lambda pump: replace(pump, oil=_softer(pump)))),
         Wrong("oil half as viscous", _on_pump(lambda pump: replace(pump, oil=_thinner(pump)))),
-        Wrong("9 pistons", _on_pump(_nine_pistons)),
+        Wrong("9 pistons", _on_pump(_nine_pistons), clue="piston count"),
         Wrong("cover_z sensor 40 mm off", _on_pump(_moved_sensor)),
         Wrong("body_x and body_y swapped", recording=_swapped, clue="have each other's name"),
         Wrong("cover_z in g", recording=lambda one: _in_g(one, ("cover_z",)), clue="in g?"),

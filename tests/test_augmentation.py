@@ -16,6 +16,7 @@ from swashtwin.evaluation import evaluate
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.pump import Pump
 from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.seeding import derive_seed
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm
 from swashtwin.windows import WindowSet, cut_windows
@@ -146,7 +147,9 @@ def test_windows_of_a_posterior_are_those_of_its_draws(twin: Twin, measured: Win
         background=False,
         posterior=posterior,
     )
-    for window, drawn in zip(made.signal, posterior.twins(twin, 3, 4), strict=True):
+    for window, drawn in zip(
+        made.signal, posterior.twins(twin, 3, derive_seed(4, "posterior", "swash_plate", 0)), strict=True
+    ):
         own = synthesize(drawn, label="swash_plate", count=3, like=measured, seed=4, variation=STILL, background=False)
         assert np.sqrt(np.mean((own.signal - window) ** 2, axis=(1, 2))).min() < 1e-4
         assert np.abs(own.signal.std(axis=-1) - window.std(axis=-1)).max(axis=1).min() < 1e-4
@@ -169,5 +172,7 @@ def test_each_twin_has_its_own_posterior(twin: Twin, measured: WindowSet, poster
     still = {"label": "swash_plate", "like": measured, "seed": 0, "variation": STILL, "background": False}
     made = synthesize(pair, count=4, **still, posterior=[exact, posterior]).signal.std(axis=-1)
     assert np.abs(made[0] - made[2]).max() < 0.01 * np.abs(made[1] - made[3]).max()
+    alike = synthesize(pair, count=2, **still, posterior=[posterior, posterior]).signal.std(axis=-1)
+    assert np.abs(alike[0] / alike[1] - 1).max() > 0.01  # two pumps do not share a draw
     with pytest.raises(InputError, match="1 posteriors for 2 twins"):
         synthesize(pair, count=4, **still, posterior=posterior)

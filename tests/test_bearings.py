@@ -45,6 +45,14 @@ def test_the_orders_are_those_that_the_maker_prints() -> None:
     assert BEARINGS["SKF 6203"] == pytest.approx((4.9469, 3.0530, 3.9874, 0.3817), rel=2e-4)
 
 
+def test_a_contact_angle_slows_the_ball_less_than_the_other_rhythms() -> None:
+    ratio, angle = 0.3, math.radians(40)
+    g = ratio * math.cos(angle)
+    wanted = (8 * (1 + g) / 2, 8 * (1 - g) / 2, (1 - g**2) / ratio, (1 - g) / 2)
+    assert defect_orders(8, ratio, angle) == pytest.approx(wanted)
+    assert defect_orders(8, ratio, angle).ball == pytest.approx(3.157, rel=1e-3)
+
+
 def test_prewhitening_leaves_impulses_and_levels_tones() -> None:
     time = np.arange(12000) / RATE
     tone = 20 * np.sin(2 * math.pi * 500 * time)

@@ -140,3 +140,16 @@ def test_one_wrong_reading_of_the_time_does_not_shift_the_rate(place: int, error
 def test_a_written_time_column_gives_back_the_rate(suffix: str, rate: float, tmp_path: Path) -> None:
     path = write_recording(Recording(SIGNAL, rate, "a", channels=("x", "y")), tmp_path / f"a.{suffix}")
     assert read_recording(path).sample_rate == pytest.approx(rate, rel=1e-9)
+
+
+def test_reading_a_file_runs_no_module_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_parquet(tmp_path / "a.parquet", x=SIGNAL[0])
+    for name in ("polars", "json"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'was_here')!r}, 'w')\n", encoding="utf-8")
+    apart.stop()
+    monkeypatch.chdir(tmp_path)
+    try:
+        assert read_recording(file, sample_rate=1000.0, unit="1").signal.shape[1] == 400
+    finally:
+        apart.stop()
+    assert not (tmp_path / "was_here").exists()

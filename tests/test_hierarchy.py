@@ -206,3 +206,16 @@ def test_the_command_writes_a_file_for_each_pump_and_the_population(
     assert all(Path(file).is_file() for file in told["files"])
     assert any("2 pumps tell little" in text for text in told["notes"])
     assert "at 15 MPa, the twin at 5 MPa" in one_line(run(*words[:4], "--pressure", "5 MPa", *defect, code=3))
+
+
+def test_no_specimen_s_name_leads_out_of_the_folder_or_over_the_population(
+    fleet: FleetCalibration, tmp_path: Path
+) -> None:
+    named = dict(zip(("population", "../out", "pump/1"), fleet.calibrations.values(), strict=False))
+    files = replace(fleet, calibrations=named).save(tmp_path / "fleet")
+    assert {path.parent for path in files} == {tmp_path / "fleet"}
+    assert len(set(files)) == len(named) + 1
+    assert load_population(tmp_path / "fleet" / "population.json").specimens == fleet.population.specimens
+    twice = dict(zip(("a/b", "a_b"), fleet.calibrations.values(), strict=False))
+    with pytest.raises(InputError, match="file name"):
+        replace(fleet, calibrations=twice).save(tmp_path / "twice")

@@ -10,7 +10,14 @@ import pytest
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError, InputError
 from swashtwin.faults import CLASSES
-from swashtwin.order_levels import Remembered, against_healthy, envelope_levels, order_levels, order_lines
+from swashtwin.order_levels import (
+    Remembered,
+    against_healthy,
+    envelope_levels,
+    highest_order,
+    order_levels,
+    order_lines,
+)
 from swashtwin.order_threshold import CERTAIN, rising_orders, threshold_orders
 from swashtwin.recording import Recording
 from swashtwin.units import MPa, rpm
@@ -50,6 +57,16 @@ def test_a_line_between_piston_passes_is_told_from_one_on_them() -> None:
     first, second = table.values[:4], table.values[4:]
     assert (first[:, on] > first[:, off] + 2).all()
     assert (second[:, off] > second[:, on] + 2).all()
+
+
+def test_a_window_has_the_same_levels_whatever_stands_beside_it() -> None:
+    slow = windows(recording("a", "normal", {14: 1.0}))
+    quick = replace(slow, speed=slow.speed * 1.3, recording_id=np.array(["b"] * len(slow)))
+    view = partial(order_levels, piston_count=7, passes=10, top=highest_order(quick))
+    alone, beside = view(slow), view(slow + quick)
+    assert alone.names == beside.names
+    assert any("above 7" in name for name in alone.names)
+    np.testing.assert_array_equal(beside.values[: len(slow)], alone.values)
 
 
 def test_an_envelope_shows_the_order_that_modulates() -> None:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
-from swashtwin.seeding import stream
+from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import synchronous_signal
 from swashtwin.twin import Twin, accelerations
 from swashtwin.units import celsius
@@ -132,7 +132,11 @@ def _known(
     posteriors = [posterior] if isinstance(posterior, Posterior) else list(posterior)
     if len(posteriors) != len(twins):
         raise InputError(f"{len(posteriors)} posteriors for {len(twins)} twins; give one for each.")
-    points = [one.draws(-(-count // len(twins)), seed) for one in posteriors]
+    turns = -(-count // len(twins))
+    points = [
+        one.draws(turns, derive_seed(seed, "posterior", twins[0].label, number))
+        for number, one in enumerate(posteriors)
+    ]
 
     def known(twin: Twin, index: int) -> Twin:
         turn, number = divmod(index, len(twins))

@@ -37,7 +37,8 @@ class DefectOrders(NamedTuple):
 def defect_orders(bodies: int, diameter_ratio: float, contact_angle: float = 0.0) -> DefectOrders:
     """Events per turn of the shaft without sliding.
 
-    With g = (d / D) cos a: cage (1 - g) / 2, outer race Z (1 - g) / 2, inner race Z (1 + g) / 2, ball (1 - g²) / g.
+    With g = (d / D) cos a: cage (1 - g) / 2, outer race Z (1 - g) / 2, inner race Z (1 + g) / 2, ball (1 - g²) D / d
+    (a flaw on a body meets both races in each of its turns; Randall and Antoni 2011, doi:10.1016/j.ymssp.2010.07.017).
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def defect_orders(bodies: int, diameter_ratio: float, contact_angle: float = 0.0
     return DefectOrders(
         inner_race=bodies * (1 + ratio) / 2,
         outer_race=bodies * (1 - ratio) / 2,
-        ball=(1 - ratio**2) / ratio,
+        ball=(1 - ratio**2) / diameter_ratio,
         cage=(1 - ratio) / 2,
     )
 

@@ -42,16 +42,17 @@ def order_lines(windows: WindowSet, count: int) -> FeatureTable:
     return _table(windows, {f"order {order}": (order - 0.5, order + 0.5) for order in range(1, count + 1)})
 
 
-def order_levels(windows: WindowSet, piston_count: int, passes: int = 20) -> FeatureTable:
+def order_levels(windows: WindowSet, piston_count: int, passes: int = 20, top: float | None = None) -> FeatureTable:
     """log10 of the mean square of each channel at and between the multiples of the piston-pass frequency.
 
     Per channel: the shaft orders below the first multiple, one by one; each of the first `passes` multiples, gathered
-    as wide as a jittering speed smears it; all between it and the next; eight logarithmic bands above.
+    as wide as a jittering speed smears it; all between it and the next; eight logarithmic bands above, up to `top`.
 
     Parameters
     ----------
     piston_count : pistons of the pump, whose multiples are told apart from other shaft orders.
     passes : how many multiples.
+    top : highest order, the same for every set that is compared (`highest_order`); None takes no bands above.
 
     Raises
     ------
@@ -63,11 +64,15 @@ def order_levels(windows: WindowSet, piston_count: int, passes: int = 20) -> Fea
         here, there = number * piston_count, (number + 1) * piston_count
         bands[f"pass {number}"] = (here - _reach(here, piston_count), here + _reach(here, piston_count))
         bands[f"between {number}"] = (here + _reach(here, piston_count), there - _reach(there, piston_count))
-    highest = float((windows.sample_rate / 2 / (windows.speed / (2 * np.pi))).min(initial=np.inf))
-    if highest > (passes + 1) * piston_count + 8:
-        edges = np.geomspace((passes + 1) * piston_count, highest, 9)
+    if top is not None and top > (passes + 1) * piston_count + 8:
+        edges = np.geomspace((passes + 1) * piston_count, top, 9)
         bands |= {f"above {number}": (edges[number], edges[number + 1]) for number in range(8)}
     return _table(windows, bands)
+
+
+def highest_order(windows: WindowSet) -> float:
+    """Order that all windows reach, also where their speed is up to 2 % higher than that of any of these."""
+    return float(0.98 * windows.sample_rate / 2 / (windows.speed.max() / (2 * np.pi)))
 
 
 def envelope_levels(windows: WindowSet, count: int = 28) -> FeatureTable:

@@ -1,5 +1,6 @@
 """Several pumps of one type, calibrated together: each learns from the others what its own recordings leave open."""
 
+import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -90,8 +91,17 @@ class FleetCalibration:
     def save(self, folder: Path | str) -> list[Path]:
         """Files written to `folder`: ``population.json``, and ``SPECIMEN.json`` for each specimen."""
         folder = Path(folder)
+        wanted = {name: folder / f"{_file_name(name)}.json" for name in self.calibrations}
+        if len({str(path).lower() for path in wanted.values()}) < len(wanted):
+            raise InputError(f"specimens {', '.join(wanted)} differ in characters only that a file name cannot hold.")
         written = [self.population.save(folder / "population.json")]
-        return written + [found.save(folder / f"{name}.json") for name, found in self.calibrations.items()]
+        return written + [found.save(wanted[name]) for name, found in self.calibrations.items()]
+
+
+def _file_name(specimen: str) -> str:
+    """The specimen's name with whatever leads out of a folder or hides a file replaced."""
+    name = re.sub(r"[^\w.+-]", "_", specimen).strip(".")
+    return f"{name}_" if name.lower() in ("", "population") else name
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import scipy.optimize
 from jaxtyping import Float
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from swashtwin.calibration.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
 from swashtwin.calibration.objective import Objective
@@ -17,6 +17,8 @@ Verdict = Literal["identified", "weak", "not identified", "at bound"]
 
 COVERAGE = 0.9
 """Probability with which an interval holds its value."""
+QUANTILE = float(ndtri((1 + COVERAGE) / 2))
+"""Standard deviations within which a normal density holds `COVERAGE`."""
 IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
 UNIDENTIFIED_SHARE = 0.7

@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from swashtwin.calibration.identifiability import QUANTILE
 from swashtwin.calibration.unknowns import Unknowns
 from swashtwin.errors import ArtifactError, InputError, MissingFileError
 from swashtwin.files import write_text
@@ -32,8 +33,6 @@ SPREAD_WIDTH = 0.5
 searched beside the six values has the deviation of its own prior, if that is less. Our estimate."""
 LEAST_SPREAD = 1e-3
 """Least spread that is sought."""
-NINETY = 1.645
-"""Standard deviations within which a normal density holds 90 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,7 @@ def population_of(evidence: Mapping[str, Evidence], unknowns: Unknowns, spread_w
         mean=center + scale * mean.numpy(),
         mean_covariance=np.linalg.inv(precision.numpy()) * np.outer(scale, scale),
         spread=spread,
-        spread_interval=spread[:, None] * np.exp(NINETY * std[:, None] * [-1, 1]),
+        spread_interval=spread[:, None] * np.exp(QUANTILE * std[:, None] * [-1, 1]),
     )
 
 

@@ -61,7 +61,7 @@ def calibrate(
     lines : multiples of the piston count, or all shaft orders; see `measure`.
     nuisances : constants searched beside the six values, with their priors; none by default, as in the paper.
     prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
-    phases : compare the lines' phases too, which halves what the search leaves open in the waveform; the paper drops
+    phases : compare the lines' phases too, which makes the values more certain (docs/calibration.md); the paper drops
         them. The shaft's angle is then followed on the recording itself.
     progress : called with (steps done, steps in all, loss).
     checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is kept in every 25 of them.

@@ -6,14 +6,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from swashtwin.calibration.dimensions import Dimension
-from swashtwin.calibration.identifiability import COVERAGE
+from swashtwin.calibration.identifiability import COVERAGE, QUANTILE
 from swashtwin.condition import OperatingCondition
 from swashtwin.faults import Fault
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
-
-QUANTILE = 1.6449
-"""Standard deviations from the middle to an end of an interval of 90 %."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +131,10 @@ class SeverityTrend:
         """Severity of estimate `later` over that of `earlier`, with its interval of 90 %.
 
         What is common to both, such as the error of the fault's law, cancels; see `Severity.repeatability`. NaN where
-        the earlier severity is zero.
+        either severity is zero.
         """
         ends = [self.estimates[later], self.estimates[earlier]]
-        if not ends[1].severity.value > 0:
+        if not all(one.severity.value > 0 for one in ends):
             return math.nan, (0.0, math.inf)
         ratio = ends[0].severity.value / ends[1].severity.value
         factor = math.exp(QUANTILE * math.hypot(*(one.repeatability for one in ends)))

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.calibration.dimensions import HYDRAULIC_LAW, LAWS, Dimension, FaultSpace, fault_space
-from swashtwin.calibration.identifiability import IDENTIFIED_STD, UNIDENTIFIED_SHARE
+from swashtwin.calibration.identifiability import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.inversion import Inversion, Prior
 from swashtwin.calibration.measurement import PRESSURE_TOLERANCE, Lines, Measurement, agreeing, measure
 from swashtwin.calibration.objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.search import one_thread
-from swashtwin.calibration.severity import QUANTILE, DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
+from swashtwin.calibration.severity import DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
 from swashtwin.calibration.space import search_space
 from swashtwin.calibration.unknowns import Nuisances, Unknowns, unknowns_of
 from swashtwin.calibration.valley import interval_of, walk

@@ -90,7 +90,7 @@ def calibrate(
     dimensions: Dimensions = None,
     specimen: Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")] = None,
     method: Annotated[
-        Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a fiftieth of the time.")
+        Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a tenth of the time.")
     ] = Method.ipinn,
     improved: Annotated[bool, typer.Option("--improved", help="ipinn as we would set it, not as the paper.")] = False,
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs of ipinn and direct-adam; 500 by default.")] = None,

@@ -101,7 +101,7 @@ def _running() -> "subprocess.Popen[bytes]":
     if _process is None or _process.poll() is not None:
         stop()
         _process = subprocess.Popen(
-            [sys.executable, "-m", "swashtwin.readers.apart"],
+            [sys.executable, "-P", "-m", "swashtwin.readers.apart"],  # -P: nothing is imported from the current folder
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

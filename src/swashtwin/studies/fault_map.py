@@ -19,6 +19,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, SeveritySettings, calibrate
+from swashtwin.calibration.identifiability import QUANTILE
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.rig import TRENDS, trend_recordings
@@ -40,8 +41,6 @@ HEALTHY = 6
 """Healthy recordings of each pump; the first half calibrates it, the others are a class of their own."""
 MODELS = ("healthy", "fault")
 """Twins that are calibrated: one without a fault, and one with the fault's typical dimensions."""
-QUANTILE = 1.6449
-"""Standard deviations from the middle to an end of an interval of 90 %."""
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from swashtwin.calibration.measurement import GRAVITY
 from swashtwin.condition import OperatingCondition
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.pump import Pump
 from swashtwin.recording import Recording
 from swashtwin.twin import Scales, Twin
 from swashtwin.units import deg
-
-GRAVITY = 9.80665
-"""[m/s^2]."""
 
 
 def _as_it_is(thing: Any) -> Any:

@@ -26,7 +26,15 @@ from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier, evaluate
 from swashtwin.features import extract_features
 from swashtwin.networks import BiTCN
-from swashtwin.order_levels import Extractor, Remembered, against_healthy, envelope_levels, order_levels, order_lines
+from swashtwin.order_levels import (
+    Extractor,
+    Remembered,
+    against_healthy,
+    envelope_levels,
+    highest_order,
+    order_levels,
+    order_lines,
+)
 from swashtwin.order_threshold import OrderThreshold, rising_orders, threshold_orders
 from swashtwin.recording import Recording
 from swashtwin.rig import SIZES, rig_recordings
@@ -165,7 +173,7 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, s
         recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"])]
     origin = origin_of(recordings)
     data = prepare_zero_shot(recordings, settings, seed)
-    views = _views(settings)
+    views = _views(settings, data)
     outcomes = [one for name, train in data.sets.items() for one in _learned(name, train, data, views, settings)]
     rules = _rules(data, views)
     for name, rule in rules.items():
@@ -180,12 +188,12 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, s
     return Fleet(seed, tuple(outcomes), told, roles, origin)
 
 
-def _views(settings: ZeroShotSettings) -> dict[str, Extractor]:
+def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extractor]:
     """What classifiers look at, by name."""
     pistons = settings.pump.rotating_group.piston_count
     views: dict[str, Extractor] = {
         "usual": extract_features,
-        "orders": partial(order_levels, piston_count=pistons),
+        "orders": partial(order_levels, piston_count=pistons, top=highest_order(data.healthy)),
         "lines": partial(order_lines, count=settings.orders),
         "envelope": envelope_levels,
     }

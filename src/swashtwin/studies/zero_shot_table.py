@@ -65,7 +65,8 @@ class Fleet:
 
 NOTES = (
     "Severities are log-uniform over a decade around what the literature calls plausible; only the row that says so "
-    "knows the rig's. All rows but the oracle's are level L5.",
+    "knows the rig's. The faults of all rows but the oracle's are level L5: no measured fault was ever trained on. "
+    "Rows with measured normals have trained on healthy recordings of the same pumps: there their normals are L2.",
     "Against healthy: less the median of the same machine's own healthy recordings at the same pressure, which every "
     "machine has from its first days; also the pumps without a twin.",
     "Strangers are synthetic windows of twins drawn from the priors: what a choice can rest on before a fault was "

@@ -9,7 +9,7 @@ from jaxtyping import Int
 from sklearn.model_selection import GroupKFold, GroupShuffleSplit, LeaveOneGroupOut, StratifiedGroupKFold
 
 from swashtwin.errors import DataError, InputError
-from swashtwin.windows.grouping import group_name, window_groups
+from swashtwin.windows.grouping import group_name, require_measured, window_groups
 from swashtwin.windows.window_set import WindowSet
 
 Dealing = Literal["stratified", "plain", "each", "shuffled"]
@@ -46,10 +46,13 @@ def group_folds(
     ------
     InputError
         More folds than groups, or fewer than two.
+    LeakError
+        Some windows are synthetic. Add these to the training sides afterwards.
     DataError
         A fold leaves nothing of a class to train on, or a window has no label or no group.
     """
     windows.require_labels("a split by class")
+    require_measured(windows)
     groups = window_groups(windows, group)
     count = np.unique(groups).size
     if not 2 <= n_folds <= count and dealing in ("stratified", "plain"):

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from swashtwin.errors import DataError, InputError, UnitError
+from swashtwin.errors import DataError, InputError, LeakError, UnitError
 from swashtwin.inspection import stated_speed
 from swashtwin.recording import Recording
 from swashtwin.stored import StoredRecording
@@ -20,6 +20,13 @@ GROUPS = ("recording", "specimen", "condition")
 SAME_CONDITION = 0.03
 """Speeds, and pressures, that lie no further apart than this share of themselves are one: joined wrongly they make a
 test harder, parted wrongly they make it leak."""
+
+
+def require_measured(windows: WindowSet) -> None:
+    """Raise a `LeakError` that names a synthetic window, if there is one: no split may deal these out."""
+    if windows.synthetic.any():
+        name = windows.recording_id[windows.synthetic][0]
+        raise LeakError(f"{name} is synthetic; split the measured windows first, then add synthetic ones to training.")
 
 
 def recording_groups(recordings: Iterable[Recording | StoredRecording], group: str) -> dict[str, str]:

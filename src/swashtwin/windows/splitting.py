@@ -12,7 +12,7 @@ from jaxtyping import Int, Shaped
 from sklearn.model_selection import StratifiedGroupKFold
 
 from swashtwin.errors import DataError, InputError, LeakError
-from swashtwin.windows.grouping import group_name, window_groups
+from swashtwin.windows.grouping import group_name, require_measured, window_groups
 from swashtwin.windows.window_set import WindowSet
 
 
@@ -47,9 +47,7 @@ def split_by_recording(
     """
     if not 0 < test_fraction <= 0.5:
         raise InputError(f"test_fraction ({test_fraction:g}) must be above 0 and at most 0.5; a fifth is 0.2.")
-    if windows.synthetic.any():
-        name = windows.recording_id[windows.synthetic][0]
-        raise LeakError(f"{name} is synthetic; split the measured windows first, then add synthetic ones to training.")
+    require_measured(windows)
     windows.require_labels("a split by class")
     groups = window_groups(windows, group)
     _require_two_groups(windows, groups, group_name(group))

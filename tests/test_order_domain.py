@@ -266,3 +266,17 @@ def test_order_lines_of_the_rig_sharpen_along_the_tracked_angle(rig: list[Record
         before, after = concentration(recording, high), concentration(turned, high)
         assert after > before + 0.1
         assert math.degrees(angle.deviation) < 1
+
+
+def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
+    recording = turning(course(start=14.0, end=14.6), noise=0.1)
+    found = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
+    assert found.source == "the line at order 7"
+    with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
+        tracked_speed(recording, order=(700, 400), near=rpm(860))
+
+
+@pytest.mark.parametrize("order", [0, -7, (7, 0)])
+def test_an_order_below_one_is_refused_by_its_number(order: int | tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="is no line of the shaft"):
+        tracked_speed(turning(course(seconds=2.0)), order=order, near=rpm(860))

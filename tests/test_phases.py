@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.signal import resample_poly
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, expected_information_gain, measure, objective_of
 from swashtwin.calibration.phases import best_position, combined_lines, phased_lines
@@ -75,6 +76,13 @@ def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     line, deviation = combined_lines([one[0] for one in found], [one[1] for one in found], orders)
     np.testing.assert_allclose(np.abs(line), np.abs(found[0][0]), atol=0.02)
     assert deviation.shape == line.shape
+
+
+def test_lines_beyond_half_the_sample_rate_are_not_followed(nominal):
+    whole = recorded(nominal)
+    slow = replace(whole, signal=resample_poly(whole.signal, 1, 16, axis=-1), sample_rate=800.0)  # 7x to 21x fit
+    line, deviation = phased_lines(slow, np.array([7, 14]), 7)
+    assert line.shape == deviation.shape == (len(whole.channels), 2)
 
 
 def test_phases_make_the_values_more_certain_and_find_them(nominal, true):

@@ -21,7 +21,7 @@ from swashtwin.recording import Recording
 SEGMENTS = 4
 """The scatter of a line between so many parts of a recording gives its deviation."""
 FOLLOWED = 6
-"""So many of the lowest piston-pass lines may be followed for the angle; the clearest is."""
+"""So many of the lowest piston-pass lines below half the sample rate may be followed for the angle; the clearest is."""
 SEARCH = 0.02
 """How far from the stated speed the shaft's may lie, relative."""
 _FINENESS = 16

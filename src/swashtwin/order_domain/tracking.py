@@ -48,14 +48,15 @@ def tracked_speed(
     Parameters
     ----------
     order : multiple of the shaft frequency to follow, such as the number of pistons, or several, of which the one with
-        the least error of the angle is taken: the piston-pass line itself may be weaker than its harmonics.
+        the least error of the angle is taken: the piston-pass line itself may be weaker than its harmonics. Of
+        several, those that reach half the sample rate are left out.
     near : angular speed of the shaft to look near [rad/s]; by default the recording's own, or the stated one.
     search : how far from it the speed may lie, relative; below 1 / (2 `order`), or a neighboring line may be taken.
 
     Raises
     ------
     InputError
-        No speed to look near, or a line that is not below half the sample rate.
+        No speed to look near, an order below 1, or no line that is below half the sample rate.
     DataError
         The recording is shorter than 16 revolutions, or the line stands clear for less than half of it.
     """
@@ -63,8 +64,12 @@ def tracked_speed(
     orders = [order] if isinstance(order, int) else list(order)
     if not orders:
         raise InputError("give at least one order to follow, such as the number of pistons.")
+    if min(orders) < 1:
+        raise InputError(f"order {min(orders)} is no line of the shaft; the least is 1, seven pistons' line is 7.")
+    if not 0 < search < 1:
+        raise InputError(f"search ({search:g}) is relative to the speed and lies in (0, 1); 3 % is 0.03.")
     found, refusals = [], []
-    for one in orders:
+    for one in _below_half(recording, start, orders, search):
         try:
             found.append(_followed(recording, start, one, search))
         except DataError as refusal:
@@ -74,14 +79,20 @@ def tracked_speed(
     return min(found, key=lambda angle: angle.deviation)
 
 
-def _followed(recording: Recording, start: ShaftAngle, order: int, search: float) -> ShaftAngle:
-    top = order * start.speed.max() / (2 * math.pi) * (1 + search) * (1 + _BANDWIDTH / order)
-    if order < 1 or not 0 < search < 1 or top >= recording.sample_rate / 2:
+def _below_half(recording: Recording, start: ShaftAngle, orders: Sequence[int], search: float) -> list[int]:
+    """The orders whose lines stay below half the sample rate wherever the search goes."""
+    most = start.speed.max() / (2 * math.pi) * (1 + search)
+    usable = [order for order in orders if most * (order + _BANDWIDTH) < recording.sample_rate / 2]
+    if not usable:
         raise InputError(
-            f"{recording.recording_id}: order {order} within {search:g} of {start.mean_speed:.4g} rad/s reaches "
-            f"{top:.0f} Hz; it takes an order from 1 on, a search in (0, 1) and less than half the sample rate "
+            f"{recording.recording_id}: order {min(orders)} within {search:g} of {start.mean_speed:.4g} rad/s reaches "
+            f"{most * (min(orders) + _BANDWIDTH):.0f} Hz; it takes less than half the sample rate "
             f"({recording.sample_rate / 2:g} Hz)."
         )
+    return usable
+
+
+def _followed(recording: Recording, start: ShaftAngle, order: int, search: float) -> ShaftAngle:
     if start.turns < 2 * _RIDGE_TURNS:
         raise DataError(f"{recording.recording_id}: {start.turns:.1f} revolutions; following a line needs 16.")
     line = _Line.of(recording, start, order, search)

@@ -77,6 +77,12 @@ def test_lines_are_spaced_as_asked_but_no_finer_than_the_signal_allows(resolutio
     assert spectrum.shape == (1, len(frequency))
 
 
+@pytest.mark.parametrize("resolution", [0.0, -1.0, 501.0, 1e9, np.nan, np.inf])
+def test_a_spacing_of_lines_that_cannot_be_is_refused(resolution: float) -> None:
+    with pytest.raises(InputError, match="half the sample rate"):
+        amplitude_spectrum(np.ones((1, 1000)), 1000.0, resolution)
+
+
 def test_averaging_over_segments_keeps_the_amplitude_and_calms_the_noise() -> None:
     time = np.arange(64000) / 1000
     signal = (3 * np.sin(2 * np.pi * 100 * time) + np.random.default_rng(0).standard_normal(64000))[None]

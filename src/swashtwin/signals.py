@@ -25,6 +25,11 @@ def amplitude_spectrum(
     sample_rate : [Hz].
     resolution : spacing of the lines [Hz]; None takes one segment over the whole signal.
 
+    Raises
+    ------
+    InputError
+        A resolution that is not positive, or above half the sample rate.
+
     Examples
     --------
     >>> time = np.arange(1000) / 1000
@@ -32,6 +37,11 @@ def amplitude_spectrum(
     >>> print(f"{amplitude[0, 50]:.3f}")
     1.000
     """
+    if resolution is not None and not 0 < resolution <= sample_rate / 2:
+        raise InputError(
+            f"resolution ({resolution:g}) is the spacing of the lines: above 0 and at most half the sample rate "
+            f"({sample_rate / 2:g})."
+        )
     length = signal.shape[-1] if resolution is None else min(signal.shape[-1], round(sample_rate / resolution))
     frequency, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, scaling="spectrum")
     return frequency, np.sqrt(2 * power)

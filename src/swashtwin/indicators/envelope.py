@@ -6,6 +6,7 @@ import numpy as np
 import scipy.signal
 from jaxtyping import Float
 
+from swashtwin.errors import InputError
 from swashtwin.indicators.kurtogram import kurtogram
 from swashtwin.signals import amplitude_spectrum, band_limited
 
@@ -69,6 +70,11 @@ def envelope_spectrum(
     >>> print(f"{found.frequency[60]:.0f} Hz: {found.amplitude[0, 60]:.2f}")
     30 Hz: 0.50
     """
+    if band is not None and not 0 <= band[0] < band[1] <= sample_rate / 2:
+        raise InputError(
+            f"a band of {band[0]:g}...{band[1]:g} Hz is none at {sample_rate:g} Hz; "
+            f"it lies between 0 and half the sample rate ({sample_rate / 2:g} Hz)."
+        )
     bands = automatic_bands(signal, sample_rate) if band is None else np.array([band] * len(signal), dtype=float)
     envelope = envelopes(signal, sample_rate, bands)
     frequency, amplitude = amplitude_spectrum(envelope, sample_rate, resolution)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from swashtwin.errors import InputError
 from swashtwin.indicators import LineSpectrum, Mark, Trend, TrendPoint
 from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, table
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled
@@ -33,10 +34,20 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
     Parameters
     ----------
     top : end of the axis, in its unit; by default a little beyond the last line that is marked, or the whole.
+
+    Raises
+    ------
+    InputError
+        A `top` that leaves nothing to draw.
     """
     end = _end(spectrum, top)
     start = spectrum.place[1] if spectrum.kind != "cepstrum" else end / 50
     kept = (spectrum.place >= start) & (spectrum.place <= end)
+    if top is not None and not (end > 0 and kept.any()):
+        raise InputError(
+            f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
+            f"the {spectrum.axis} has lines from {spectrum.place[1]:.4g} to {spectrum.place[-1]:.4g}."
+        )
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     scale = 1000.0 if spectrum.axis_unit == "s" else 1.0

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,9 @@ from swashtwin.errors import DataError, InputError
 from swashtwin.indicators import (
     FAMILIES,
     Band,
+    Indicator,
+    IndicatorTable,
+    Row,
     band_rms,
     envelope_spectrum,
     harmonic_family_index,
@@ -385,3 +389,35 @@ def test_what_has_no_trend_is_said() -> None:
         trend(fleet([1.0]), channel="x")
     found = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
     assert all(point.healthy for point in found.points)
+
+
+def phases(healthy: Sequence[float], last: float) -> str:
+    """Status of a phase [degrees] against a baseline of others."""
+    rows = [Row(f"r{i}", "cover", "normal") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
+    values = np.radians([*healthy, last])[:, None]
+    table = IndicatorTable(tuple(rows), (Indicator("order_phase 7x", "rad", "phase"),), values)
+    found = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}
+    assert all(one.status == "within" for name, one in found.items() if name != "last")
+    assert abs(found["last"].value - found["last"].median) <= np.pi
+    return found["last"].status
+
+
+@pytest.mark.parametrize("turned", [0.0, 90.0, 180.0, -135.0])
+def test_phases_are_compared_around_the_circle(turned: float) -> None:
+    def wrapped(degrees: float) -> float:
+        return (degrees + turned + 180) % 360 - 180
+
+    healthy = [wrapped(one) for one in (-3.0, -2.0, -1.0, 0.5, 1.5, 2.5, 3.0)]
+    assert phases(healthy, wrapped(2.0)) == "within"
+    assert phases(healthy, wrapped(60.0)) == "above"
+    assert phases(healthy, wrapped(-60.0)) == "below"
+
+
+def test_equal_phases_do_not_make_any_difference_a_fault() -> None:
+    assert phases([0.0] * 6, 1.0) == "within"
+
+
+def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
+    for band in ((1000.0, 99_000.0), (3000.0, 2000.0), (-5.0, 100.0)):
+        with pytest.raises(InputError, match="half the sample rate"):
+            spectrum_of(pump(), "envelope", band=band)

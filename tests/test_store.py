@@ -156,6 +156,20 @@ def test_a_store_is_told_from_one_recording(tmp_path: Path) -> None:
         open_store(tmp_path / "none.h5")
 
 
+def test_a_store_is_known_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:
+    store = write_store([make("a"), make("b")], tmp_path / "STORE.H5")
+    assert is_store(store)
+    assert [one.recording_id for one in read_recordings(store)] == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", ["SamplingRate", "samplerate", "fs", "Sampling_Frequency"])
+def test_a_foreign_hdf5_file_says_its_rate_by_any_usual_name(name: str, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = np.arange(100.0)
+        file["x"].attrs[name] = 1000.0
+    assert read_recording(tmp_path / "foreign.h5", unit="g").sample_rate == 1000.0
+
+
 def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:
     for recordings, said in (([], "no recording to store"), ([make("a"), make("a")], "the id 'a'")):
         with pytest.raises((DataError, InputError), match=said):

@@ -26,7 +26,8 @@ _PATIENCE = 30.0
 """Seconds that any file may take to read."""
 _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
-_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""Bytes that every HDF5 file begins with, or holds at 512 or a doubling of it."""
 _lock = threading.Lock()
 _process: "subprocess.Popen[bytes] | None" = None
 
@@ -75,7 +76,7 @@ def require_sound(path: Path, module: str, options: Options) -> None:
     """
     with path.open("rb") as file:
         head = file.read(8192)
-    at = next((at for at in (0, 512, 1024, 2048, 4096) if head[at : at + 8] == _HDF5_SIGNATURE), None)
+    at = next((at for at in (0, 512, 1024, 2048, 4096) if head[at : at + 8] == HDF5_SIGNATURE), None)
     if at is not None and head[at + 8 : at + 9] < b"\x02":
         read_apart(module, path, options, keep=False)
 

@@ -13,7 +13,7 @@ import numpy as np
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError
 from swashtwin.readers.apart import require_sound
-from swashtwin.readers.raw import Options, RawFile, known_unit, read_all
+from swashtwin.readers.raw import RATE_NAMES, Options, RawFile, known_unit, read_all
 from swashtwin.recording import Recording, require_same_facts
 from swashtwin.stored import Column, SideBySide, StoredRecording
 
@@ -27,7 +27,6 @@ _CACHE = 1 << 24
 """Bytes of a file's chunks that are kept: those of a slice of all channels."""
 CHUNK = 16384
 """Readings of one block of the file, which has one checksum."""
-_RATE_NAMES = ("sample_rate", "fs", "sampling_rate", "sampling_frequency")
 _CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 
 
@@ -219,12 +218,12 @@ def _text(value: Any) -> str | None:
 def _foreign(file: h5py.File) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    rates: list[float] = [float(file.attrs[name]) for name in _RATE_NAMES if name in file.attrs]
+    rates = _rates(file)
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or item.size < 2:
             return
-        rates.extend(float(item.attrs[key]) for key in _RATE_NAMES if key in item.attrs)
+        rates.extend(_rates(item))
         found = _vectors_in(item)
         unit = known_unit(_text(item.attrs.get("unit", file.attrs.get("unit"))))
         for number, column in enumerate(found):
@@ -235,6 +234,12 @@ def _foreign(file: h5py.File) -> RawFile:
 
     file.visititems(visit)
     return RawFile(columns, rates[0] if rates else None, units)
+
+
+def _rates(item: h5py.Group | h5py.Dataset) -> list[float]:
+    """Sample rates [Hz] among the attributes, the usual names first."""
+    stated = {name.lower(): value for name, value in item.attrs.items()}
+    return [float(stated[name]) for name in RATE_NAMES if name in stated]
 
 
 def _vectors_in(item: h5py.Dataset) -> list[Column]:

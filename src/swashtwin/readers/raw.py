@@ -10,6 +10,9 @@ from swashtwin.recording import Recording
 from swashtwin.stored import Column
 from swashtwin.units import parse
 
+RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
+"""What files call their sample rate [Hz], in any case of letters."""
+
 _SPELLINGS = {"g": "g_0", "G": "g_0", "gn": "g_0", "mg": "mg_0", "m/s2": "m/s^2", "m/s/s": "m/s^2", "mm/s2": "mm/s^2"}
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 """Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""

@@ -8,12 +8,13 @@ import numpy as np
 
 from swashtwin.errors import ArtifactError, DataError, InputError, MissingFileError
 from swashtwin.files import replacing
+from swashtwin.readers.apart import HDF5_SIGNATURE
 from swashtwin.readers.hdf5 import CHUNK, LAYOUT, STORE_FORMAT, PatientFile, stored_in, write_facts
 from swashtwin.readers.room import require_room
 from swashtwin.recording import Recording
 from swashtwin.stored import BLOCK, StoredRecording, opened
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SUFFIXES = (".h5", ".hdf5")
 
 
 def write_store(
@@ -45,7 +46,7 @@ def write_store(
         There is no recording, or a file is damaged.
     """
     path = Path(path)
-    if path.suffix not in (".h5", ".hdf5"):
+    if path.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{path} must end in .h5 or .hdf5: a store is an HDF5 file.")
     kept = [opened(recording) for recording in recordings]
     if not kept:
@@ -94,10 +95,10 @@ def open_store(path: str | Path) -> list[StoredRecording]:
 
 def is_store(path: Path) -> bool:
     """Whether a file is a store, damaged or not."""
-    if path.suffix not in (".h5", ".hdf5") or not path.is_file():
+    if path.suffix.lower() not in _SUFFIXES or not path.is_file():
         return False
     with path.open("rb") as file:
-        if file.read(9)[:8] != _SIGNATURE:
+        if file.read(9)[:8] != HDF5_SIGNATURE:
             return False
         file.seek(0)
         return STORE_FORMAT.encode() in file.read(1 << 16)

@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.readers.raw import RawFile, known_unit
-
-_RATE_NAMES = ("fs", "sample_rate", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
+from swashtwin.readers.raw import RATE_NAMES, RawFile, known_unit
 
 
 def sorted_variables(variables: Iterable[tuple[str, Any]]) -> RawFile:
@@ -19,7 +17,7 @@ def sorted_variables(variables: Iterable[tuple[str, Any]]) -> RawFile:
     facts: dict[str, str] = {}
     for name, value in variables:
         _sort_in(name, value, columns, facts)
-    rates = [float(text) for name, text in facts.items() if name.rsplit(".")[-1].lower() in _RATE_NAMES]
+    rates = [float(text) for name, text in facts.items() if name.rsplit(".")[-1].lower() in RATE_NAMES]
     unit = known_unit(facts.pop("unit", ""))
     units = dict.fromkeys(columns, unit) if unit else {}
     return RawFile(columns, rates[0] if rates else None, units, facts)

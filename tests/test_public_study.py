@@ -11,6 +11,7 @@ from swashtwin.cli.app import app
 from swashtwin.errors import DataError, InputError
 from swashtwin.studies.public import run_public, run_scarce
 from swashtwin.studies.public.estimators import ESTIMATORS, SharedWeights
+from swashtwin.studies.public.filling import FILLINGS
 from swashtwin.studies.public.question import Fold, Question, Setting, Units
 from swashtwin.studies.public.validation import choose, leaky_scores, score_fold
 
@@ -71,6 +72,18 @@ def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recor
     assert len(rows["none", "SMOTE"]["scarce_recall"]["values"]) == 6
     assert rows["every recording", "nothing"]["balanced_accuracy"]["mean"] > 0
     assert "best filling" in study.answer[0]
+
+
+@pytest.mark.parametrize("name", ["copies", "shaken copies", "SMOTE"])
+def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
+    name: str, small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*told: object) -> np.ndarray:
+        raise ValueError("broken")
+
+    monkeypatch.setitem(FILLINGS, name, broken)
+    with pytest.raises(ValueError, match="broken"):
+        run_scarce(small, seeds=[0])
 
 
 def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:

@@ -8,18 +8,24 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.errors import MissingExtraError
+from swashtwin.errors import DataError, MissingExtraError
 from swashtwin.features import extract_features
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.windows import WindowSet
 
 _SHAKE = 0.05
 """Noise of a shaken copy over its window's standard deviation."""
+_NEIGHBORS = 5
+"""Neighbors that SMOTE and ADASYN look at."""
 _GAIN = 0.1
 """Spread of a shaken copy's gain."""
 
 Filler = Callable[[WindowSet, Float[np.ndarray, "window feature"], Bool[np.ndarray, " window"], int, int], np.ndarray]
 """Features of new windows, from (windows, their features, which to draw from, how many, seed)."""
+
+
+class NoNeighborsError(DataError):
+    """There is nothing between which a point could be put."""
 
 
 def _copies(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -37,14 +43,21 @@ def _shaken(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: i
 
 
 def _between(name: str) -> Filler:
-    """A sampler of imbalanced-learn, between the pool and the rest."""
+    """A sampler of imbalanced-learn, between windows of the pool; it raises `NoNeighborsError` where it cannot."""
 
     def fill(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: int, seed: int) -> np.ndarray:
         sampler = _sampler(name)
         wanted = {1: int(pool.sum()) + count}
         scale = np.maximum(features.std(axis=0), 1e-12)
         own = sampler(sampling_strategy=wanted, random_state=derive_seed(seed, name) % 2**32)
-        filled, _ = own.fit_resample(features / scale, pool.astype(int))
+        if pool.sum() <= _NEIGHBORS:
+            raise NoNeighborsError(f"{pool.sum()} windows; {name} looks at {_NEIGHBORS} neighbors of each.")
+        try:
+            filled, _ = own.fit_resample(features / scale, pool.astype(int))
+        except (ValueError, RuntimeError) as cause:
+            if name != "ADASYN":
+                raise
+            raise NoNeighborsError("ADASYN finds no window of another class near the pool.") from cause
         return filled[len(features) :] * scale
 
     return fill

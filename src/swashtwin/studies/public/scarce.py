@@ -16,7 +16,7 @@ from swashtwin.features import extract_features
 from swashtwin.readers.public_sets import read_public_set
 from swashtwin.seeding import derive_seed
 from swashtwin.studies.public.estimators import extra_trees
-from swashtwin.studies.public.filling import FILLINGS
+from swashtwin.studies.public.filling import FILLINGS, NoNeighborsError
 from swashtwin.studies.table import StudyTable, Trial
 from swashtwin.version import VERSION
 from swashtwin.windows import WindowSet, cut_windows
@@ -135,7 +135,7 @@ class _Drill:
             pool = cell[train] if cell[train].any() else label == scarce
             try:
                 added = filler(self.windows.subset(train), X, pool, lacking, seed)
-            except (ValueError, RuntimeError):  # ADASYN finds no window of another class near the pool
+            except NoNeighborsError:
                 return {}
             X, label = np.concatenate([X, added]), np.concatenate([label, np.full(len(added), scarce)])
         told = extra_trees(derive_seed(seed, "trees") % 2**32).fit(X, label).predict(self.features[test])

@@ -188,11 +188,10 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
 
 def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
-    embedding = bare.embed(train)
     monkeypatch.setattr("swashtwin.training.known.MOST", 5)
-    few = known_recordings(embedding, train)
+    few = known_recordings(train)
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
-    assert known_recordings(embedding, replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
+    assert known_recordings(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
     assert bare.known.distances(bare.known.features[2]).argmin() == 2
 
 

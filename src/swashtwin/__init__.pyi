@@ -37,8 +37,10 @@ from .condition import OperatingCondition as OperatingCondition
 from .contacts import ContactCheck as ContactCheck
 from .contacts import SlipperContact as SlipperContact
 from .diagnosis import Diagnosis as Diagnosis
+from .diagnosis import Evidence as Evidence
 from .diagnosis import Trust as Trust
 from .diagnosis import diagnose as diagnose
+from .diagnosis import explain as explain
 from .diagnosis import load_classifier as load_classifier
 from .diagnosis import save_classifier as save_classifier
 from .errors import ArtifactError as ArtifactError

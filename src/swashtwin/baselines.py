@@ -29,26 +29,22 @@ class FittedBaseline:
     features: Callable[[WindowSet], FeatureTable] = extract_features
     """What gives the trees their columns."""
     known: KnownRecordings | None = None
-    """The measured recordings it was fitted on, by their mean features; None where there was none."""
+    """The measured recordings it was fitted on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
     """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window: the share of the trees' votes."""
-        return self.answer(windows)[0]
-
-    def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
-        """The features of each window, which is all that the trees see of it."""
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the trees were fitted on other windows: {difference}.")
-        return self.features(windows).values
+        probability: np.ndarray = self.estimator.predict_proba(self.features(windows).values)
+        return probability
 
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, `embed`) from one extraction of the features."""
-        features = self.embed(windows)
-        return np.asarray(self.estimator.predict_proba(features)), features
+        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on."""
+        return self.predict_proba(windows), extract_features(windows).values
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
         """Name of the likeliest class of each window."""
@@ -86,8 +82,7 @@ def fit_extra_trees(
         missing = windows.classes[int(counts.argmin())] if counts.size else "any"
         raise DataError(f"class {missing} has no training window; add some, or cut the windows without this class.")
     estimator = ExtraTreesClassifier(n_trees, random_state=derive_seed(seed, "extra trees") % 2**32, n_jobs=1)
-    values = features(windows).values
-    estimator.fit(values, windows.target)
+    estimator.fit(features(windows).values, windows.target)
     used = {*windows.recording_id.tolist(), *(str(name) for name in manifest)}
-    known = known_recordings(values, windows)
+    known = known_recordings(windows)
     return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)), features, known)

@@ -10,6 +10,7 @@ from swashtwin.cli import (
     calibration_studies,
     comparing,
     condition_studies,
+    confidence_study,
     diagnosing,
     fleets,
     guarding,
@@ -42,6 +43,7 @@ studying.studies.command("calibration")(calibration_studies.calibration)
 studying.studies.command("conditions")(condition_studies.conditions)
 studying.studies.command("zero-shot")(zero_shot.zero_shot)
 app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
+studying.studies.command("confidence")(confidence_study.confidence)
 studying.studies.command("public")(real_data.public)
 studying.studies.command("scarce")(real_data.scarce)
 app.command("rig", rich_help_panel=_DATA)(recordings.rig)

@@ -1,17 +1,23 @@
 """Commands that use a classifier: evaluate, diagnose."""
 
+from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swashtwin.cli.console import note, say, table, tell
+from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Names, SampleRate, Seed, Unit, given
 from swashtwin.cli.recordings import open_all
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import Diagnosis
+    from swashtwin.diagnosis import Diagnosis, Evidence
     from swashtwin.evaluation import ConfidenceScores, Scores
+
+EXPLAINED = 10
+"""Recordings whose evidence a report shows; each costs some hundred passes through the network."""
 
 Model = Annotated[Path, typer.Argument(help="Model file that train wrote.")]
 
@@ -64,12 +70,15 @@ def diagnose(
     error_rate: Annotated[
         float | None, typer.Option(help="Of the prediction sets and of calling unknown; the model's own by default.")
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Folder for report.html with its data, or one .html file: what each verdict rests on."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Name the class of each recording, and what a reader should know before trusting it."""
     from swashtwin import diagnosis
-    from swashtwin.report import write_report
 
     classifier = diagnosis.load_classifier(model)
     facts = given(
@@ -77,17 +86,41 @@ def diagnose(
     )
     recordings = open_all(paths, **facts)
     verdicts = [diagnosis.diagnose(classifier, recording, error_rate=error_rate) for recording in recordings]
-    page = None if report is None else write_report(*verdicts, folder=report)
+    page = None
+    evidence: list[diagnosis.Evidence] = []
+    if report is not None:
+        if report.suffix == ".html":
+            require_target(report)
+        evidence = [
+            diagnosis.explain(classifier, recording, verdict, pistons=pistons)
+            for recording, verdict in zip(recordings[:EXPLAINED], verdicts, strict=False)
+        ]
+        pairs = zip_longest(verdicts, evidence)
+        page = _page([one for pair in pairs for one in pair if one is not None], report)
 
     def show() -> None:
         _show_verdicts(verdicts)
+        if report is not None and len(verdicts) > EXPLAINED:
+            note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
         for one in verdicts:
             for text in one.notes:
                 note(f"note: {one.recording_id}: {text}")
         if page is not None:
             say(str(page))
 
-    tell({"model": model, "diagnoses": [one.to_dict() for one in verdicts], "report": page}, as_json, show)
+    result = {"model": model, "diagnoses": [one.to_dict() for one in verdicts], "report": page}
+    tell({**result, "evidence": [one.to_dict() for one in evidence]}, as_json, show)
+
+
+def _page(items: "list[Diagnosis | Evidence]", target: Path) -> Path:
+    """Where the page was written: `target` itself where it is an HTML file, which needs no other."""
+    from swashtwin.files import write_text
+    from swashtwin.report import write_report
+
+    if target.suffix != ".html":
+        return write_report(*items, folder=target)
+    with TemporaryDirectory() as folder:
+        return write_text(target, write_report(*items, folder=folder).read_text(encoding="utf-8"))
 
 
 def _show_verdicts(verdicts: "list[Diagnosis]") -> None:

@@ -1,7 +1,19 @@
 """A fitted classifier at work: saved, loaded, and asked about a recording."""
 
 from swashtwin.diagnosis.artifact import load_classifier, save_classifier
+from swashtwin.diagnosis.evidence import Evidence, explain
+from swashtwin.diagnosis.next_checks import Check, next_checks
 from swashtwin.diagnosis.trust import Trust
 from swashtwin.diagnosis.verdict import Diagnosis, diagnose
 
-__all__ = ["Diagnosis", "Trust", "diagnose", "load_classifier", "save_classifier"]
+__all__ = [
+    "Check",
+    "Diagnosis",
+    "Evidence",
+    "Trust",
+    "diagnose",
+    "explain",
+    "load_classifier",
+    "next_checks",
+    "save_classifier",
+]

@@ -13,13 +13,14 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
-from swashtwin.diagnosis import Diagnosis
+from swashtwin.diagnosis import Diagnosis, Evidence
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Scores
 from swashtwin.files import replacing
 from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
+from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.page import Part, drawings
 from swashtwin.report.scores_part import scores_part
@@ -38,7 +39,7 @@ _UNKNOWN_ORIGIN = (
 
 
 def write_report(
-    *items: StudyResult | StudyTable | Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis,
+    *items: StudyResult | StudyTable | Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence,
     folder: Path | str,
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -102,6 +103,7 @@ part_of.register(Difference)(difference_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
 part_of.register(Diagnosis)(diagnosis_part)
+part_of.register(Evidence)(evidence_part)
 
 
 def _keys(items: Sequence[object]) -> list[str]:

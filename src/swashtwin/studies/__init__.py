@@ -2,6 +2,7 @@
 
 from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
 from swashtwin.studies.case_one import CASE_ONE_SIZES, CaseOneSettings, run_case_one
+from swashtwin.studies.confidence import ConfidenceStudySettings, run_confidence
 from swashtwin.studies.fault_map import run_fault_map
 from swashtwin.studies.leakage import run_leakage
 from swashtwin.studies.misspecification import run_misspecification
@@ -18,6 +19,7 @@ __all__ = [
     "ZERO_SHOT_SIZES",
     "CalibrationStudySettings",
     "CaseOneSettings",
+    "ConfidenceStudySettings",
     "Embedding",
     "Outcome",
     "StudyResult",
@@ -28,6 +30,7 @@ __all__ = [
     "chosen_zero_shot",
     "run_calibration_study",
     "run_case_one",
+    "run_confidence",
     "run_fault_map",
     "run_leakage",
     "run_misspecification",

@@ -9,6 +9,7 @@ from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from swashtwin.errors import InputError
+from swashtwin.features import extract_features
 from swashtwin.networks import Network
 from swashtwin.training.confidence import Confidence
 from swashtwin.training.known import KnownRecordings
@@ -44,7 +45,7 @@ class FittedClassifier:
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
     known: KnownRecordings | None = None
-    """The measured recordings it was trained on, as its last layer sees them; None where there was none."""
+    """The measured recordings it was trained on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
     """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
 
@@ -84,14 +85,12 @@ class FittedClassifier:
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, `embed`) in one pass."""
+        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on.
 
-        def step(batch: Tensor) -> Tensor:
-            features = self.network.features(batch)
-            return torch.cat([torch.softmax(self.network.head(features).double(), dim=-1), features.double()], dim=-1)
-
-        both = self._through(windows, step)
-        return both[:, : len(self.classes)], both[:, len(self.classes) :]
+        The features are `extract_features`'s of the readings as they are, not the network's own: in its last layer
+        a class that it never saw fell among the known ones (docs/diagnosis.md).
+        """
+        return self.predict_proba(windows), extract_features(windows).values
 
     def _through(self, windows: WindowSet, step: Callable[[Tensor], Tensor]) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):

@@ -1,10 +1,11 @@
-"""The recordings a classifier was trained on, as its last layer sees them: what a new one is compared with."""
+"""The recordings a classifier was trained on, by their vibration features: what a new one is compared with."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64
 
+from swashtwin.features import extract_features
 from swashtwin.windows import WindowSet
 
 MOST = 2000
@@ -33,22 +34,15 @@ class KnownRecordings:
         return np.asarray(np.sqrt(np.mean(apart**2, axis=1)), dtype=np.float64)
 
 
-def known_recordings(embedding: Float[np.ndarray, "window feature"], windows: WindowSet) -> KnownRecordings | None:
-    """The measured recordings among `windows`, or None where all are synthetic.
-
-    Parameters
-    ----------
-    embedding : features of each window, as the classifier's `embed` gives them.
-    windows : the training windows, in the same order.
-    """
-    measured = ~windows.synthetic
-    names = np.unique(windows.recording_id[measured])
+def known_recordings(windows: WindowSet) -> KnownRecordings | None:
+    """The measured recordings among training windows, by `extract_features`, or None where all are synthetic."""
+    names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:
         return None
     names = names[np.unique(np.linspace(0, names.size - 1, min(MOST, names.size)).round().astype(np.int64))]
-    own = [measured & (windows.recording_id == name) for name in names]
+    own = [windows.subset((windows.recording_id == name) & ~windows.synthetic) for name in names]
     return KnownRecordings(
         recording_id=tuple(names.tolist()),
-        label=tuple(str(windows.label[mask][0]) for mask in own),
-        features=np.stack([embedding[mask].mean(axis=0, dtype=np.float64) for mask in own]),
+        label=tuple(str(some.label[0]) for some in own),
+        features=np.stack([extract_features(some).values.mean(axis=0) for some in own]),
     )

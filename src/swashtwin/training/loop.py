@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +90,7 @@ def fit(
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
             if progress is not None:
                 progress(history[-1])
-    fitted = FittedClassifier(
+    return FittedClassifier(
         network=trained.cpu().eval(),
         classes=windows.classes,
         layout=windows.layout,
@@ -101,9 +101,8 @@ def fit(
         manifest=tuple(sorted(used)),
         pressures=_known(windows.cell_pressure),
         speeds=_known(windows.speed),
+        known=known_recordings(windows),
     )
-    with _one_thread():
-        return replace(fitted, known=known_recordings(fitted.embed(windows), windows))
 
 
 def _require_device(device: str) -> None:

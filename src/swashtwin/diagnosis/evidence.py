@@ -205,8 +205,16 @@ def explain(
         rms=np.sqrt(_gathered(_powers(readings), bands, classifier.sample_rate, x.shape[1])),
         pistons=pistons,
         nearest=_nearest(classifier, features),
-        checks=next_checks(ranked[0], unknown=diagnosis.trust is not None and diagnosis.trust.unknown),
+        checks=_checks(diagnosis),
     )
+
+
+def _checks(diagnosis: Diagnosis) -> tuple[Check, ...]:
+    """Those of the class named, and of the next where that one cannot be ruled out."""
+    trust = diagnosis.trust
+    if trust is None:
+        return next_checks(diagnosis.label)
+    return next_checks(*trust.prediction_set[:2], unknown=trust.unknown)
 
 
 def _best_run(margin: Float64[np.ndarray, " window"]) -> int:
@@ -230,17 +238,18 @@ def _bands(sample_rate: float, shaft: float | None, readings: int) -> tuple[Band
             edge = (order + 0.5) * shaft
             bands.append(Band(f"order {order}", (order - 0.5) * shaft, edge, order))
     else:
-        bands.append(Band(f"below {_hertz(edge)}", 0.0, edge))
+        bands.append(Band(f"below {hertz(edge)}", 0.0, edge))
     while edge < nyquist:
         above = min(edge * 2 ** (1 / 3), nyquist)
         if above * 2 ** (1 / 6) > nyquist:
             above = nyquist
-        bands.append(Band(f"{_hertz(edge)} to {_hertz(above)}", edge, above))
+        bands.append(Band(f"{hertz(edge)} to {hertz(above)}", edge, above))
         edge = above
     return tuple(bands)
 
 
-def _hertz(frequency: float) -> str:
+def hertz(frequency: float) -> str:
+    """Frequency in words, with two digits of kHz or three of Hz."""
     return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
 
 

@@ -92,9 +92,9 @@ CHECKS = MappingProxyType(
 """Checks by class, the cheapest first."""
 
 
-def next_checks(label: str, *, unknown: bool = False) -> tuple[Check, ...]:
-    """What to check where `label` was diagnosed; of a recording called unknown, only what holds for any fault."""
+def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
+    """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds for any fault."""
     if unknown:
         return (_BEFORE, *_PLAUSIBLE, Check(_OIL, "Whatever wears sheds particles."), Check(_DRAIN, "Most wear leaks."))
-    own = CHECKS.get(label, _PLAUSIBLE)
-    return own if label == "normal" else (_BEFORE, *own)
+    own = tuple(check for label in labels for check in CHECKS.get(label, _PLAUSIBLE))
+    return own if set(labels) == {"normal"} else (_BEFORE, *own)

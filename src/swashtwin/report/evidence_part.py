@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.diagnosis import Evidence
+from swashtwin.diagnosis.evidence import hertz
 from swashtwin.report.drawing import Drawing, drawn, panels
 from swashtwin.report.page import VERDICT, Bullets, Cell, Paragraph, Part, Picture, Section, Table
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled
@@ -61,9 +62,11 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
         place.set_title(words(name), loc="left")
         place.grid(axis="x", visible=False)
     axes[len(channels) // 2, 0].set_ylabel("adds to the score")
-    ticks = [i for i, band in enumerate(evidence.bands) if band.order is None or band.order in (1, *range(5, 100, 5))]
-    labels = [str(evidence.bands[i].order or evidence.bands[i].name) for i in ticks]
-    axes[-1, 0].set_xticks(ticks, labels, rotation=90)
+    ticks = [i for i, band in enumerate(evidence.bands) if band.order in (1, *range(5, 100, 5))]
+    octaves = [i for i, band in enumerate(evidence.bands) if band.order is None and band.low > 0][::3]
+    labels = [str(evidence.bands[i].order) for i in ticks]
+    labels += [f"from {hertz(evidence.bands[i].low)}" for i in octaves]
+    axes[-1, 0].set_xticks(ticks + octaves, labels, rotation=90 if octaves else 0)
     has_orders = any(band.order is not None for band in evidence.bands)
     axes[-1, 0].set_xlabel("order of the shaft, then third octaves" if has_orders else "third octaves")
     marked = " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""

@@ -151,6 +151,12 @@ def test_another_seed_searches_elsewhere(objective: Objective, method: Calibrato
     assert not np.array_equal(first[-1], other[-1])
 
 
+def test_a_generation_cut_off_by_its_limit_says_so(objective: Objective) -> None:
+    cut, whole = (method.search(objective, seed=0) for method in (CMAES(most_simulations=60), CMAES()))
+    assert "before it had settled" in cut.notes[-1]
+    assert not whole.notes
+
+
 def test_starts_that_are_moved_at_once_go_as_they_would_alone(objective: Objective) -> None:
     """Adam moves each coordinate by its own gradient."""
     alone, among = (DirectAdam(starts=starts, epochs=40).search(objective, seed=0) for starts in (1, 3))

@@ -1,6 +1,6 @@
 """A search that needs no gradient: covariance matrix adaptation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -77,4 +77,12 @@ class CMAES:
                 simulations += len(candidates)
                 if progress is not None:
                     progress(min(simulations, self.most_simulations), self.most_simulations, penalized[best].item())
-        return trace.search(simulations)
+        found = trace.search(simulations)
+        return found if strategy.stop() else replace(found, notes=(*found.notes, self._unsettled))
+
+    @property
+    def _unsettled(self) -> str:
+        return (
+            f"the search ended at its limit of {self.most_simulations} simulations before it had settled, and intervals "
+            "are those of an optimum only: raise most_simulations, or use GaussNewton."
+        )

@@ -83,6 +83,6 @@ class CMAES:
     @property
     def _unsettled(self) -> str:
         return (
-            f"the search ended at its limit of {self.most_simulations} simulations before it had settled, and intervals "
-            "are those of an optimum only: raise most_simulations, or use GaussNewton."
+            f"the search ended at its limit of {self.most_simulations} simulations before it had settled, and its "
+            "intervals are those of an optimum only: raise most_simulations, or use GaussNewton."
         )

@@ -1,7 +1,9 @@
 """features, spectrum and trend on the command line: what they write, print and refuse."""
 
 import csv
+import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +94,7 @@ def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
     drawing = out.read_text(encoding="utf-8")
     assert ">7x<" in drawing
     assert "mathdefault" not in drawing
-    rows = list(csv.reader(out.with_suffix(".csv").read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.reader(Path(told["csv"]).read_text(encoding="utf-8").splitlines()))
     assert rows[0][1] == ("cover [1]" if kind == "cepstrum" else "cover [m/s^2]")
     assert len(rows) > 1000
 
@@ -108,12 +110,12 @@ def test_a_spectrum_without_a_speed_says_how_to_get_marks(tmp_path: Path) -> Non
 
 def test_trend_flags_the_loud_recording_only(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "trend.svg"
-    told = run_json("trend", folder, "--indicator", "rms", "--channels", "cover", "--by", "time", "--out", out)
+    told = run_json("trend", folder, "--indicator", "rms", "--channel", "cover", "--by", "time", "--out", out)
     assert told["flagged"] == ["loud"]
     assert [point["recording"] for point in told["points"]][:2] == ["like", "loud"]
     assert "loud" in out.read_text(encoding="utf-8")
-    assert out.with_suffix(".csv").read_text(encoding="utf-8").count("within") == 7
-    said = run("trend", folder, "--channels", "cover").stdout
+    assert Path(told["csv"]).read_text(encoding="utf-8").count("within") == 7
+    said = run("trend", folder, "--channel", "cover").stdout
     assert "No ISO zone is printed" in said
     assert "1 of 8 flagged" in said
 
@@ -136,3 +138,78 @@ def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
     drawing = spectrum_drawing(spectrum)
     assert drawing.svg.count("\nL ") < 1.1 * MOST_POINTS
     assert len(drawing.columns["frequency [Hz]"]) == 100_001
+
+
+def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> None:
+    text = "cover\n" + "".join(f"{value:.6f}\n" for value in measured("a", 1.0, 0).signal[0])
+    own = tmp_path / "own.csv"
+    own.write_text(text)
+    facts = ("--sample-rate", "4 kHz", "--unit", "m/s^2", "--speed", "900 rpm")
+    assert "would be lost" in one_line(run("features", own, *facts, "--out", own, code=3))
+    told = run_json("spectrum", own, *facts, "--out", tmp_path / "own.svg")
+    assert told == run_json("spectrum", own, *facts, "--out", tmp_path / "own.svg")  # its own output it writes anew
+    data = own.with_name("own-data.csv")
+    assert told["csv"] == str(data)
+    assert own.read_text() == text
+    assert "would be lost" in one_line(run("spectrum", data, "--sample-rate", "4 kHz", "--unit", "g", "--channels",
+                                           "cover*", "--out", tmp_path / "own.svg", code=3))  # fmt: skip
+    index = tmp_path / "recordings.toml"
+    index.write_text('format = 1\n[[recording]]\nfile = "own.csv"\nsample_rate = "4 kHz"\nunit = "g"\n')
+    for source in (index, tmp_path):
+        assert "would be lost" in one_line(run("features", source, "--out", own, code=3))
+    assert own.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "refused"),
+    [
+        ("features", ("--channels", "cover"), "--channels"),
+        ("features", ("--sample-rate", "1 kHz"), "--sample-rate"),
+        ("trend", ("--speed", "900 rpm"), "--speed"),
+        ("inspect", ("--unit", "g"), "--unit"),
+        ("features", ("--pulses", 2, "--track", "7"), "--pulses"),
+        ("split", ("--folds", 2, "--test-fraction", 0.3), "--test-fraction"),
+        ("split", ("--folds", 2, "--dealing", "each"), "--folds"),
+    ],
+)
+def test_an_option_that_would_say_nothing_is_refused(
+    folder: Path, command: str, options: tuple[object, ...], refused: str
+) -> None:
+    assert f"Invalid value for {refused}" in run(command, folder, *options, code=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (("--resolution", 0), 3, "half the sample rate"),
+        (("--resolution", 1e9), 3, "half the sample rate"),
+        (("--top", 0), 3, "nothing to draw"),
+        (("--top", -5), 3, "nothing to draw"),
+        (("--top", "nan"), 3, "nothing to draw"),
+        (("--top", -5, "--kind", "cepstrum"), 3, "nothing to draw"),
+        (("--track", "0"), 3, "is no line of the shaft"),
+        (("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),
+        (("--band", "100-900 Hz"), 2, "Invalid value for --band"),
+        (("--kind", "cepstrum", "--resolution", 1), 2, "Invalid value for --resolution"),
+    ],
+)
+def test_a_spectrum_that_cannot_be_is_refused(
+    folder: Path, tmp_path: Path, options: tuple[object, ...], code: int, said: str
+) -> None:
+    refusal = run("spectrum", folder / "loud.h5", "--out", tmp_path / "a.svg", *options, code=code).stderr
+    assert said in refusal
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(folder: Path, tmp_path: Path) -> None:
+    loud = measured("loud", 1.6, 7)
+    noise = np.random.default_rng(0).standard_normal(loud.signal.shape)
+    lost = write_recording(replace(loud, signal=noise, recording_id="lost"), tmp_path / "lost.h5")
+    options = ("--pistons", 7, "--track", "7", "--channels", "cover")
+    result = run("features", folder / "loud.h5", lost, *options, "--json")
+    assert "no orders: lost: the line at order 7" in result.stderr
+    found = {row["recording"]: row["values"] for row in json.loads(result.stdout)["rows"]}
+    assert found["loud"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
+    assert found["lost"]["order_amplitude 7x"] is None
+    assert found["lost"]["rms"] == pytest.approx(1.0, rel=0.05)
+    assert "the line at order 7" in one_line(run("features", lost, *options, code=3))

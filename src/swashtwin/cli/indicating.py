@@ -11,7 +11,7 @@ import typer
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given, list_of
-from swashtwin.cli.recordings import read_all
+from swashtwin.cli.recordings import read_all, refuse_source
 
 if TYPE_CHECKING:
     from swashtwin.indicators import Indicator, IndicatorTable
@@ -23,7 +23,7 @@ Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
 ]
 Tachometer = Annotated[str | None, typer.Option(help="Channel with the pulses of a tachometer.")]
-Pulses = Annotated[int, typer.Option(min=1, help="Pulses of the tachometer per turn.")]
+Pulses = Annotated[int | None, typer.Option(min=1, help="Pulses of the tachometer per turn; 1 by default.")]
 Track = Annotated[
     str | None,
     typer.Option(
@@ -65,7 +65,7 @@ def features(
         list[str] | None, typer.Option(help="Only this family (statistics, velocity, bands, ...); repeatable.")
     ] = None,
     tachometer: Tachometer = None,
-    pulses: Pulses = 1,
+    pulses: Pulses = None,
     track: Track = None,
     speed: OwnSpeed = None,
     sample_rate: SampleRate = None,
@@ -81,6 +81,7 @@ def features(
     """
     if out is not None:
         require_target(out, ".csv")
+        refuse_source(out, source)
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
@@ -108,7 +109,7 @@ def spectrum(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
     kind: Annotated[SpectrumKind, typer.Option(help="Which spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
-        Path | None, typer.Option(help="SVG file to write, a CSV file beside it; FILE_KIND.svg here.")
+        Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it; FILE_KIND.svg here.")
     ] = None,
     pistons: Pistons = None,
     band: Annotated[
@@ -119,7 +120,7 @@ def spectrum(
     ] = None,
     top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders, s).")] = None,
     tachometer: Tachometer = None,
-    pulses: Pulses = 1,
+    pulses: Pulses = None,
     track: Track = None,
     speed: OwnSpeed = None,
     sample_rate: SampleRate = None,
@@ -134,18 +135,24 @@ def spectrum(
     from swashtwin.report.indicator_figures import spectrum_drawing
 
     target = out or Path(f"{file.stem}_{kind.value}.svg")
-    require_target(target, ".svg")
+    numbers = _targets(target, [file])
+    if band is not None and kind is not SpectrumKind.envelope:
+        raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
+    if resolution is not None and kind is SpectrumKind.cepstrum:
+        raise typer.BadParameter("a cepstrum is of the whole recording at once.", param_hint="--resolution")
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
     recordings = read_all([file], **facts)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
-    shown, angle = _with_angle(recordings[0], tachometer, pulses, track)
+    _require_one_way(tachometer, pulses, track)
+    angle = _angle(recordings[0], tachometer, pulses, track)
+    shown = _vibration(recordings[0], tachometer)
     edges = None if band is None else _hertz(Band.parse(band))
     made = spectrum_of(shown, kind.value, angle=angle, pistons=pistons, band=edges, resolution=resolution)
     drawing = spectrum_drawing(made, top=top)
-    data = write_text(target.with_suffix(".csv"), drawing.csv)
+    data = write_text(numbers, drawing.csv)
     write_text(target, drawing.svg)
     marks = [
         {"name": mark.name, "at": mark.at, "value": dict(zip(made.channels, made.at(mark).tolist(), strict=True))}
@@ -186,11 +193,11 @@ def trend(
         list[str] | None,
         typer.Option(help='Class, or pattern of recording ids, stated to be healthy; "normal" by default, repeatable.'),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="SVG file to write, a CSV file beside it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")] = None,
     pistons: Pistons = None,
     band: Bands = None,
     tachometer: Tachometer = None,
-    pulses: Pulses = 1,
+    pulses: Pulses = None,
     track: Track = None,
     speed: OwnSpeed = None,
     sample_rate: SampleRate = None,
@@ -207,17 +214,16 @@ def trend(
     from swashtwin.indicators import trend_of
     from swashtwin.report.indicator_figures import trend_drawing
 
-    if out is not None:
-        require_target(out, ".svg")
+    numbers = None if out is None else _targets(out, source)
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
     made = _table_of(read_all(source, **facts), pistons, band, None, tachometer, pulses, track)
     found = trend_of(made, indicator, channel=channel, by=by.value, k=k, healthy=healthy or ("normal",))
     data = None
-    if out is not None:
+    if out is not None and numbers is not None:
         drawing = trend_drawing(found)
-        data = write_text(out.with_suffix(".csv"), drawing.csv)
+        data = write_text(numbers, drawing.csv)
         write_text(out, drawing.svg)
 
     def show() -> None:
@@ -249,33 +255,63 @@ def _table_of(
     bands: list[str] | None,
     families: list[str] | None,
     tachometer: str | None,
-    pulses: int,
+    pulses: int | None,
     track: str | None,
 ) -> "IndicatorTable":
+    from swashtwin.errors import DataError, InputError
     from swashtwin.indicators import BANDS, FAMILIES, Band, indicators_of, stacked
 
+    _require_one_way(tachometer, pulses, track)
     wanted = tuple(Band.parse(text) for text in bands or ()) or BANDS
-    tables = []
+    asked = families or list(FAMILIES)
+    tables, refusals = [], []
     for recording in recordings:
-        shown, angle = _with_angle(recording, tachometer, pulses, track)
-        made = indicators_of(shown, angle=angle, pistons=pistons, bands=wanted, families=families or tuple(FAMILIES))
-        tables.append(made)
+        angle, without = None, asked
+        try:
+            angle = _angle(recording, tachometer, pulses, track)
+        except (DataError, InputError) as refusal:
+            refusals.append(refusal)
+            without = [name for name in asked if name != "orders"]
+        shown = _vibration(recording, tachometer)
+        tables.append(indicators_of(shown, angle=angle, pistons=pistons, bands=wanted, families=without))
+    if refusals and len(refusals) == len(recordings):
+        raise refusals[0]
+    for reason in refusals:
+        note(f"no orders: {reason}")
     return stacked(tables)
 
 
-def _with_angle(
-    recording: "Recording", tachometer: str | None, pulses: int, track: str | None
-) -> "tuple[Recording, ShaftAngle | None]":
-    """The channels with vibration, and the shaft's angle where an option says how to find it."""
-    from swashtwin.order_domain import tachometer_speed, tracked_speed
+def _targets(figure: Path, sources: list[Path]) -> Path:
+    """The CSV file beside a figure; neither may be one of the files read."""
+    require_target(figure, ".svg")
+    numbers = figure.with_name(f"{figure.stem}-data.csv")
+    for target in (figure, numbers):
+        refuse_source(target, sources)
+    return numbers
 
+
+def _require_one_way(tachometer: str | None, pulses: int | None, track: str | None) -> None:
     if tachometer is not None and track is not None:
         raise typer.BadParameter("a tachometer and a line to track are one too many.", param_hint="--track")
+    if pulses is not None and tachometer is None:
+        raise typer.BadParameter("are those of a channel; name it with --tachometer.", param_hint="--pulses")
+
+
+def _angle(
+    recording: "Recording", tachometer: str | None, pulses: int | None, track: str | None
+) -> "ShaftAngle | None":
+    """The shaft's angle where an option says how to find it."""
+    from swashtwin.order_domain import tachometer_speed, tracked_speed
+
     if tachometer is not None:
-        angle = tachometer_speed(recording, tachometer, pulses)
-        return recording.picked([name for name in recording.channels if name != tachometer]), angle
+        return tachometer_speed(recording, tachometer, pulses or 1)
     orders = list_of(track, int, "--track")
-    return recording, None if orders is None else tracked_speed(recording, order=orders)
+    return None if orders is None else tracked_speed(recording, order=orders)
+
+
+def _vibration(recording: "Recording", tachometer: str | None) -> "Recording":
+    """The channels with vibration."""
+    return recording.picked([name for name in recording.channels if name != tachometer])
 
 
 def _header(indicator: "Indicator") -> str:

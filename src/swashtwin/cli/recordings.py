@@ -56,11 +56,11 @@ class Dealing(StrEnum):
 
 def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
     """Recordings of indexes, folders with an index, stores, and single files with `facts`."""
-    from swashtwin.readers import is_store, read_recording, read_recordings
+    from swashtwin.readers import read_recording, read_recordings
 
     recordings = []
     for path in paths:
-        if path.is_dir() or path.suffix == ".toml" or is_store(path):
+        if _of_many(path, facts):
             recordings += read_recordings(path)
         else:
             recordings.append(read_recording(path, **facts))
@@ -69,15 +69,38 @@ def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
 
 def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
     """As `read_all`, but the readings stay in their files until they are asked for."""
-    from swashtwin.readers import is_store, open_recording, open_recordings
+    from swashtwin.readers import open_recording, open_recordings
 
     recordings = []
     for path in paths:
-        if path.is_dir() or path.suffix == ".toml" or is_store(path):
+        if _of_many(path, facts):
             recordings += open_recordings(path)
         else:
             recordings.append(open_recording(path, **facts))
     return recordings
+
+
+def refuse_source(target: Path, paths: list[Path]) -> None:
+    """Refuse a file to write that is one of those read."""
+    from swashtwin.errors import InputError
+    from swashtwin.readers import source_files
+
+    for path in paths:
+        if any(target.resolve() == one.resolve() for one in source_files(path)):
+            raise InputError(f"{target} is read from {path} and would be lost; name another --out.")
+
+
+def _of_many(path: Path, facts: dict[str, object]) -> bool:
+    """Whether a source says itself what its recordings are; no option may then say it again."""
+    from swashtwin.readers import is_store
+
+    if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
+        return False
+    if facts:
+        option = f"--{next(iter(facts)).replace('_', '-')}"
+        where = "convert its files anew" if is_store(path) else "edit its index"
+        raise typer.BadParameter(f"is for single files, and {path} says it itself; {where}.", param_hint=option)
+    return True
 
 
 def rig(
@@ -226,7 +249,9 @@ def inspect(
 def split(
     source: Index,
     out: Annotated[Path | None, typer.Option(help="Folder for both; that of the index by default.")] = None,
-    test_fraction: Annotated[float, typer.Option(help="Share to test on, above 0 and at most 0.5.")] = 0.2,
+    test_fraction: Annotated[
+        float | None, typer.Option(help="Share to test on, above 0 and at most 0.5; 0.2 by default.")
+    ] = None,
     group: GroupName = "recording",
     folds: Annotated[
         int | None, typer.Option(min=2, help="Write this many folds, fold-1/train.toml and so on, not one split.")
@@ -244,8 +269,13 @@ def split(
     """
     from swashtwin.readers import narrow_index, read_recordings
 
+    if folds is not None and dealing is Dealing.each:
+        raise typer.BadParameter("each group is a fold with --dealing each; leave it out.", param_hint="--folds")
+    if test_fraction is not None and (folds or dealing) and dealing is not Dealing.shuffled:
+        reason = "folds say themselves how much is tested on; only --dealing shuffled draws a share."
+        raise typer.BadParameter(reason, param_hint="--test-fraction")
     recordings = read_recordings(source)
-    sides = _sides(recordings, test_fraction, group, folds, dealing, seed)
+    sides = _sides(recordings, 0.2 if test_fraction is None else test_fraction, group, folds, dealing, seed)
     folder = out or (source if source.is_dir() else source.parent)
     for place, name in ((place, name) for place, side in sides.items() for name in side):
         _refuse_existing(folder / place / f"{name}.toml", overwrite)

@@ -22,7 +22,14 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
 from swashtwin.readers.assembly import open_recording, read_recording
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, write_blocks, write_recording
-from swashtwin.readers.index import declared_classes, open_recordings, read_recordings, save_index, write_index
+from swashtwin.readers.index import (
+    declared_classes,
+    open_recordings,
+    read_recordings,
+    save_index,
+    source_files,
+    write_index,
+)
 from swashtwin.readers.narrowing import narrow_index
 from swashtwin.readers.proposal import IndexProposal, propose_index
 from swashtwin.readers.public_sets import PUBLIC_SETS, read_public_set
@@ -47,6 +54,7 @@ __all__ = [
     "read_recordings",
     "require_room",
     "save_index",
+    "source_files",
     "write_blocks",
     "write_index",
     "write_recording",

@@ -101,6 +101,17 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     return write_text(Path(path), tomli_w.dumps(dict(index)))
 
 
+def source_files(path: str | Path) -> list[Path]:
+    """Files that a source is read from: an index and all that it names, or one file or store, which is itself."""
+    path = Path(path)
+    if not (path.is_dir() or path.suffix == ".toml"):
+        return [path]
+    index = index_path(path)
+    table = _load(index)
+    root = index.parent / str(table.get("root", ""))
+    return [index, *(root / entry.file for entry in _entries(table, index))]
+
+
 def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
     if is_store(Path(path)):

@@ -26,8 +26,8 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     looked_at = (
         f"From {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that speaks most "
         f"for the verdict. The network's score of {words(evidence.label)} less that of {words(evidence.rival)} "
-        f"changes by {number(evidence.margin)} from silence to these readings; integrated gradients share that out over "
-        f"lines and moments (all but {percent(evidence.gap) if evidence.gap else '0 %'} of it)."
+        f"changes by {number(evidence.margin)} from silence to these readings; integrated gradients share that out "
+        f"over lines and moments (all but {percent(evidence.gap) if evidence.gap else '0 %'} of it)."
     )
     blocks = (
         Paragraph(looked_at),

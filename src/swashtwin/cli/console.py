@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,16 @@ def say(text: str) -> None:
 def note(text: str) -> None:
     """Print a line to standard error, beside the progress."""
     typer.echo(text, err=True)
+
+
+def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:
+    """Print why recordings were left out, one line for each reason, to standard error."""
+    found: dict[str, list[str]] = {}
+    for name, reason in left_out:
+        found.setdefault(reason, []).append(name)
+    for reason, names in found.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        note(f"left out: {names[0]}{more}: {reason}")
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

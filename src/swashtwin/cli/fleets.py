@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
 from swashtwin.cli.options import (
     Dimensions,
     FaultDepth,
@@ -83,8 +83,7 @@ def _show(found: "FleetCalibration", out: Path) -> None:
         values = [(a.letter, a.value, a.log_std, b.value, b.log_std, b.unit, b.verdict) for a, b in pairs]
         columns = ("", "alone", "± of ln", "with the others", "± of ln", "unit", "verdict")
         table(f"{name}: {len(one.recording_ids)} recordings", columns, values)
-    for name, reason in found.left_out:
-        note(f"left out {name}: {reason}")
+    note_left_out(found.left_out)
     for text in found.notes:
         note(f"note: {text}")
     say(str(out))

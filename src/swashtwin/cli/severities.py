@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
 from swashtwin.cli.options import (
     Dimensions,
     FaultDepth,
@@ -100,8 +100,7 @@ def _show(found: "SeverityTrend") -> None:
     table(f"Severity of {type(found.reference).__name__} by inversion", header, rows)
     for text in (*found.notes, *(f"{one.recording_id}: {text}" for one in found.estimates for text in one.notes)):
         note(f"note: {text}")
-    for recording, reason in found.left_out:
-        note(f"left out: {recording}: {reason}")
+    note_left_out(found.left_out)
     say(f"{len(found.estimates)} recordings")
 
 

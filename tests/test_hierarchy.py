@@ -20,7 +20,7 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.calibration.population import Evidence, population_of
+from swashtwin.calibration.population import Evidence, covariance_within, population_of
 from swashtwin.calibration.unknowns import Unknowns
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import ArtifactError, DataError, InputError, MissingFileError
@@ -100,6 +100,21 @@ def test_equal_pumps_have_a_spread_near_zero_and_one_pump_apart_widens_it(unknow
     equal, unequal = (population_of(one, unknowns, 0.5).spread for one in (alike, apart))
     assert (equal < 0.02).all()
     assert (unequal > 0.2).all()
+
+
+def test_an_error_that_all_pumps_share_is_not_averaged_away(unknowns: Unknowns) -> None:
+    strong, weak = np.diag(np.full(6, 400.0)), np.diag(np.full(6, 4.0))
+    evidence = {str(i): Evidence(strong, strong @ unknowns.center) for i in range(8)}
+    evidence["weak"] = Evidence(weak, weak @ unknowns.center)
+    shared = np.diag(np.full(6, 0.2**2))
+    free = population_of(evidence, unknowns, 0.5)
+    bound = replace(free, mean_covariance=free.mean_covariance + shared)
+    for population, error, least in ((free, 0 * shared, 0.0), (bound, shared, 0.2)):
+        covariance = covariance_within(evidence["weak"], population, error, unknowns.deviation)
+        std = np.sqrt(np.diag(covariance))
+        assert (std > least).all()
+        assert (std < 0.3).all()
+    assert (np.sqrt(np.diag(covariance_within(evidence["weak"], free, 0 * shared, unknowns.deviation))) < 0.15).all()
 
 
 def test_the_values_that_recordings_tell_give_the_types_mean_and_spread(

@@ -118,6 +118,13 @@ class _Member:
     def evidence(self) -> Evidence:
         return self.likelihood.evidence(self.objective, self.found.point)
 
+    @property
+    def lacking(self) -> np.ndarray:
+        """Covariance of the coordinates by what the twin lacks, beside that by noise."""
+        point, objective = self.found.point, self.objective
+        total: np.ndarray = self.likelihood.covariance(objective, point)
+        return total - Likelihood.around(objective, point, lacking=False).covariance(objective, point)
+
     def given(self, population: Population) -> "_Member":
         """The same, moved to where its own recordings and the population have it."""
         known = replace(self.objective.unknowns, center=population.mean, deviation=population.spread)
@@ -143,7 +150,8 @@ def calibrate_fleet(
     estimated from what their recordings say without a prior (`population`), and each specimen is found anew with the
     population as its prior; again until both have settled. A pump with strong recordings hardly moves, one with weak
     ones goes toward the others, and a value that no recording tells of stays not identified. What a twin lacks in all
-    pumps alike moves the mean, and more pumps do not cure that.
+    pumps alike moves the mean, and more pumps do not cure that: errors by what the twin lacks (`discrepancy`) are taken
+    as the same in all of them where the mean's certainty is told.
 
     Parameters
     ----------
@@ -176,10 +184,12 @@ def calibrate_fleet(
     names_shared([one.objective.unknowns for one in members.values()])
     with one_thread():
         members, population, rounds, is_settled = _together(members, spread_width)
+    shared = np.mean([one.lacking for one in members.values()], axis=0)
+    population = replace(population, mean_covariance=population.mean_covariance + shared)
     wall_s = time.perf_counter() - started
     return FleetCalibration(
         population=population,
-        calibrations={name: _concluded(one, population, method, seed, wall_s) for name, one in members.items()},
+        calibrations={name: _concluded(one, population, shared, method, seed, wall_s) for name, one in members.items()},
         alone={name: one.alone for name, one in members.items()},
         left_out=tuple(left_out),
         rounds=rounds,
@@ -244,8 +254,10 @@ def _distance(one: Population, other: Population) -> float:
     return float(np.max(moved))
 
 
-def _concluded(member: _Member, population: Population, method: Calibrator, seed: int, wall_s: float) -> Calibration:
+def _concluded(
+    member: _Member, population: Population, shared: np.ndarray, method: Calibrator, seed: int, wall_s: float
+) -> Calibration:
     known = replace(member.objective, unknowns=population.prior_of(member.objective.unknowns))
-    covariance = covariance_within(member.evidence, population, known.unknowns.deviation)
+    covariance = covariance_within(member.evidence, population, shared, known.unknowns.deviation)
     settings = {**settings_of(method, known, seed), "prior": f"population of {', '.join(population.specimens)}"}
     return concluded(known, member.twins[0], member.found, covariance, method=method, settings=settings, wall_s=wall_s)

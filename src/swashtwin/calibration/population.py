@@ -56,7 +56,7 @@ class Population:
     mean: Float[np.ndarray, " unknown"]
     """Mean of each coordinate over the pumps."""
     mean_covariance: Float[np.ndarray, "unknown unknown"]
-    """Covariance of that mean about the type's true one."""
+    """Covariance of that mean about the type's true one, what the twin lacks in all pumps alike included."""
     spread: Float[np.ndarray, " unknown"]
     """Standard deviation of each coordinate from pump to pump: 0.2 is 20 %."""
     spread_interval: Float[np.ndarray, "unknown 2"]
@@ -199,21 +199,28 @@ def _marginal(information: Tensor, push: Tensor, spread: Tensor) -> tuple[Tensor
 
 
 def covariance_within(
-    evidence: Evidence, population: Population, most: Float[np.ndarray, " unknown"]
+    evidence: Evidence,
+    population: Population,
+    shared: Float[np.ndarray, "unknown unknown"],
+    most: Float[np.ndarray, " unknown"],
 ) -> Float[np.ndarray, "unknown unknown"]:
     """Covariance of a member's coordinates given its own evidence and the population, the mean's uncertainty within.
 
     Parameters
     ----------
+    shared : covariance of the error that all pumps' evidence and so the mean have in common; the mean's holds it.
     most : standard deviation that no coordinate exceeds: that of its prior.
     """
     spread = population.spread
     scaled = spread[:, None] * evidence.information * spread
     conditional = spread[:, None] * np.linalg.inv(np.eye(len(spread)) + scaled) * spread
-    share = conditional / spread**2
-    covariance = conditional + share @ population.mean_covariance @ share.T
+    of_mean = conditional / spread**2
+    crossed = of_mean @ shared @ (np.eye(len(spread)) - of_mean).T
+    covariance = conditional + of_mean @ population.mean_covariance @ of_mean.T + crossed + crossed.T
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(most, most))
+    covariance = vectors * np.maximum(values, LEAST_SPREAD**2) @ vectors.T * np.outer(most, most)
     excess = np.minimum(1.0, most / np.sqrt(np.diag(covariance)))
-    return (covariance + covariance.T) / 2 * np.outer(excess, excess)
+    return covariance * np.outer(excess, excess)
 
 
 def names_shared(unknowns: Sequence[Unknowns]) -> tuple[str, ...]:

@@ -97,7 +97,8 @@ def main() -> None:
         found = [pair for seed in asked.seeds for pair in of_fleet(seed, name)]
         for kind in dict.fromkeys(kind for kind, _ in found):
             some = [one for each, one in found if each == kind]
-            means = {m: float(np.mean(np.concatenate([one[m] for one in some]))) for m in some[0]}
+            joined = {metric: np.concatenate([one[metric] for one in some]) for metric in some[0]}
+            means = {metric: float(values.mean()) if len(values) else None for metric, values in joined.items()}
             by_value = np.mean([one["error"] for one in some], axis=0).round(3).tolist()
             rows.append({"twin": kind, "nuisances": name, "pumps": len(some), **means, "error_by_value": by_value})
     if asked.json:

@@ -58,7 +58,7 @@ def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(twin: Tw
 
 def test_recordings_of_another_pressure_alone_are_refused_with_both_numbers(twin: Twin, recording: Recording) -> None:
     other = replace(recording, condition=twin.condition.replaced(discharge_pressure=MPa(10)))
-    with pytest.raises(DataError, match=r"rec-1: the recording is at 10 MPa, the twin at 15 MPa"):
+    with pytest.raises(DataError, match=r"1 times the recording is at 10 MPa, the twin at 15 MPa"):
         calibrate(twin, [other])
     with pytest.raises(DataError, match="none was given"):
         calibrate(twin, [])

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from swashtwin.condition import OperatingCondition
-from swashtwin.errors import DataError, InputError, MissingFileError, SwashTwinError
+from swashtwin.errors import DataError, InputError, MissingFileError, SwashTwinError, UnitError
 from swashtwin.readers import propose_index, read_recordings, save_index, write_index, write_recording
 from swashtwin.recording import Recording
 
@@ -353,3 +353,20 @@ def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_pat
     back = read_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
     assert [one.label for one in back] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
     assert {(one.sample_rate, one.signal.shape) for one in back} == {(6400.0, (2, 32810))}
+
+
+@pytest.mark.parametrize(
+    ("fact", "message"),
+    [
+        ({"sample_rate": "25600"}, "sample_rate = '25600' has no unit"),
+        ({"unit": "gg"}, "unit = 'gg' is no unit"),
+        ({"discharge_pressure": "15 Mpa"}, "discharge_pressure = '15 Mpa'"),
+    ],
+)
+def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_made(
+    fact: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "normal_1.csv").write_text("x\n1\n2\n")
+    facts = {"sample_rate": "10 Hz", "unit": "g", **fact}
+    with pytest.raises(UnitError, match=message):
+        propose_index(tmp_path, **facts)

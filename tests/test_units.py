@@ -107,7 +107,8 @@ def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(text: 
 
 
 @pytest.mark.parametrize(
-    ("text", "unit", "example"), [("31", "m", '"31 m"'), ("16.8", "rad", '"16.8 rad"'), ("14", "rad/s", '"14 rad/s"')]
+    ("text", "unit", "example"),
+    [("31", "m", '"31 m"'), ("16.8", "rad", '"16.8 rad"'), ("860", "rad/s", '"860 rpm"'), ("15", "Pa", '"15 MPa"')],
 )
 def test_a_number_without_a_unit_is_refused_and_shown_with_one(text: str, unit: str, example: str) -> None:
     with pytest.raises(UnitError, match=f"has no unit; write it with one, for example {example}"):

@@ -108,6 +108,21 @@ def _misfit(number: float, given: "Unit", unit: str) -> str:
     return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
 
 
+_USUAL = {"rad/s": "rpm", "Pa": "MPa"}
+"""What people write where SI has another unit: a bare 860 is a speed in revolutions per minute."""
+
+
+def is_unit(text: str) -> bool:
+    """Whether `text` is a unit, such as ``"g"`` or ``"m/s^2"``.
+
+    Examples
+    --------
+    >>> is_unit("m/s^2"), is_unit("gg")
+    (True, False)
+    """
+    return text == "1" or _unit(text) is not None
+
+
 def parse(text: object, unit: str, *, name: str = "value") -> float:
     """SI number of a quantity written with its unit.
 
@@ -140,7 +155,8 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
     if match is None or given is None or wanted is None:
         raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
     if suffix and not match[2]:
-        raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text}{suffix}".')
+        usual = _USUAL.get(unit, unit)
+        raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {usual}".')
     number = float(match[1])
     if _dimension(given) != _dimension(wanted):
         raise UnitError(f"{name} = {text!r} {_misfit(number, given, unit)}")

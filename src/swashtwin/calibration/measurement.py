@@ -1,6 +1,7 @@
 """What a calibration takes from recordings: the amplitudes of the piston-pass lines."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -152,11 +153,11 @@ def agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recordin
         else:
             left_out.append((recording.recording_id, reason))
     if not used:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
-        more = f"; and {len(left_out) - 3} more" if len(left_out) > 3 else ""
+        counts = Counter(reason for _, reason in left_out)
+        reasons = "; ".join(f"{count} times {reason}" for reason, count in counts.most_common(4)) or "none was given"
         raise DataError(
-            f"no recording agrees with the twin ({reasons}{more}); give others, or a twin of their fault at their "
-            "condition: twin.at(condition)."
+            f"no recording agrees with the twin ({reasons}); give others, or a twin of their class, speed and pressure "
+            "(--fault, --speed, --pressure; in Python twin.with_fault(...), twin.at(condition))."
         )
     return used, left_out
 

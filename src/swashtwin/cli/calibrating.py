@@ -36,7 +36,7 @@ from swashtwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, Calibrator, LearningRates, Objective
+    from swashtwin.calibration import Calibration, Calibrator, Estimate, LearningRates, Objective
     from swashtwin.integrators import SteadySolver
     from swashtwin.recording import Recording
     from swashtwin.twin import Twin
@@ -284,12 +284,21 @@ def _rates(text: str) -> Sequence[float]:
         raise typer.BadParameter(wanted, param_hint="--learning-rates") from None
 
 
+def _interval(one: "Estimate") -> str:
+    """The interval; an end that only the bound sets is said to be none."""
+    low, high = (f"{end:.3g}" for end in one.interval)
+    open_below, open_above = one.open_sides
+    if open_below and open_above:
+        return "no limits"
+    return f"at most {high}" if open_below else f"at least {low}" if open_above else f"{low} ... {high}"
+
+
 def _show(found: "Calibration", tried: "LearningRates | None", out: Path) -> None:
     if tried is not None:
         losses = list(zip(tried.rates, tried.weighted_losses, strict=True))
         table(f"Learning rates; {tried.best:g} is taken", ("rate", "loss over the expected"), losses)
     rows = [
-        (one.letter, one.name, one.nominal, one.value, f"{one.interval[0]:.3g} ... {one.interval[1]:.3g}", one.unit,
+        (one.letter, one.name, one.nominal, one.value, _interval(one), one.unit,
          one.verdict)
         for one in found.estimates
     ]  # fmt: skip

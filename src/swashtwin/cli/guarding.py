@@ -81,7 +81,7 @@ def audit(
     result = {"table": table, "rows": len(rows), **asdict(found), "has_leak": found.has_leak}
 
     def show() -> None:
-        said = ", ".join(f"{role} {count}" for role, count in found.roles.items())
+        said = ", ".join(f"{count} of role {role}" for role, count in found.roles.items())
         say(f"{len(rows)} rows: {said}. The table tells {', '.join(found.facts)}.")
         for one in found.findings:
             say(f"{one.severity}: {one.message}")

@@ -71,4 +71,6 @@ def synthesize(
         "manifest": sorted(manifest),
     }
     result |= {"classes": windows.classes, "seed": seed, "draws": draws and not nominal}
-    tell(result, as_json, lambda: say(f"{out}: {len(windows)} windows of {label}\nNext: swashtwin train --add {out}"))
+    told = f"{out}: {len(windows)} windows of {label}"
+    following = f"Next: swashtwin train {like} --add {out} --out model.safetensors"
+    tell(result, as_json, lambda: say(f"{told}\n{following}"))

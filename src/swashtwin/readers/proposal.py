@@ -9,12 +9,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swashtwin.errors import DataError, InputError, MissingFileError
+from swashtwin.errors import DataError, InputError, MissingFileError, UnitError
 from swashtwin.readers.assembly import choose_columns, rate_in_file
 from swashtwin.readers.entry import Entry
 from swashtwin.readers.formats import SUFFIXES, open_raw, stem_of, suffix_of
 from swashtwin.readers.origins import Said, facts_said, sentences
 from swashtwin.readers.raw import Options, RawFile
+from swashtwin.units import is_unit, parse
 
 _TABLE_UNITS = {"speed": "rpm", "discharge_pressure": "MPa", "suction_pressure": "MPa", "case_pressure": "MPa"}
 _TABLE_UNITS |= {"sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
@@ -85,6 +86,7 @@ def propose_index(
     told |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
     told |= {"speed": speed, "discharge_pressure": discharge_pressure}
     defaults = {key: value for key, value in told.items() if value is not None}
+    _require_quantities(defaults)
     while True:
         if table is None:
             facts = {name: _from_name(name, label_pattern) for name in _files(folder)}
@@ -214,6 +216,16 @@ _QUESTIONS = {
     "speed": ('--speed "860 rpm"', "A pressure without a speed is no operating condition: how fast did the shaft turn"),
     "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
 }
+
+
+def _require_quantities(told: Mapping[str, object]) -> None:
+    """Refuse a fact that no reader of the index would understand, before anything is written."""
+    for name, wanted in (("sample_rate", "Hz"), ("resample", "Hz"), ("speed", "rad/s"), ("discharge_pressure", "Pa")):
+        if name in told:
+            parse(told[name], wanted, name=name)
+    given = told.get("unit")
+    if isinstance(given, str) and not is_unit(given):
+        raise UnitError(f'unit = {given!r} is no unit; readings are in "m/s^2", "g", "bar", "1" (a plain number), ....')
 
 
 def _asked(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:

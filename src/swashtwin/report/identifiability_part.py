@@ -19,10 +19,12 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
 
 def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
     """What came out, in plain words."""
-    known = [name for name, word in zip(report.names[:6], report.standing, strict=False) if word == "identified"]
-    rest = [name for name in report.names[:6] if name not in known]
-    told = f"The measurement identifies {', '.join(known) or 'none of the six values'}."
-    left = f" It does not identify {', '.join(rest)}: no figure for them is a measurement." if rest else ""
+    standing = dict(zip(report.names[:6], report.standing, strict=False))
+    known, weak = ([name for name, word in standing.items() if word == wanted] for wanted in ("identified", "weak"))
+    rest = [name for name in standing if name not in (*known, *weak)]
+    told = f"The measurement identifies {', '.join(known) or 'none of the six values'}"
+    told += f" and tells weakly of {', '.join(weak)}." if weak else "."
+    left = f" It does not tell {', '.join(rest)}: no figure for them is a measurement." if rest else ""
     best = (f"The best further measurement: {report.gains[0].words}.",) if report.gains else ()
     return (told + left, *best)
 

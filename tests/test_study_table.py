@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,3 +67,8 @@ def test_recordings_of_the_rig_are_called_a_stand_in():
     reading = Recording(np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"})
     assert "stand-in for a machine" in origin_of([reading])
     assert origin_of([Recording(np.zeros((1, 8)), 10.0, "two")]) == "Recordings from files of the user."
+
+
+def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
+    alone = replace(study, trials=tuple(replace(one, factors={"twin": one.factors["twin"]}) for one in study.trials))
+    assert "nominal" in write_report(alone, folder=tmp_path).read_text(encoding="utf-8")

@@ -52,9 +52,11 @@ def confusions(study: StudyTable, key: str) -> list[Drawing]:
     ``details["confusion"]`` holds the factors and, under ``windows``, rows by actual class; those with ``drawn`` are
     drawn. ``details["classes"]`` holds the classes' names.
     """
+    if "confusion" not in study.details:
+        return []
     first, *between, last = study.factors
     figures: dict[str, dict[tuple[str, str], np.ndarray]] = {}
-    for one in study.details.get("confusion", ()):
+    for one in study.details["confusion"]:
         if one["drawn"]:
             figure = figures.setdefault(", ".join(words(one[name]) for name in between), {})
             figure[words(one[first]), words(one[last])] = np.array(one["windows"])

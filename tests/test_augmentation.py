@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin import augmentation
-from swashtwin.augmentation import Variation, synthesize
+from swashtwin.augmentation import Variation, synthesis, synthesize
 from swashtwin.baselines import fit_extra_trees
 from swashtwin.calibration import Nuisances, Posterior, search_space
 from swashtwin.calibration.unknowns import unknowns_of
@@ -59,7 +58,7 @@ def test_a_window_does_not_depend_on_those_made_beside_it(
 ) -> None:
     other = replace(twin, pump=replace(pump, name="other"), condition=twin.condition.replaced(speed=60.0))
     few, many = (synthesize([twin, other], label="swash_plate", count=count, like=measured, seed=0) for count in (3, 7))
-    monkeypatch.setattr(augmentation, "_CHUNK", 2)
+    monkeypatch.setattr(synthesis, "_CHUNK", 2)
     chunked = synthesize([twin, other], label="swash_plate", count=7, like=measured, seed=0)
     np.testing.assert_array_equal(many.signal[:3], few.signal)
     np.testing.assert_array_equal(many.signal, chunked.signal)

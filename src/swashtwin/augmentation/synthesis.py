@@ -5,54 +5,22 @@ from one moment to the next drawn anew, laid over noise as the machine makes it.
 `evaluate` refuses.
 """
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
 
+from swashtwin.augmentation.background import background_noise
+from swashtwin.augmentation.variation import DEFAULT_VARIATION, Variation, drawn
 from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import synchronous_signal
 from swashtwin.twin import Twin, accelerations
-from swashtwin.units import celsius
 from swashtwin.windows import WindowSet
-
-
-@dataclass(frozen=True)
-class Variation:
-    """What is drawn anew for each synthetic window; the shaft's phase always is. Zero switches one off.
-
-    Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
-    estimates of ours; those of severity and angle are also the virtual rig's own, so that results on the rig are those
-    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike; what a
-    calibration leaves open of each comes on top of it (`synthesize(posterior=)`).
-    """
-
-    speed: float = 0.005
-    """Half-width of the uniform spread of the speed, relative."""
-    pressure: float = 0.03
-    """Half-width of the uniform spread of the discharge pressure, relative."""
-    severity: float = 0.2
-    """Standard deviation of the logarithm of the fault's severity."""
-    angle: float = math.radians(0.5)
-    """Standard deviation of the place of a swash plate or bore defect [rad]."""
-    temperature: tuple[float, float] = (celsius(30), celsius(60))
-    """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
-    interfaces: float = 0.1
-    """Standard deviation of the logarithm of each interface value."""
-    sensor: float = 0.04
-    """Standard deviation of each channel's gain, relative."""
-
 
 _CHUNK = 64
 """Windows that are made together; memory does not grow beyond them, and an interruption is heard between them."""
-
-DEFAULT_VARIATION = Variation()
-"""The spread around the twin that is taken where nothing else is said."""
 
 
 def synthesize(
@@ -92,7 +60,7 @@ def synthesize(
     _require_agreement(twins, label, count, like)
     known = _known(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
-    noises = {id(one): _noise(like, one) for one in twins} if background else {}
+    noises = {id(one): background_noise(like, one) for one in twins} if background else {}
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
@@ -163,66 +131,3 @@ def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: Wind
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
                 f"bandwidth={like.sample_rate / 2.56:g}."
             )
-
-
-def drawn(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
-    """`twin` with its condition, fault and interface values as `variation` spreads them.
-
-    Parameters
-    ----------
-    seed, index : address the draw; the same ones give the same twin.
-    """
-    rng = stream(seed, "variation", twin.label, index)
-    condition = replace(
-        twin.condition,
-        speed=twin.condition.speed * (1 + variation.speed * rng.uniform(-1, 1)),
-        discharge_pressure=twin.condition.discharge_pressure * (1 + variation.pressure * rng.uniform(-1, 1)),
-        oil_temperature=rng.uniform(*variation.temperature),
-    )
-    fault = twin.fault
-    if fault is not None:
-        fault = fault.scaled(float(np.exp(rng.normal(0, variation.severity))))
-        if hasattr(fault, "angle"):
-            fault = replace(fault, angle=abs(fault.angle + rng.normal(0, variation.angle)))
-    values = twin.values.numpy() * np.exp(rng.normal(0, variation.interfaces, 6))
-    interfaces = type(twin.pump.interfaces).from_values(values)
-    return replace(twin, condition=condition, fault=fault, interfaces=interfaces)
-
-
-@dataclass(frozen=True, eq=False)
-class _Noise:
-    """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
-
-    windows: Int[np.ndarray, " window"]
-    """Among which of the measured windows one is drawn."""
-    clear: Bool[np.ndarray, " frequency"]
-    """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
-
-    def drawn(self, like: WindowSet, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
-        window = like.signal[rng.choice(self.windows)].astype(float)
-        spectrum = np.abs(np.fft.rfft(window - window.mean(axis=1, keepdims=True), axis=-1))
-        line, clear = np.arange(self.clear.size), self.clear
-        for row in spectrum:
-            row[~clear] = np.interp(line[~clear], line[clear], row[clear])
-        phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
-        return np.fft.irfft(spectrum * phase, like.length, axis=-1)
-
-
-def _noise(like: WindowSet, twin: Twin) -> _Noise:
-    frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
-    pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
-    distance = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
-    return _Noise(_quiet_windows(like, twin.condition.discharge_pressure), distance > 2.5 * frequency[1])
-
-
-def _quiet_windows(like: WindowSet, pressure: float) -> np.ndarray:
-    """Indices of measured normal windows (any class where there is none) at the pressure nearest to `pressure`."""
-    candidates = ~like.synthetic
-    if "normal" in like.classes and np.any(candidates & (like.label == "normal")):
-        candidates &= like.label == "normal"
-    if not candidates.any():
-        raise InputError("no measured window to take noise from; pass background=False.")
-    distance = np.abs(like.discharge_pressure - pressure)
-    if np.isfinite(distance[candidates]).any():
-        candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
-    return np.flatnonzero(candidates)

@@ -6,6 +6,13 @@ import torch
 from swashtwin.errors import InputError
 from swashtwin.networks import NETWORKS, BiTCN, build_network
 
+
+def awake(module: torch.nn.Module) -> None:
+    """Make every weight positive, so that no ReLU sleeps and every reading that is in reach is felt."""
+    for weight in module.parameters():
+        weight.data.abs_()
+
+
 EVERY_NETWORK = pytest.mark.parametrize("name", sorted(NETWORKS))
 
 
@@ -80,7 +87,8 @@ def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_re
     branch = network.positive
     for unit in branch.units:  # squeeze-and-excitation looks at the whole window; without it each unit is causal
         unit.attention = torch.nn.Identity()
-    windows = torch.randn(1, 1, 256, requires_grad=True)
+    awake(branch)
+    windows = torch.rand(1, 1, 256, requires_grad=True)
     steps = branch(windows)
     step = steps.shape[-1] - 1 - 40 // stride
     steps[0, :, step].sum().backward()
@@ -118,3 +126,23 @@ def test_the_documented_weight_shapes_hold():
     assert weights["positive.exit.weight"] == (64, 64, 1)
     assert weights["skip.weight"] == (64, 3, 4)
     assert weights["head.weight"] == (5, 64)
+
+
+def test_each_ablation_takes_away_its_part_and_no_other():
+    settings = {"channels": (8, 8, 16), "kernel_size": 3}
+    names = ("bitcn", "bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
+    full, ordinary, no_attention, forward = (build_network(name, 2, 3, **settings) for name in names)
+    shapes = {key: value.shape for key, value in full.state_dict().items()}
+    assert {key: value.shape for key, value in ordinary.state_dict().items()} == shapes
+    assert (full.receptive_field, ordinary.receptive_field) == (15, 7)
+    assert set(no_attention.state_dict()) == {key for key in shapes if "attention" not in key}
+    assert set(forward.state_dict()) == {key for key in shapes if not key.startswith("inverse")}
+
+
+def test_an_ordinary_unit_is_centered_and_sees_as_far_ahead_as_back():
+    branch = build_network("bitcn_ordinary", 1, 2, channels=(4, 4, 4), kernel_size=3, attention=False).eval().positive
+    awake(branch)
+    windows = torch.rand(1, 1, 64, requires_grad=True)
+    branch(windows)[0, :, 30].sum().backward()
+    seen = windows.grad[0, 0].nonzero().flatten()
+    assert (seen.min(), seen.max()) == (27, 33)

@@ -1,7 +1,7 @@
 """The paper's bidirectional temporal convolutional network."""
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Float
@@ -34,29 +34,43 @@ class ResidualUnit(nn.Module):
     """Dilated causal convolution, batch normalization, ReLU, dropout, squeeze-and-excitation, and a skip around them.
 
     Convolution weight (C_out, C_in, kernel_size); the skip is the identity, or a 1×1 convolution (C_out, C_in, 1) where
-    the number of features changes. The padding, dilation · (kernel_size - 1) zeros, stands before the window only.
+    the number of features changes. The padding, dilation · (kernel_size - 1) zeros, stands before the window only, or
+    on both sides where the unit is not `causal`. Without `attention` no squeeze-and-excitation.
     """
 
     def __init__(
-        self, n_in: int, n_out: int, *, kernel_size: int, dilation: int, dropout: float, reduction: int
+        self,
+        n_in: int,
+        n_out: int,
+        *,
+        kernel_size: int,
+        dilation: int,
+        dropout: float,
+        reduction: int,
+        causal: bool = True,
+        attention: bool = True,
     ) -> None:
         super().__init__()
-        self.padding = dilation * (kernel_size - 1)
+        padding = dilation * (kernel_size - 1)
+        self.padding = (padding, 0) if causal else (padding - padding // 2, padding // 2)
         self.convolution = nn.Conv1d(n_in, n_out, kernel_size, dilation=dilation)
         self.normalization = nn.BatchNorm1d(n_out)
         self.dropout = nn.Dropout(dropout)
-        self.attention = SqueezeExcitation(n_out, reduction)
+        self.attention = SqueezeExcitation(n_out, reduction) if attention else nn.Identity()
         self.skip = nn.Identity() if n_in == n_out else nn.Conv1d(n_in, n_out, 1)
 
     def forward(self, x: Float[Tensor, "window feature_in time"]) -> Float[Tensor, "window feature_out time"]:
         """Features of the same length."""
-        convolved = self.convolution(functional.pad(x, (self.padding, 0)))
+        convolved = self.convolution(functional.pad(x, self.padding))
         weighted = self.attention(self.dropout(torch.relu(self.normalization(convolved))))
         return torch.relu(weighted + self.skip(x))
 
 
 class Branch(nn.Module):
-    """1×1 convolution, residual units of growing dilation, 1×1 convolution; reads its input from first to last."""
+    """1×1 convolution, residual units of growing dilation, 1×1 convolution; reads its input from first to last.
+
+    `unit` holds what all the residual units share.
+    """
 
     def __init__(
         self,
@@ -64,21 +78,14 @@ class Branch(nn.Module):
         channels: tuple[int, ...],
         dilations: tuple[int, ...],
         *,
-        kernel_size: int,
-        dropout: float,
-        reduction: int,
         stride: int,
+        **unit: Any,
     ) -> None:
         super().__init__()
         self.entry = nn.Conv1d(n_channels, channels[0], stride, stride=stride)
         widths = zip((channels[0], *channels[:-1]), channels, dilations, strict=True)
         self.units = nn.Sequential(
-            *(
-                ResidualUnit(
-                    n_in, n_out, kernel_size=kernel_size, dilation=dilation, dropout=dropout, reduction=reduction
-                )
-                for n_in, n_out, dilation in widths
-            )
+            *(ResidualUnit(n_in, n_out, dilation=dilation, **unit) for n_in, n_out, dilation in widths)
         )
         self.exit = nn.Conv1d(channels[-1], channels[-1], 1)
 
@@ -119,11 +126,15 @@ class BiTCN(Network):
     n_classes : classes told apart.
     kernel_size : taps of each dilated convolution.
     channels : features of each residual unit; their number is the depth.
-    dilations : dilation of each residual unit, as many as `channels`; by default 1, 2, 4, 8, ...
+    dilations : dilation of each residual unit, as many as `channels`; by default 1, 2, 4, 8, ..., or all 1 where not
+        `causal`.
     dropout : share of the features dropped in training.
     reduction : ratio by which squeeze-and-excitation narrows its hidden layer.
     stride : readings per step. 1 is the paper's 1×1 convolution at a branch's entry; above 1, the entry takes patches
         of `stride` readings without overlap, and training costs about that many times less.
+    causal : whether no step of a branch sees later readings; otherwise each convolution is centered.
+    attention : whether each residual unit ends in squeeze-and-excitation.
+    bidirectional : whether there is an inverse branch.
 
     Examples
     --------
@@ -147,9 +158,13 @@ class BiTCN(Network):
         dropout: float = 0.1,
         reduction: int = 4,
         stride: int = 1,
+        causal: bool = True,
+        attention: bool = True,
+        bidirectional: bool = True,
     ) -> None:
         channels = tuple(channels)
-        dilations = tuple(2**unit for unit in range(len(channels))) if dilations is None else tuple(dilations)
+        growth = 2 if causal else 1
+        dilations = tuple(growth**unit for unit in range(len(channels))) if dilations is None else tuple(dilations)
         if not channels or len(channels) != len(dilations):
             raise InputError(
                 f"BiTCN needs as many dilations ({len(dilations)}) as channels ({len(channels)}), and one."
@@ -171,19 +186,16 @@ class BiTCN(Network):
             dropout=dropout,
             reduction=reduction,
             stride=stride,
+            causal=causal,
+            attention=attention,
+            bidirectional=bidirectional,
         )
-        self.positive, self.inverse = (
-            Branch(
-                n_channels,
-                channels,
-                dilations,
-                kernel_size=kernel_size,
-                dropout=dropout,
-                reduction=reduction,
-                stride=stride,
-            )
-            for _ in range(2)
-        )
+        unit = {
+            "kernel_size": kernel_size, "dropout": dropout, "reduction": reduction, "causal": causal,
+            "attention": attention,
+        }  # fmt: skip
+        self.positive = Branch(n_channels, channels, dilations, stride=stride, **unit)
+        self.inverse = Branch(n_channels, channels, dilations, stride=stride, **unit) if bidirectional else None
         self.skip = nn.Conv1d(n_channels, channels[-1], stride, stride=stride)
         self.head = nn.Linear(channels[-1], n_classes)
 
@@ -200,5 +212,7 @@ class BiTCN(Network):
         """Fused features of both branches, averaged over the window."""
         short = -windows.shape[-1] % self.settings["stride"]
         x = functional.pad(windows, (short, 0))  # before the branches part, so that both cut the same patches
-        backwards = self.inverse(x.flip(-1)).flip(-1)
-        return torch.relu(self.positive(x) + backwards + self.skip(x)).mean(dim=-1)
+        fused = self.positive(x)
+        if self.inverse is not None:
+            fused = fused + self.inverse(x.flip(-1)).flip(-1)
+        return torch.relu(fused + self.skip(x)).mean(dim=-1)

@@ -4,10 +4,13 @@ import difflib
 from typing import Any
 
 from swashtwin.errors import InputError
+from swashtwin.networks.ablations import BiTCNForward, BiTCNNoAttention, BiTCNOrdinary
 from swashtwin.networks.bitcn import BiTCN
 from swashtwin.networks.network import Network
 
-NETWORKS: dict[str, type[Network]] = {network.name: network for network in (BiTCN,)}
+NETWORKS: dict[str, type[Network]] = {
+    network.name: network for network in (BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward)
+}
 """Class of each network; a saved model is built again by its name here."""
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin.augmentation import Variation, synthesis, synthesize
+from swashtwin.augmentation import Filler, TwinFiller, Variation, synthesis, synthesize
+from swashtwin.augmentation.synchronous import without_synchronous
 from swashtwin.baselines import fit_extra_trees
 from swashtwin.calibration import Nuisances, Posterior, search_space
 from swashtwin.calibration.unknowns import unknowns_of
@@ -15,7 +16,7 @@ from swashtwin.evaluation import evaluate
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.pump import Pump
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.seeding import derive_seed
+from swashtwin.seeding import derive_seed, stream
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm
 from swashtwin.windows import WindowSet, cut_windows
@@ -175,3 +176,72 @@ def test_each_twin_has_its_own_posterior(twin: Twin, measured: WindowSet, poster
     assert np.abs(alike[0] / alike[1] - 1).max() > 0.01  # two pumps do not share a draw
     with pytest.raises(InputError, match="1 posteriors for 2 twins"):
         synthesize(pair, count=4, **still, posterior=posterior)
+
+
+def test_without_its_synchronous_part_a_steady_machine_is_its_noise() -> None:
+    rng, period, length = stream(0, "synchronous"), 250.0, 300
+    rate = 1 + 0.004 * rng.uniform(-1, 1, 40)
+    angle = 2 * np.pi * (rng.random((40, 1)) + np.arange(length) * rate[:, None] / period)
+    turning = np.stack([np.sin(7 * angle) + np.cos(angle), 2 * np.cos(14 * angle + 1)], axis=1)
+    noise = 0.3 * rng.normal(size=turning.shape)
+    left = without_synchronous(turning + noise, period)
+    np.testing.assert_allclose(left.std(axis=(0, 2)), 0.3, rtol=0.1)
+    likeness = [np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in zip(left, noise, strict=True)]
+    assert np.median(likeness) > 0.9
+
+
+def test_a_residual_is_laid_under_the_windows_as_it_was_measured(twin: Twin, measured: WindowSet) -> None:
+    over, bare = (
+        synthesize(twin, label="swash_plate", count=12, like=measured, seed=0, background=kind).signal.astype(float)
+        for kind in ("residual", "none")
+    )
+    spectrum = np.abs(np.fft.rfft(over - bare, axis=2)) ** 2
+    at_15 = measured.discharge_pressure == MPa(15)
+    normal = np.abs(np.fft.rfft(measured.signal[at_15 & (measured.label == "normal")], axis=2)) ** 2
+    above = np.sqrt(spectrum[:, :, 500:].mean(axis=(0, 2)) / normal[:, :, 500:].mean(axis=(0, 2)))
+    np.testing.assert_allclose(above, 1.0, rtol=0.25)  # above 6 kHz there is only noise
+    passing = np.round(7 * twin.condition.shaft_frequency * np.arange(1, 6) * measured.length / measured.sample_rate)
+    assert (
+        spectrum[:, :, passing.astype(int)].mean(axis=(0, 2))
+        < 0.5 * normal[:, :, passing.astype(int)].mean(axis=(0, 2))
+    ).all()
+
+
+def test_a_machine_lends_its_twin_its_own_noise(twin: Twin, measured: WindowSet) -> None:
+    loud = replace(measured, signal=measured.signal * np.float32(20), specimen=np.full(len(measured), "loud"))
+    both = measured + loud
+    asked = {"label": "swash_plate", "count": 4, "like": both, "seed": 0}
+    quiet_machine = str(measured.specimen[0])
+    level = [
+        synthesize([twin, twin], machines=pair, **asked).signal.std(axis=(1, 2))
+        for pair in ((quiet_machine, quiet_machine), (quiet_machine, "loud"))
+    ]
+    np.testing.assert_array_equal(level[0][::2], level[1][::2])
+    assert (level[1][1::2] > 5 * level[0][1::2]).all()
+    with pytest.raises(InputError, match="1 machines for 2 twins"):
+        synthesize([twin, twin], machines=["loud"], **asked)
+    with pytest.raises(InputError, match="no measured window of p9"):
+        synthesize([twin], machines=["p9"], **asked)
+
+
+def test_a_residual_takes_several_windows_of_a_recording(twin: Twin, measured: WindowSet) -> None:
+    few = measured.subset(np.arange(2))
+    with pytest.raises(InputError, match="4 windows of one recording"):
+        synthesize(twin, label="swash_plate", count=1, like=few, seed=0, background="residual")
+
+
+def test_twins_stand_behind_the_same_protocol_as_data(twin: Twin, measured: WindowSet, posterior: Posterior) -> None:
+    healthy = twin.with_fault(None)
+    filler = TwinFiller([healthy, twin], background="none", variation=STILL)
+    assert isinstance(filler, Filler)
+    made = filler(measured, label="swash_plate", pressure=MPa(10), count=3, seed=0)
+    at_10 = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
+    own = synthesize(at_10, label="swash_plate", count=3, like=measured, seed=0, background=False, variation=STILL)
+    np.testing.assert_array_equal(made.signal, own.signal)
+    np.testing.assert_array_equal(made.discharge_pressure, MPa(10))
+    drawing = replace(filler, posterior=[posterior, posterior])
+    drawn = drawing(measured, label="swash_plate", pressure=float("nan"), count=3, seed=0)
+    np.testing.assert_array_equal(drawn.discharge_pressure, MPa(15))
+    assert np.abs(drawn.signal.std(axis=2) / made.signal.std(axis=2) - 1).max() > 0.01
+    with pytest.raises(InputError, match="no twin simulates 'piston'"):
+        filler(measured, label="piston", pressure=MPa(10), count=3, seed=0)

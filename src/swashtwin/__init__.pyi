@@ -1,6 +1,9 @@
 """Public names, and where each lives."""
 
 from .augmentation import DEFAULT_VARIATION as DEFAULT_VARIATION
+from .augmentation import FILLERS as FILLERS
+from .augmentation import Filler as Filler
+from .augmentation import TwinFiller as TwinFiller
 from .augmentation import Variation as Variation
 from .augmentation import synthesize as synthesize
 from .baselines import FittedBaseline as FittedBaseline

@@ -10,9 +10,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from swashtwin.augmentation.background import background_noise
+from swashtwin.augmentation.background import Background, BackgroundNoise, background_noise
+from swashtwin.augmentation.filler import made_windows, require_count
 from swashtwin.augmentation.variation import DEFAULT_VARIATION, Variation, drawn
 from swashtwin.calibration import Posterior
+from swashtwin.condition import OperatingCondition
 from swashtwin.errors import InputError
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import synchronous_signal
@@ -31,8 +33,9 @@ def synthesize(
     like: WindowSet,
     seed: int,
     variation: Variation = DEFAULT_VARIATION,
-    background: bool = True,
+    background: bool | Background = True,
     posterior: Posterior | Sequence[Posterior] | None = None,
+    machines: Sequence[str] | None = None,
 ) -> WindowSet:
     """Synthetic windows of one class, of the layout and the classes of `like`.
 
@@ -44,23 +47,25 @@ def synthesize(
     like : measured training windows; they give layout, classes and noise, and must not be test windows.
     seed : addresses every draw.
     variation : what differs from window to window.
-    background : lay the windows over noise with the spectrum of the measured windows between the piston-pass lines;
-        without, they are the bare model, as the paper simulates them.
+    background : what the windows are laid over. ``"spectrum"``, or True: noise with the spectrum of the measured
+        windows between the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"none"``,
+        or False: nothing, the bare model as the paper simulates it.
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
+    machines : specimen that each twin stands for, whose windows alone lend it noise; without, those of all.
 
     Raises
     ------
     InputError
         The label is not the twin's, the channels differ, there is nothing to take noise from, or there are not as many
-        posteriors as twins.
+        posteriors or machines as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     _require_agreement(twins, label, count, like)
     known = _known(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
-    noises = {id(one): background_noise(like, one) for one in twins} if background else {}
+    noises = _noises(twins, like, background, machines)
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
@@ -73,22 +78,38 @@ def synthesize(
             angle = rng.uniform(0, 2 * np.pi) + one.condition.speed * time
             window = synchronous_signal(lines[:, np.isin(batch.orders, one.orders)], one.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
-            signal[i] = window + noises[id(sources[i])].drawn(like, rng) if background else window
+            signal[i] = window + noises[i % len(twins)].drawn(rng) if noises else window
     pressure = np.array([one.condition.discharge_pressure for one in sources])
-    return WindowSet(
-        signal=signal,
-        target=np.full(count, like.classes.index(label), dtype=np.int64),
-        classes=like.classes,
-        recording_id=np.array([f"synthetic_{label}_{p / 1e6:.4g}MPa_{seed}_{i}" for i, p in enumerate(pressure)]),
-        specimen=np.array([f"twin of {one.pump.name}" for one in sources]),
-        discharge_pressure=pressure,
+    return made_windows(
+        signal,
+        like=like,
+        name="synthetic",
+        label=label,
+        pressure=pressure,
         speed=np.array([one.condition.speed for one in sources]),
-        start=np.zeros(count, dtype=np.int64),
-        synthetic=np.ones(count, dtype=bool),
-        sample_rate=like.sample_rate,
-        channels=like.channels,
-        unit=like.unit,
+        specimen=np.array([f"twin of {one.pump.name}" for one in sources]),
+        seed=seed,
     )
+
+
+def _noises(
+    twins: Sequence[Twin], like: WindowSet, background: bool | Background, machines: Sequence[str] | None
+) -> list[BackgroundNoise]:
+    """The noise of each twin's windows; none where they are to be bare."""
+    if background in (False, "none"):
+        return []
+    if machines is not None and len(machines) != len(twins):
+        raise InputError(f"{len(machines)} machines for {len(twins)} twins; name one for each.")
+    kind: Background = "residual" if background == "residual" else "spectrum"
+    own = [None] * len(twins) if machines is None else machines
+    keys = [
+        (one.condition, one.pump.rotating_group.piston_count, machine) for one, machine in zip(twins, own, strict=True)
+    ]
+    found: dict[tuple[OperatingCondition, int, str | None], BackgroundNoise] = {}
+    for one, key in zip(twins, keys, strict=True):
+        if key not in found:
+            found[key] = background_noise(like, one, kind, key[-1])
+    return [found[key] for key in keys]
 
 
 def _known(
@@ -114,8 +135,7 @@ def _known(
 
 
 def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: WindowSet) -> None:
-    if count < 1:
-        raise InputError(f"count ({count}) must be at least 1.")
+    require_count(count)
     if label not in like.classes:
         raise InputError(f"class {label!r} is not among the windows' classes ({', '.join(like.classes)}).")
     for one in twins:

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 from joblib import Parallel, delayed
 
 from swashtwin.baselines import fit_extra_trees
@@ -62,14 +63,14 @@ class ConditionStudySettings:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """One classifier on one split."""
+    """One classifier on one split, its windows named by number: many tasks share them."""
 
     name: str
     level: str
     held_out: str
     seed: int
-    train: WindowSet
-    test: WindowSet
+    train: Int[np.ndarray, " train"]
+    test: Int[np.ndarray, " test"]
 
 
 def run_conditions(
@@ -101,7 +102,7 @@ def run_conditions(
     windows = _thinned(cut_windows(recordings, length=settings.length), settings.windows)
     tasks = [task for seed in seeds for task in _tasks(windows, seed)]
     found: list[tuple[Trial, str]] = []
-    running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_scored)(task, settings) for task in tasks)
+    running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_scored)(windows, task, settings) for task in tasks)
     for one in running:
         found.append(one)
         if progress is not None:
@@ -157,23 +158,24 @@ def _tasks(windows: WindowSet, seed: int) -> list[_Task]:
     dealt = group_folds(windows, group="recording", n_folds=max(folds, 2), seed=seed)
     splits += [("L2", f"fold {number}", *pair) for number, pair in enumerate(dealt, 1)]
     return [
-        _Task(name, level, held_out, seed, windows.subset(trained), windows.subset(tested))
+        _Task(name, level, held_out, seed, trained, tested)
         for level, held_out, trained, tested in splits
         for name in (*REMEDIES, TREES)
     ]
 
 
-def _scored(task: _Task, settings: ConditionStudySettings) -> tuple[Trial, str]:
-    scores = evaluate(_fitted(task, settings), task.test, level=task.level)
+def _scored(windows: WindowSet, task: _Task, settings: ConditionStudySettings) -> tuple[Trial, str]:
+    fitted = _fitted(task, windows.subset(task.train), settings)
+    scores = evaluate(fitted, windows.subset(task.test), level=task.level)
     return Trial({"classifier": task.name, "level": task.level}, task.seed, _values(scores)), task.held_out
 
 
-def _fitted(task: _Task, settings: ConditionStudySettings) -> Classifier:
+def _fitted(task: _Task, train: WindowSet, settings: ConditionStudySettings) -> Classifier:
     if task.name == TREES:
-        return fit_extra_trees(task.train, seed=task.seed)
-    network = BiTCN(task.train.n_channels, len(task.train.classes), **settings.network)
+        return fit_extra_trees(train, seed=task.seed)
+    network = BiTCN(train.n_channels, len(train.classes), **settings.network)
     training = replace(settings.training, **REMEDIES[task.name])
-    return fit(network, task.train, settings=training, seed=task.seed)
+    return fit(network, train, settings=training, seed=task.seed)
 
 
 def _values(scores: Scores) -> dict[str, float]:

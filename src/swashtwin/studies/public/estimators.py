@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Shaped
+from scipy.optimize import minimize
+from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import ExtraTreesClassifier
@@ -54,6 +56,51 @@ class SharedWeights(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
+class GrowingSigns(ClassifierMixin, BaseEstimator):
+    """Logistic regression on signs that grow with a fault: no weight is below zero.
+
+    Where one machine of each class is all there is to learn from, most differences between them are the machines'. A
+    fault makes its signs grow, so a difference the other way round is none of its own: training may leave a sign out
+    but never turn it round. The classes weigh alike.
+
+    Parameters
+    ----------
+    strength : inverse strength of the L2 penalty on the weights.
+    faulty : the class with the fault; there is one other.
+    """
+
+    def __init__(self, strength: float = 1.0, faulty: str = "faulty") -> None:
+        self.strength = strength
+        self.faulty = faulty
+
+    def fit(self, X: Float[np.ndarray, "unit feature"], y: Shaped[np.ndarray, " unit"]) -> "GrowingSigns":
+        """The estimator, fitted on columns each of which grows with a fault."""
+        self.classes_ = np.unique(y)
+        self.mean_, self.scale_ = X.mean(axis=0), np.maximum(X.std(axis=0), 1e-12)
+        known, side = (X - self.mean_) / self.scale_, np.where(y == self.faulty, 1.0, -1.0)
+        share = np.where(side > 0, (side > 0).mean(), (side < 0).mean())
+
+        def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+            margin = side * (known @ weights[:-1] + weights[-1])
+            pull = -side * expit(-margin) / (2 * share)
+            penalty = 0.5 / self.strength * weights[:-1] @ weights[:-1]
+            slope = np.append(pull @ known + weights[:-1] / self.strength, pull.sum())
+            return float(np.sum(np.logaddexp(0, -margin) / (2 * share)) + penalty), slope
+
+        bounds = [(0.0, None)] * X.shape[1] + [(None, None)]
+        self.weights_ = minimize(loss, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=bounds).x
+        return self
+
+    def predict_proba(self, X: Float[np.ndarray, "unit feature"]) -> Float[np.ndarray, "unit class"]:
+        """Probability of each class."""
+        score = (X - self.mean_) / self.scale_ @ self.weights_[:-1] + self.weights_[-1]
+        return np.where(self.classes_[None, :] == self.faulty, expit(score)[:, None], expit(-score)[:, None])
+
+    def predict(self, X: Float[np.ndarray, "unit feature"]) -> Shaped[np.ndarray, " unit"]:
+        """Likeliest class."""
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
 class Discriminant(LinearDiscriminantAnalysis):
     """Linear discriminant with equal priors: what varies within the classes alike (temperature) is taken off."""
 
@@ -88,6 +135,8 @@ ESTIMATORS: dict[str, Callable[[int], Any]] = {
     "shared weights 0.01": lambda seed: SharedWeights(0.01),
     "shared weights 0.1": lambda seed: SharedWeights(0.1),
     "shared weights 1": lambda seed: SharedWeights(1.0),
+    "growing signs 0.1": lambda seed: GrowingSigns(0.1),
+    "growing signs 1": lambda seed: GrowingSigns(1.0),
     "extra trees": extra_trees,
 }
 """Makers of unfitted classifiers by name, given a seed; the number is the inverse strength of the L2 penalty."""

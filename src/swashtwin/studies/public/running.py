@@ -46,8 +46,8 @@ _NOTES = (
     "public sets, and docs/public.md logs everything that was tried with its test score.",
     "pump_cavitation is told by the motor's slip, which is the pump's load: what the labels grade is the flow taken "
     "away, and no ear for cavitation is shown by it.",
-    "motor_pump_industrial has one block of each class on a training side, so class and machine cannot be told apart "
-    "there, and inner folds cannot choose by anything else.",
+    "motor_pump_industrial has one block of each class on a training side, so training cannot tell class from machine; "
+    "textbook signs of faults that may only grow do, and four blocks are too few to prove that they would elsewhere.",
 )
 
 

@@ -21,7 +21,8 @@ from swashtwin.pump_files import new_pump
 from swashtwin.readers import read_recordings, write_index, write_recording
 from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies import CASE_ONE_SIZES, StudyResult, run_case_one
+from swashtwin.studies import MODELS, Model
+from swashtwin.studies.cases import SCENARIOS
 from swashtwin.training import TrainingSettings
 from swashtwin.units import MPa
 from swashtwin.windows import load_windows
@@ -179,24 +180,13 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny = replace(
-        CASE_ONE_SIZES["quick"],
-        windows=2,
-        synthetic=2,
-        held_out=1,
-        training=TrainingSettings(epochs=1),
-        network={"stride": 32, "channels": (8, 8)},
-        method=GaussNewton(starts=1),
+        SCENARIOS["quick"], windows=2, scarce_windows=3, synthetic=2, held_out=1, method=GaussNewton(starts=1)
     )
-    monkeypatch.setitem(CASE_ONE_SIZES, "quick", tiny)
+    network = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1))
+    monkeypatch.setitem(SCENARIOS, "quick", tiny)
+    monkeypatch.setitem(MODELS["quick"], "bitcn", network)
     monkeypatch.setattr("swashtwin.rig.writing.SIZES", {"small": RigSize(specimens=2, repeats=2, duration=1.3)})
     monkeypatch.setattr("swashtwin.rig.writing.PRESSURES", (MPa(15),))
-    kept: list[StudyResult] = []
-
-    def run_once(*arguments: Any, **options: Any) -> StudyResult:
-        kept.extend([] if kept else [run_case_one(*arguments, **options)])
-        return kept[0]
-
-    monkeypatch.setattr("swashtwin.studies.run_case_one", run_once)
     told = run_json("demo", "--out", tmp_path, "--jobs", 1)
     assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(told)
     wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]
@@ -205,7 +195,8 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
         for metric in ("accuracy", "recall", "f1", "g_mean"):
             assert set(row[metric]) == {"mean", "std", "values"}
     assert "<html" in Path(told["report"]).read_text(encoding="utf-8")
-    again = run("study", "case1", tmp_path / "rig-0", "--jobs", 1)
+    again = run("study", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
+    assert "6 of seed 0 done before" in again.stderr
     assert "calibrated" in again.stdout
     assert "No figure here says" in " ".join(again.stdout.split())
 

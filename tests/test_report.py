@@ -25,7 +25,8 @@ from swashtwin.report.study_answer import study_answer
 from swashtwin.report.writing import part_of
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.seeding import stream
-from swashtwin.studies.result import Embedding, Outcome, StudyResult, TrainingCurve
+from swashtwin.studies import Embedding, Outcome, Run, StudyResult, Task, plan_of
+from swashtwin.studies.carrying import assembled
 from swashtwin.training import Epoch
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm, rpm
@@ -64,9 +65,30 @@ def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[
     return evaluate(Guesser(skill, seed), windows(labels), level=level)
 
 
-def outcome(name: str, level: str, seed: int, skill: float, classifier: str = "bitcn") -> Outcome:
-    scores = scored(skill, seed, level)
-    return Outcome(classifier, name, level, seed, scores, scores.recall["swash_plate"])
+def run(name: str, seed: int, skill: float, classifier: str = "bitcn", levels: tuple[str, ...] = ("L2", "L4")) -> Run:
+    factors = {"classifier": classifier, "training_set": name}
+    scores = {level: scored(skill, seed, level) for level in levels}
+    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6)) if classifier == "bitcn" else ()
+    settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
+    return Run(
+        task=Task("case1", "quick", seed, factors, settings, "data"),
+        outcomes=tuple(
+            Outcome({**factors, "level": level}, seed, one, one.recall["swash_plate"]) for level, one in scores.items()
+        ),
+        history=curve,
+        values={},
+        roles={"train": ["trained on"], **{level: ["tested on"] for level in levels}},
+        fingerprints={"train": "0" * 64},
+        cells={"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
+        calibrations=(),
+        origin=ORIGIN,
+        wall_s=1.0,
+        cpu_s=1.0,
+        device="cpu",
+        version="0.1",
+        command="swashtwin study case1 --seeds 0,1",
+        embedding=embedding(name) if classifier == "bitcn" else None,
+    )
 
 
 def embedding(name: str) -> Embedding:
@@ -85,27 +107,12 @@ def calibration(pump, at_15) -> Calibration:
 @pytest.fixture(scope="module")
 def study(calibration) -> StudyResult:
     skills = {"measured": 0.5, "nominal": 0.6, "calibrated": 0.9}
-    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6))
     at_10 = replace(
         calibration, twin=calibration.twin.at(OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
     )
-    return StudyResult(
-        study="case1",
-        size="quick",
-        seeds=(0, 1),
-        outcomes=tuple(outcome(n, level, s, k) for n, k in skills.items() for level in ("L2", "L4") for s in (0, 1)),
-        rivals=tuple(outcome(n, "L2", s, 0.8, "extra_trees") for n in skills for s in (0, 1)),
-        curves=tuple(TrainingCurve(name, seed, curve) for name in skills for seed in (0, 1)),
-        embeddings=tuple(embedding(name) for name in skills),
-        calibrations=(calibration, at_10),
-        cells={"measured": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
-        settings={"pressure_Pa": 15e6, "training": {"epochs": 5, "limit": math.nan}},
-        origin=ORIGIN,
-        wall_s=12.3,
-        device="cpu",
-        version="0.1",
-        command="swashtwin study case1 --seeds 0,1",
-    )
+    runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
+    runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
+    return assembled(plan_of("case1", "quick"), runs, calibrations=(calibration, at_10), wall_s=12.3)
 
 
 @pytest.fixture(scope="module")
@@ -235,8 +242,11 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
 
 
 def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
-    outcomes = tuple(replace(one, scarce_recall=math.nan) for one in study.outcomes)
-    without = replace(study, outcomes=outcomes, calibrations=(), embeddings=())
+    runs = [
+        replace(one, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in one.outcomes), embedding=None)
+        for one in study.runs
+    ]
+    without = assembled(plan_of("case1", "quick"), runs)
     page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
@@ -247,7 +257,7 @@ def test_results_are_json_that_any_reader_takes(folder):
         raise AssertionError(constant)
 
     results = json.loads((folder / "results.json").read_text(), parse_constant=refuse)
-    assert results["studies"][0]["settings"]["training"] == {"epochs": 5, "limit": None}
+    assert results["studies"][0]["settings"]["models"]["bitcn"] == {"limit": None}
     assert len(results["calibrations"]) == 2
 
 
@@ -268,7 +278,7 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
     assert beside == {"L2, BiTCN, measured only", "L2, BiTCN, with calibrated twin"}
     assert len(rows) == 9
     assert "G-means are of another definition" in page
-    other = replace(study, study="case9", calibrations=(), embeddings=())
+    other = replace(study, study="case9", calibrations=())
     assert "accuracy 0.812" not in write_report(other, folder=tmp_path).read_text(encoding="utf-8")
 
 
@@ -278,16 +288,16 @@ def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):
 
 def fixed(accuracies: dict[str, tuple[float, ...]], study: StudyResult, rival: float = 0.0) -> tuple[str, ...]:
     """Answer of a study with these accuracies at L2, one for each seed."""
-    base = study.outcomes[0]
     seeds = tuple(range(len(next(iter(accuracies.values())))))
 
-    def made(name: str, seed: int, accuracy: float, classifier: str) -> Outcome:
-        scores = replace(base.scores, accuracy=accuracy)
-        return replace(base, training_set=name, seed=seed, scores=scores, classifier=classifier)
+    def made(name: str, seed: int, accuracy: float, classifier: str) -> Run:
+        base = run(name, seed, 0.5, classifier, ("L2",))
+        one = base.outcomes[0]
+        return replace(base, outcomes=(replace(one, scores=replace(one.scores, accuracy=accuracy)),))
 
-    outcomes = [made(n, seed, values[seed], "bitcn") for n, values in accuracies.items() for seed in seeds]
-    rivals = tuple(made("measured", seed, rival, "extra_trees") for seed in seeds)
-    return study_answer(replace(study, outcomes=tuple(outcomes), rivals=rivals, seeds=seeds))
+    runs = [made(n, seed, values[seed], "bitcn") for n, values in accuracies.items() for seed in seeds]
+    runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
+    return study_answer(assembled(plan_of("case1", "quick"), runs))
 
 
 def test_the_answer_gives_the_difference_paired_by_seed(study):

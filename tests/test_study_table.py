@@ -11,7 +11,7 @@ import pytest
 from swashtwin.recording import Recording
 from swashtwin.report import write_report
 from swashtwin.studies import StudyTable, Trial
-from swashtwin.studies.table import origin_of
+from swashtwin.studies.table import origin_of, spread
 
 
 @pytest.fixture
@@ -72,3 +72,9 @@ def test_recordings_of_the_rig_are_called_a_stand_in():
 def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
     alone = replace(study, trials=tuple(replace(one, factors={"twin": one.factors["twin"]}) for one in study.trials))
     assert "nominal" in write_report(alone, folder=tmp_path).read_text(encoding="utf-8")
+
+
+def test_a_spread_of_one_value_has_no_deviation():
+    assert spread([0.5]) == {"mean": 0.5, "std": None, "values": [0.5]}
+    assert spread([float("nan")]) == {"mean": None, "std": None, "values": [None]}
+    assert spread([0.25, 0.75])["std"] == pytest.approx(np.std([0.25, 0.75], ddof=1))

@@ -124,7 +124,7 @@ from .rig import build_rig as build_rig
 from .rig import rig_recordings as rig_recordings
 from .signals import add_noise as add_noise
 from .studies import StudyResult as StudyResult
-from .studies import run_case_one as run_case_one
+from .studies import run_study as run_study
 from .training import PAPER_TRAINING as PAPER_TRAINING
 from .training import FittedClassifier as FittedClassifier
 from .training import TrainingSettings as TrainingSettings
@@ -286,7 +286,7 @@ __all__ = [
     "resampled_by_angle",
     "rig_recordings",
     "rpm",
-    "run_case_one",
+    "run_study",
     "sample_posterior",
     "save_amortized",
     "save_classifier",

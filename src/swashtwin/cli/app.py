@@ -1,6 +1,7 @@
 """The application: every command by name, and what is the same for all of them."""
 
 import os
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -16,6 +17,7 @@ from swashtwin.cli import (
     guarding,
     indicating,
     learning,
+    paper_studies,
     physics,
     pumps,
     real_data,
@@ -37,15 +39,26 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+studies = typer.Typer(no_args_is_help=True, help="Run one of the studies, on your recordings or on the virtual rig.")
+
 _DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
 app.command("demo", rich_help_panel=_DEMO)(studying.demo)
-studying.studies.command("calibration")(calibration_studies.calibration)
-studying.studies.command("conditions")(condition_studies.conditions)
-studying.studies.command("zero-shot")(zero_shot.zero_shot)
-app.add_typer(studying.studies, name="study", rich_help_panel=_DEMO)
-studying.studies.command("confidence")(confidence_study.confidence)
-studying.studies.command("public")(real_data.public)
-studying.studies.command("scarce")(real_data.scarce)
+_STUDIES: dict[str, Callable[..., None]] = {
+    **{name: paper_studies.command_of(name) for name in paper_studies.STUDIES},
+    "calibration": calibration_studies.calibration,
+    "conditions": condition_studies.conditions,
+    "confidence": confidence_study.confidence,
+    "fault-map": severities.study_fault_map,
+    "leakage": guarding.leakage,
+    "misspecification": studying.misspecification,
+    "public": real_data.public,
+    "scarce": real_data.scarce,
+    "severity": severities.study_severity,
+    "zero-shot": zero_shot.zero_shot,
+}
+for _name, _study in _STUDIES.items():
+    studies.command(_name)(_study)
+app.add_typer(studies, name="study", rich_help_panel=_DEMO)
 app.command("rig", rich_help_panel=_DATA)(recordings.rig)
 app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("convert", rich_help_panel=_DATA)(recordings.convert)

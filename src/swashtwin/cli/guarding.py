@@ -9,7 +9,7 @@ import typer
 from swashtwin.cli.console import progress, say, tell
 from swashtwin.cli.exits import BAD_DATA
 from swashtwin.cli.options import Jobs, Json, Length, Seed, list_of, pairs_of
-from swashtwin.cli.studying import studies, tell_study, this_command
+from swashtwin.cli.studying import tell_study, this_command
 
 if TYPE_CHECKING:
     from swashtwin.recording import Recording
@@ -93,7 +93,6 @@ def audit(
         raise typer.Exit(BAD_DATA)
 
 
-@studies.command("leakage")
 def leakage(
     source: Source,
     public_set: PublicSet = None,

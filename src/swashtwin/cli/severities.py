@@ -18,7 +18,7 @@ from swashtwin.cli.options import (
     list_of,
     pairs_of,
 )
-from swashtwin.cli.studying import studies, tell_study, this_command
+from swashtwin.cli.studying import tell_study, this_command
 
 if TYPE_CHECKING:
     from swashtwin.calibration import SeverityTrend
@@ -104,7 +104,6 @@ def _show(found: "SeverityTrend") -> None:
     say(f"{len(found.estimates)} recordings")
 
 
-@studies.command("severity")
 def study_severity(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
     out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
@@ -120,7 +119,6 @@ def study_severity(
     tell_study(study, out, as_json)
 
 
-@studies.command("fault-map")
 def study_fault_map(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
     out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,

@@ -1,8 +1,7 @@
-"""Commands that run a whole study: demo, study case1."""
+"""What all studies share on the command line, and the commands that are of no other room: demo, misspecification."""
 
 import shlex
 import sys
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,13 +10,10 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import resumable, whole_folder
-from swashtwin.cli.options import Index, Jobs, Json, Seed, list_of
+from swashtwin.cli.options import Jobs, Json, Seed, list_of
 
 if TYPE_CHECKING:
-    from swashtwin.recording import Recording
     from swashtwin.studies import StudyTable
-
-studies = typer.Typer(no_args_is_help=True, help="Run one of the paper's studies on your recordings.")
 
 
 class StudySize(StrEnum):
@@ -35,86 +31,29 @@ def demo(
 ) -> None:
     """Build a virtual rig, run Case I of the paper on it, and write a report: the whole way in some minutes."""
     from swashtwin.readers import read_recordings
-    from swashtwin.rig import build_rig
+    from swashtwin.rig import SIZES, build_rig
+    from swashtwin.studies import Workers, run_study
+    from swashtwin.studies.sources import require_rig
 
     folder = out / f"rig-{seed}"
     if (folder / "recordings.toml").is_file():
-        _require_this_rig(folder)
+        require_rig(folder, read_recordings(folder), SIZES["small"])
         note(f"using the rig that lies in {folder}")
     else:
         with whole_folder(folder), progress("recording on the virtual rig") as bar:
             build_rig(folder, seed=seed, jobs=jobs, progress=bar)
-    with resumable(f"the rig in {folder} is whole, and the same command takes it up"):
-        result = _case_one(read_recordings(folder), "quick", [seed], jobs, out / "report")
-    tell(result, as_json, lambda: _show_study(result))
-
-
-def _require_this_rig(folder: Path) -> None:
-    from swashtwin.errors import DataError
-    from swashtwin.readers import read_recordings
-    from swashtwin.rig import RIG_VERSION, SIZES
-
-    recordings, plan = read_recordings(folder), SIZES["small"]
-    origin = recordings[0].attributes.get("origin", "")
-    whole = len(recordings) == plan.specimens * plan.repeats * 15
-    if not (origin.endswith(f"version {RIG_VERSION}") and whole):
-        raise DataError(f"{folder} holds other recordings than the demo's rig; delete it, or name another --out.")
-
-
-@studies.command("case1")
-def case1(
-    source: Index,
-    size: Annotated[StudySize, typer.Option(help="Settings: quick, or the paper's.")] = StudySize.quick,
-    seeds: Annotated[str, typer.Option(help='Seeds of split, weights and synthesis: "0,1,2".')] = "0",
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
-    jobs: Jobs = 2,
-    as_json: Json = False,
-) -> None:
-    """Case I, few samples: what a twin adds where one class has few measured windows."""
-    from swashtwin.readers import read_recordings
-
-    numbers = list_of(seeds, int, "--seeds") or [0]
-    result = _case_one(read_recordings(source), size.value, numbers, jobs, out)
-    tell(result, as_json, lambda: _show_study(result))
-
-
-def _case_one(
-    recordings: "Sequence[Recording]", size: str, seeds: Sequence[int], jobs: int, folder: Path | None
-) -> dict[str, Any]:
-    from swashtwin.report import write_report
-    from swashtwin.studies import run_case_one
-
-    with progress("Case I") as bar:
-        result = run_case_one(
-            recordings,
-            size=size,
-            seeds=seeds,
-            jobs=jobs,
+    hint = f"the rig in {folder} is whole, finished runs are kept, and the same command takes it up"
+    with resumable(hint), progress("Case I") as bar:
+        result = run_study(
+            "case1",
+            read_recordings(folder),
+            seeds=[seed],
+            workers=Workers(jobs),
+            out=out / "runs",
             progress=lambda what, done, total: bar(done, total, f"Case I: {what}"),
             command=this_command(),
         )
-    page = None if folder is None else write_report(result, folder=folder)
-    return {**result.to_dict(), "report": page}
-
-
-def _show_study(result: dict[str, Any]) -> None:
-    metrics = ("accuracy", "recall", "f1", "g_mean", "scarce_recall")
-    rows = [
-        (row["classifier"], row["training_set"], row["level"], *(_spread(row[name]) for name in metrics))
-        for row in [*result["rows"], *result["rivals"]]
-    ]
-    seeds = ", ".join(str(seed) for seed in result["seeds"])
-    title = f"Case I ({result['size']}), seed {seeds}, {result['wall_s']:.0f} s"
-    table(title, ("classifier", "training set", "level", *metrics), rows)
-    say(result["origin"])
-    if result["report"] is not None:
-        say(f"Report: {result['report']}")
-
-
-def _spread(value: dict[str, Any]) -> str:
-    if value["mean"] is None:
-        return "-"
-    return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")
+    tell_study(result, out / "report", as_json)
 
 
 def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
@@ -123,18 +62,27 @@ def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
 
     page = None if folder is None else write_report(study, folder=folder)
     result = {**study.to_dict(), "report": page}
-    tell(result, as_json, lambda: _show_table(study, page))
+    tell(result, as_json, lambda: _show_table(study, result))
 
 
-def _show_table(study: "StudyTable", page: Path | None) -> None:
-    rows = study.rows()
-    told = [[*(row[name] for name in study.factors), *(_spread(row[name]) for name in study.metrics)] for row in rows]
+def _show_table(study: "StudyTable", result: dict[str, Any]) -> None:
+    shown = {name: words for name, words in study.metrics.items() if not name.startswith("recall_")}
+    told = [
+        [*(row[name] for name in study.factors), *(_spread(row[name]) for name in shown)]
+        for row in [*result["rows"], *result.get("rivals", ())]
+    ]
     seeds = ", ".join(map(str, study.seeds))
-    table(f"{study.title}; seed {seeds}, {study.wall_s:.0f} s", (*study.factors, *study.metrics.values()), told)
+    table(f"{study.title}; seed {seeds}, {study.wall_s:.0f} s", (*study.factors, *shown.values()), told)
     for text in (*study.answer, *study.notes, study.origin):
         say(text)
-    if page is not None:
-        say(f"Report: {page}")
+    if result["report"] is not None:
+        say(f"Report: {result['report']}")
+
+
+def _spread(value: dict[str, Any]) -> str:
+    if value["mean"] is None:
+        return "-"
+    return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")
 
 
 def this_command() -> str:
@@ -149,7 +97,6 @@ class Background(StrEnum):
     rig = "rig"
 
 
-@studies.command("misspecification")
 def misspecification(
     seeds: Annotated[str, typer.Option(help='Seeds of the fleets and of the twin\'s own recordings: "2,3".')] = "2",
     pumps: Annotated[int, typer.Option(min=1, max=6, help="Pumps of each fleet.")] = 4,

@@ -94,6 +94,19 @@ class Scores:
         cells = [{item.name: _plain(getattr(cell, item.name)) for item in fields(cell)} for cell in self.cells]
         return {**plain, "cells": cells, "level_meaning": LEVELS.get(self.level or "")}
 
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> "Scores":
+        """The scores that `to_dict` told, from their JSON."""
+        told = {item.name: table[item.name] for item in fields(cls)}
+        for name, value in told.items():
+            told[name] = math.nan if value is None and name != "level" else value
+        told["classes"] = tuple(told["classes"])
+        told["accuracy_interval"] = tuple(_number(value) for value in told["accuracy_interval"])
+        told["recall"] = {name: _number(value) for name, value in told["recall"].items()}
+        told["confusion"] = np.array(told["confusion"], dtype=np.int64).reshape(len(told["classes"]), -1)
+        told["cells"] = tuple(CellScore(**cell) for cell in told["cells"])
+        return cls(**told)
+
 
 def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
     """Scores on measured recordings that had no part in the classifier.
@@ -221,6 +234,10 @@ def _reasons(
     if math.isnan(interval[0]):
         reasons["accuracy_interval"] = "one test recording only"
     return reasons
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _plain(value: Any) -> Any:

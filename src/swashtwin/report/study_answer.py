@@ -8,7 +8,8 @@ import numpy as np
 
 from swashtwin.evaluation import LEVELS
 from swashtwin.report.wording import classifier_words, plural, score, training_set_words
-from swashtwin.studies.result import Outcome, StudyResult
+from swashtwin.studies.result import StudyResult
+from swashtwin.studies.runs import Outcome
 
 EXPECTED = ("measured", "nominal", "calibrated")
 """Training sets in the order in which the paper's scores rise."""

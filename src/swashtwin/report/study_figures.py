@@ -15,7 +15,8 @@ from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, name_decades, panels, table
 from swashtwin.report.style import LEVEL_MARKERS, class_colors, styled, training_set_colors
 from swashtwin.report.wording import classifier_words, plural, training_set_words, words
-from swashtwin.studies.result import Embedding, Outcome, StudyResult
+from swashtwin.studies.result import StudyResult
+from swashtwin.studies.runs import Embedding, Outcome
 
 MOST_POINTS = 1200
 """Windows drawn in one t-SNE panel at most, taken evenly."""

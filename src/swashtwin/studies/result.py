@@ -1,140 +1,218 @@
-"""What a study found, and the JSON it is told in.
+"""What a study of classifiers found: a table of scores, and the runs that it is made from.
 
-The schema is stable: ``{"study", "size", "seeds", "rows", "rivals", "wall_s", "device", "version", "command",
-"origin", "settings", "cells", "splits", "fingerprints", "calibrations"}``. Each row holds the factors that name it
-(such as ``training_set`` and ``level``) and, under ``accuracy``, ``recall``, ``f1``, ``g_mean``,
-``recording_accuracy`` and ``scarce_recall``, ``{"mean", "std", "values"}`` over the seeds.
+Its JSON is a `StudyTable`'s with ``size``, ``rivals``, ``contrasts``, ``cells``, ``splits``, ``fingerprints``,
+``calibrations`` and ``runs`` beside; rows hold the factors that name them (``classifier``, ``training_set``, ``level``,
+...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
 """
 
-import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Shaped
 
 from swashtwin.calibration import Calibration
-from swashtwin.evaluation import Scores
+from swashtwin.studies.contrasts import Contrast, holm, paired_interval, signed_rank_p
+from swashtwin.studies.runs import Embedding, Outcome, Run
+from swashtwin.studies.table import StudyTable, Trial
 from swashtwin.training import Epoch
 
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """One classifier, trained on one training set, scored at one level."""
-
-    classifier: str
-    """Kind of classifier: ``"bitcn"``, or a rival such as ``"extra_trees"``."""
-    training_set: str
-    """``"measured"``, ``"nominal"`` or ``"calibrated"``."""
-    level: str
-    """Level of generalization of the test set."""
-    seed: int
-    """Seed of split, weights and synthesis."""
-    scores: Scores
-    """What it scored."""
-    scarce_recall: float
-    """Recall of the measured windows of the cell that was filled."""
+METRICS = {
+    "accuracy": "accuracy",
+    "recall": "macro recall",
+    "f1": "macro F1",
+    "g_mean": "G-mean",
+    "g_mean_laplace": "G_ε",
+    "recording_accuracy": "accuracy by recording",
+    "scarce_recall": "recall in the scarce cell",
+}
+"""Heading of each metric; the recall of each class and further values of a study follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingCurve:
     """How one training went."""
 
-    training_set: str
-    """Which training set."""
+    factors: Mapping[str, str]
+    """Which training set and classifier."""
     seed: int
     """Seed."""
     epochs: tuple[Epoch, ...]
     """One entry an epoch."""
 
+    @property
+    def training_set(self) -> str:
+        """Name of the training set."""
+        return self.factors["training_set"]
 
-@dataclass(frozen=True, eq=False)
-class Embedding:
-    """Last features of the test windows, for t-SNE."""
-
-    training_set: str
-    """Training set of the network that made them."""
-    features: Float[np.ndarray, "window feature"]
-    """Features before the last layer."""
-    label: Shaped[np.ndarray, " window"]
-    """True class of each window."""
-    level: Shaped[np.ndarray, " window"]
-    """Level of generalization of each window."""
+    @property
+    def classifier(self) -> str:
+        """Name of the classifier."""
+        return self.factors["classifier"]
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResult:
-    """All that a study's report and its JSON are made from."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StudyResult(StudyTable):
+    """A study's table together with its runs."""
 
-    study: str
-    """Name, such as ``"case1"``."""
     size: str
     """Name of the settings, such as ``"quick"``."""
-    seeds: tuple[int, ...]
-    """Seeds that were run."""
-    outcomes: tuple[Outcome, ...]
-    """Every score of the study's own network."""
-    rivals: tuple[Outcome, ...]
-    """Every score of its rivals."""
-    curves: tuple[TrainingCurve, ...]
-    """Every training."""
-    embeddings: tuple[Embedding, ...]
-    """Features under the first seed, one per training set."""
-    calibrations: tuple[Calibration, ...]
-    """Calibrations under the first seed."""
-    cells: dict[str, dict[str, int]]
-    """Windows by class and pressure (``"swash_plate @ 15 MPa"``) in each training set and test set, first seed."""
-    settings: dict[str, Any]
-    """Settings, as JSON can hold them."""
-    origin: str
-    """Where the recordings come from, in words; the virtual rig says that it is none of a machine's."""
-    wall_s: float
-    """How long it took [s]."""
-    device: str
-    """What it ran on."""
-    version: str
-    """Version of swashtwin."""
-    command: str
-    """Command that repeats it."""
-    splits: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    """Recording ids by role (``train``, ``calibration``, ``L2``, ``L4``) under each seed."""
-    fingerprints: dict[str, dict[str, str]] = field(default_factory=dict)
-    """SHA-256 of every training and test set under each seed."""
+    runs: tuple[Run, ...]
+    """Every task that is done."""
+    own: str
+    """The study's own classifier."""
+    rival_names: tuple[str, ...] = ()
+    """Classifiers told beside the study's rows, not among them."""
+    contrasts: tuple[Contrast, ...] = ()
+    """Which rows beat which."""
+    calibrations: tuple[Calibration, ...] = ()
+    """Calibrations under the first seed, where they are at hand."""
 
-    def rows(self, outcomes: Sequence[Outcome] | None = None) -> list[dict[str, Any]]:
-        """One row for each (classifier,) training set and level, in the order they were run."""
-        outcomes = self.outcomes if outcomes is None else outcomes
-        keys = dict.fromkeys((one.classifier, one.training_set, one.level) for one in outcomes)
-        table = []
-        for classifier, training_set, level in keys:
-            key = (classifier, training_set, level)
-            of_key = [one for one in outcomes if (one.classifier, one.training_set, one.level) == key]
-            row: dict[str, Any] = {"classifier": classifier, "training_set": training_set, "level": level}
-            for name, value in _METRICS.items():
-                row[name] = spread([value(one) for one in of_key])
-            table.append(row)
-        return table
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """Every score of the study's rows."""
+        return tuple(one for run in self.runs for one in run.outcomes if one.classifier not in self.rival_names)
+
+    @property
+    def rivals(self) -> tuple[Outcome, ...]:
+        """Every score of the rivals beside them."""
+        return tuple(one for run in self.runs for one in run.outcomes if one.classifier in self.rival_names)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Classes told apart."""
+        return self.runs[0].outcomes[0].scores.classes
+
+    @property
+    def curves(self) -> tuple[TrainingCurve, ...]:
+        """Every training in epochs."""
+        return tuple(TrainingCurve(run.task.factors, run.task.seed, run.history) for run in self.runs if run.history)
+
+    @property
+    def embeddings(self) -> tuple[Embedding, ...]:
+        """Features of the test windows under the first seed, of the study's own classifier."""
+        first = [run for run in self.runs if run.task.seed == self.seeds[0]]
+        kept = [run.embedding for run in first if run.task.factors["classifier"] == self.own]
+        return tuple(one for one in kept if one is not None)
+
+    @property
+    def cells(self) -> dict[str, dict[str, int]]:
+        """Windows by class and pressure in each training set and test set, first seed."""
+        first = [run for run in self.runs if run.task.seed == self.seeds[0]]
+        trained = {run.task.factors["training_set"]: dict(run.cells["train"]) for run in first}
+        tested = {name: dict(cells) for run in first for name, cells in run.cells.items() if name != "train"}
+        return {**trained, **tested}
+
+    def rows(self, *, rivals: bool = False) -> list[dict[str, Any]]:
+        """One row for each set of factors; those of the rivals beside the study's own on demand."""
+        return [row for row in super().rows() if (row["classifier"] in self.rival_names) is rivals]
 
     def to_dict(self) -> dict[str, Any]:
         """The study's JSON."""
+        splits: dict[str, Any] = {}
+        fingerprints: dict[str, dict[str, str]] = {}
+        for run in self.runs:
+            seed = str(run.task.seed)
+            splits[seed] = dict(run.roles)
+            own = {run.task.factors["training_set"] if name == "train" else name: value
+                   for name, value in run.fingerprints.items()}  # fmt: skip
+            fingerprints[seed] = {**fingerprints.get(seed, {}), **own}
         return {
-            "study": self.study,
+            **super().to_dict(),
             "size": self.size,
-            "seeds": list(self.seeds),
-            "rows": self.rows(),
-            "rivals": self.rows(self.rivals),
-            "wall_s": round(self.wall_s, 2),
-            "device": self.device,
-            "version": self.version,
-            "command": self.command,
-            "origin": self.origin,
-            "settings": self.settings,
+            "rivals": self.rows(rivals=True),
+            "contrasts": [one.to_dict() for one in self.contrasts],
             "cells": self.cells,
-            "splits": self.splits,
-            "fingerprints": self.fingerprints,
+            "splits": splits,
+            "fingerprints": fingerprints,
             "calibrations": [_calibration_row(one) for one in self.calibrations],
+            "runs": [
+                {
+                    "key": run.task.key,
+                    "wall_s": round(run.wall_s, 3),
+                    "cpu_s": round(run.cpu_s, 3),
+                    "device": run.device,
+                }
+                for run in self.runs
+            ],
         }
+
+
+def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
+    """One trial for each row and seed: the mean over draws of noise."""
+    grouped: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
+    for run in runs:
+        for one in run.outcomes:
+            key = (tuple(one.factors.items()), one.seed)
+            grouped.setdefault(key, []).append({**values_of(one), **run.values, "wall_s": run.wall_s})
+    return tuple(
+        Trial(dict(factors), seed, {name: float(np.mean([value[name] for value in values])) for name in values[0]})
+        for (factors, seed), values in grouped.items()
+    )
+
+
+def values_of(outcome: Outcome) -> dict[str, float]:
+    """Number under each metric of one score."""
+    scores = outcome.scores
+    return {
+        "accuracy": scores.accuracy,
+        "recall": scores.macro_recall,
+        "f1": scores.macro_f1,
+        "g_mean": scores.g_mean,
+        "g_mean_laplace": scores.g_mean_laplace,
+        "recording_accuracy": scores.recording_accuracy,
+        "scarce_recall": outcome.scarce_recall,
+        **{f"recall_{name}": value for name, value in scores.recall.items()},
+    }
+
+
+def contrasts_of(trials: Sequence[Trial], runs: Sequence[Run], compared: Mapping[str, str]) -> tuple[Contrast, ...]:
+    """Differences of accuracy between the row that holds a factor's compared value and those that hold another.
+
+    Parameters
+    ----------
+    compared : factor and the value that all its others are compared with, all else alike.
+    """
+    shares = {} if len({run.task.data for run in runs}) > 1 else _test_shares(runs)
+    found: list[Contrast] = []
+    for factor, wanted in compared.items():
+        for key in dict.fromkeys(_row(trial) for trial in trials if trial.factors.get(factor) == wanted):
+            others = [
+                other
+                for other in dict.fromkeys(_row(trial) for trial in trials)
+                if dict(other)[factor] != wanted and {**dict(other), factor: wanted} == dict(key)
+            ]
+            family = [_contrast(trials, key, other, shares) for other in others]
+            corrected = holm([signed_rank_p(points) for _, points in family])
+            found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
+    return tuple(found)
+
+
+Row = tuple[tuple[str, str], ...]
+
+
+def _row(trial: Trial) -> Row:
+    return tuple(trial.factors.items())
+
+
+def _contrast(
+    trials: Sequence[Trial], first: Row, second: Row, shares: Mapping[str, float]
+) -> tuple[Contrast, list[float]]:
+    value = {(_row(trial), trial.seed): trial.values["accuracy"] for trial in trials if _row(trial) in (first, second)}
+    seeds = [seed for row, seed in value if row == first and (second, seed) in value]
+    points = [value[first, seed] - value[second, seed] for seed in seeds]
+    share = shares.get(dict(first)["level"])
+    mean = float(np.mean(points)) if points else float("nan")
+    interval = paired_interval(points, share)
+    contrast = Contrast(
+        dict(first), dict(second), "accuracy", mean, interval, len(points), float("nan"), share is not None
+    )
+    return contrast, points
+
+
+def _test_shares(runs: Sequence[Run]) -> dict[str, float]:
+    roles = runs[0].roles
+    return {level: len(ids) / max(1, len(roles["train"])) for level, ids in roles.items()}
 
 
 def _calibration_row(calibration: Calibration) -> dict[str, Any]:
@@ -144,24 +222,4 @@ def _calibration_row(calibration: Calibration) -> dict[str, Any]:
         "fit_before": asdict(calibration.fit_before),
         "fit_after": asdict(calibration.fit_after),
         "estimates": [asdict(estimate) for estimate in calibration.estimates],
-    }
-
-
-_METRICS = {
-    "accuracy": lambda one: one.scores.accuracy,
-    "recall": lambda one: one.scores.macro_recall,
-    "f1": lambda one: one.scores.macro_f1,
-    "g_mean": lambda one: one.scores.g_mean,
-    "recording_accuracy": lambda one: one.scores.recording_accuracy,
-    "scarce_recall": lambda one: one.scarce_recall,
-}
-
-
-def spread(values: Sequence[float]) -> dict[str, Any]:
-    """Mean, standard deviation (of the sample; None for one value) and the values themselves."""
-    finite = [value for value in values if math.isfinite(value)]
-    return {
-        "mean": float(np.mean(finite)) if finite else None,
-        "std": float(np.std(finite, ddof=1)) if len(finite) > 1 else None,
-        "values": [value if math.isfinite(value) else None for value in values],
     }

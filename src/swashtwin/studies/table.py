@@ -5,12 +5,14 @@ The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "se
 "values"}`` over the trials.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from swashtwin.recording import Recording
-from swashtwin.studies.result import spread
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,16 @@ class StudyTable:
             "command": self.command,
             "details": dict(self.details),
         }
+
+
+def spread(values: Sequence[float]) -> dict[str, Any]:
+    """Mean, standard deviation (of the sample; None for one value) and the values themselves."""
+    finite = [value for value in values if math.isfinite(value)]
+    return {
+        "mean": float(np.mean(finite)) if finite else None,
+        "std": float(np.std(finite, ddof=1)) if len(finite) > 1 else None,
+        "values": [value if math.isfinite(value) else None for value in values],
+    }
 
 
 def origin_of(recordings: Sequence[Recording]) -> str:

@@ -45,7 +45,7 @@ _OTHERS: Mapping[str, tuple[Fault, ...]] = {
     "cylinder_block": (SealingLandScratch(conductance=1.2e-12),),
     "valve_plate": (ValvePlateWear(film_increase=um(9)),),
 }
-_RIG: Mapping[str, tuple[Fault, ...]] = {
+RIG_FAULTS: Mapping[str, tuple[Fault, ...]] = {
     "swash_plate": (SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),),
     "cylinder_block": (BoreDefect(depth=um(270), half_width=deg(40)),),
     "piston": (PistonWear(clearance=um(60)),),
@@ -70,9 +70,9 @@ def any_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None
 
 def rig_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None:
     """Fault as typical and as spread as on the virtual rig (docs/rig.md): what nobody would know of a real pump."""
-    if label not in _RIG:
+    if label not in RIG_FAULTS:
         return None
-    kinds = _RIG[label]
+    kinds = RIG_FAULTS[label]
     return kinds[number % len(kinds)].scaled(float(np.exp(rng.normal(0, 0.2))))
 
 

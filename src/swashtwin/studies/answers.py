@@ -1,0 +1,49 @@
+"""What came out of a study of classifiers, in sentences, whichever way it went."""
+
+from collections.abc import Mapping, Sequence
+
+from swashtwin.studies.contrasts import Contrast
+from swashtwin.studies.result import StudyResult
+
+MOST_CONTRASTS = 4
+"""Contrasts told of each level; the table has them all."""
+
+
+def answer_of(study: StudyResult) -> tuple[str, ...]:
+    """For each test the best row, and what the study compares."""
+    rows = study.rows()
+    tests = list(dict.fromkeys((row["level"], row.get("snr", "")) for row in rows))
+    return tuple(_told(study, level, snr) for level, snr in tests)
+
+
+def _told(study: StudyResult, level: str, snr: str) -> str:
+    rows = [row for row in study.rows() if (row["level"], row.get("snr", "")) == (level, snr)]
+    best = max(rows, key=lambda row: row["accuracy"]["mean"] or 0.0)
+    where = f"{level}{f', {snr}' if snr else ''}"
+    text = f"{where}: highest accuracy {best['accuracy']['mean']:.3f} ({_named(study, best)})"
+    own = [one for one in study.contrasts if (one.first["level"], one.first.get("snr", "")) == (level, snr)]
+    told = [_contrast_words(one, own) for one in own[:MOST_CONTRASTS]]
+    return f"{text}. {' '.join(told)}".strip()
+
+
+def _named(study: StudyResult, row: Mapping[str, object]) -> str:
+    return ", ".join(str(row[name]) for name in study.factors if name not in ("level", "snr"))
+
+
+def _contrast_words(one: Contrast, others: Sequence[Contrast]) -> str:
+    """A difference in points, with its interval, and which factor makes it."""
+    factor = next(name for name in one.first if one.first[name] != one.second[name])
+    held = [
+        one.first[name]
+        for name in one.first
+        if name not in (factor, "level", "snr") and len({other.first[name] for other in others}) > 1
+    ]
+    where = f" ({', '.join(held)})" if held else ""
+    low, high = (100 * value for value in one.interval)
+    if low != low:
+        return f"{one.first[factor]} less {one.second[factor]}{where}: {100 * one.mean:+.1f} points, one seed."
+    clear = "" if one.is_clear else ", which may be chance"
+    return (
+        f"{one.first[factor]} less {one.second[factor]}{where}: {100 * one.mean:+.1f} points "
+        f"({low:+.1f} to {high:+.1f}){clear}."
+    )

@@ -1,0 +1,103 @@
+"""Whether one row beats another: differences paired by seed, with intervals that say what the pairs are."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+FEWEST_FOR_RANKS = 6
+"""Pairs below which no signed-rank test can reach 5 %."""
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """How much one row is above another, in the mean over the seeds that both have."""
+
+    first: Mapping[str, str]
+    """Factors of the one."""
+    second: Mapping[str, str]
+    """Factors of the other."""
+    metric: str
+    """What is compared."""
+    mean: float
+    """Mean of the differences, first less second."""
+    interval: tuple[float, float]
+    """95 % interval of it; NaN for one seed."""
+    pairs: int
+    """Seeds that both have."""
+    p_value: float
+    """Of Wilcoxon's signed-rank test, corrected by Holm over all contrasts against the same row; NaN with fewer than
+    six seeds."""
+    is_corrected: bool
+    """Whether the seeds split the same recordings anew, so that the interval is that of the corrected resampled t
+    (Nadeau and Bengio 2003); else each seed is a fleet of its own and the interval is Student's."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the interval excludes zero."""
+        low, high = self.interval
+        return math.isfinite(low) and (low > 0 or high < 0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contrast as JSON can hold it."""
+        return {
+            "first": dict(self.first),
+            "second": dict(self.second),
+            "metric": self.metric,
+            "mean": self.mean,
+            "interval": [None if math.isnan(value) else value for value in self.interval],
+            "pairs": self.pairs,
+            "p_value": None if math.isnan(self.p_value) else self.p_value,
+            "is_corrected": self.is_corrected,
+        }
+
+
+def paired_interval(differences: Sequence[float], test_share: float | None = None) -> tuple[float, float]:
+    """95 % interval of the mean of paired differences, by Student's t; NaN for one pair.
+
+    Parameters
+    ----------
+    test_share : test recordings over training recordings, where the pairs are splits of the same recordings: the
+        variance is then (1/n + test_share) s² instead of s²/n (Nadeau and Bengio 2003, DOI 10.1023/A:1024068626366).
+
+    Examples
+    --------
+    >>> [round(value, 3) for value in paired_interval([0.1, 0.2, 0.3])]
+    [-0.048, 0.448]
+    """
+    values = np.asarray(differences, dtype=float)
+    if values.size < 2:
+        return math.nan, math.nan
+    factor = 1 / values.size + (test_share or 0.0)
+    half = float(stats.t.ppf(0.975, values.size - 1)) * math.sqrt(factor * values.var(ddof=1))
+    mean = float(values.mean())
+    return mean - half, mean + half
+
+
+def signed_rank_p(differences: Sequence[float]) -> float:
+    """p-value of Wilcoxon's signed-rank test, two-sided; NaN with fewer than six pairs, 1 where none differs."""
+    values = np.asarray(differences, dtype=float)
+    if values.size < FEWEST_FOR_RANKS:
+        return math.nan
+    if not np.any(values):
+        return 1.0
+    return float(stats.wilcoxon(values, zero_method="zsplit", method="approx").pvalue)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """p-values corrected for being several (Holm 1979); NaN stays NaN and does not count.
+
+    Examples
+    --------
+    >>> holm([0.01, 0.04, 0.03, math.nan])
+    [0.03, 0.06, 0.06, nan]
+    """
+    order = sorted((value, place) for place, value in enumerate(p_values) if not math.isnan(value))
+    corrected, least = [math.nan] * len(p_values), 0.0
+    for rank, (value, place) in enumerate(order):
+        least = max(least, min(1.0, round((len(order) - rank) * value, 12)))
+        corrected[place] = least
+    return corrected

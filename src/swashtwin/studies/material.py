@@ -1,0 +1,229 @@
+"""Everything of one seed that training sets and tests are made of: window sets by role, and calibrated twins."""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
+from swashtwin.condition import OperatingCondition
+from swashtwin.errors import DataError
+from swashtwin.recording import Recording
+from swashtwin.studies.cells import cut_evenly
+from swashtwin.studies.scenario import Scenario, ScenarioSplit, split_scenario
+from swashtwin.twin import Twin
+from swashtwin.windows import WindowSet, cut_windows
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationTask:
+    """One calibration to be made, or to be read where it was made before."""
+
+    specimen: str
+    """Machine whose recordings it learns from."""
+    label: str
+    """Class of its recordings."""
+    twins: tuple[Twin, ...]
+    """Where it starts."""
+    recordings: tuple[Recording, ...]
+    """What it learns from; training recordings, all of them."""
+    method: Calibrator
+    nuisances: Nuisances
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
+        held = [[repr(one.pump), repr(one.condition), repr(one.fault)] for one in self.twins]
+        data = [one.fingerprint() for one in self.recordings]
+        text = repr((held, data, self.method, self.nuisances, self.seed))
+        return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def carry_out_calibration(task: CalibrationTask) -> Calibration:
+    """The calibration."""
+    torch.set_num_threads(1)
+    return calibrate(task.twins, task.recordings, method=task.method, nuisances=task.nuisances, seed=task.seed)
+
+
+def kept_calibration(out: Path | None, key: str) -> Calibration | None:
+    """The calibration of that key in ``OUT/calibrations``, or None where it was not made yet."""
+    path = None if out is None else calibration_file(out, key)
+    return load_calibration(path) if path is not None and path.is_file() else None
+
+
+def calibration_file(out: Path, key: str) -> Path:
+    """Where the calibration of that key lies."""
+    return Path(out) / "calibrations" / key / "calibration.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What one seed trains and tests on."""
+
+    seed: int
+    scenario: Scenario
+    measured: WindowSet
+    """Measured training windows, the few of the scarce cells among them."""
+    references: WindowSet
+    """Healthy windows of every specimen, to compare with: of the training specimens those they train on, of the
+    specimens held out those of recordings set aside for it. No test holds them."""
+    tests: Mapping[str, WindowSet]
+    """Measured test windows by level, every class alike."""
+    test_recordings: Mapping[str, tuple[Recording, ...]]
+    """Recordings of the tests, where noise is to be added to them; else empty."""
+    calibrations: Mapping[tuple[str, str], Calibration]
+    """By specimen and class."""
+    split: ScenarioSplit
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Recordings that had a part without standing in the training set: calibration and references."""
+        used = {name for one in self.calibrations.values() for name in one.recording_ids}
+        return tuple(sorted(used | self.split.references))
+
+    def roles(self) -> dict[str, list[str]]:
+        """Recording ids by role."""
+        used = {name for one in self.calibrations.values() for name in one.recording_ids}
+        tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
+        train = set(self.measured.recording_id.tolist())
+        roles = {"train": train, **tests, "calibration": used, "reference": self.split.references}
+        return {name: sorted(ids) for name, ids in roles.items()}
+
+    def condition(self) -> OperatingCondition:
+        """Operating condition of the scarce cells: their pressure, at the speed of the training recordings."""
+        return OperatingCondition(
+            speed=float(np.nanmean(self.measured.speed)), discharge_pressure=self.scenario.pressure
+        )
+
+    def own_calibrations(self, label: str) -> list[Calibration]:
+        """Calibrations that a class is simulated with, one for each training specimen."""
+        wanted = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
+        if wanted is None:
+            wanted = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
+        return [one for (_, name), one in sorted(self.calibrations.items()) if name == wanted]
+
+
+def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
+    """Calibrations that the twins of a scenario need: recordings that train, and no others."""
+    split = split_scenario(recordings, scenario, seed)
+    lent = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
+    known = [r for r in recordings if r.recording_id in split.train | lent]
+    labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
+    tasks = []
+    for label in labels:
+        own = [r for r in known if r.label == label]
+        for specimen in sorted({str(r.specimen) for r in own}):
+            tasks.append(_calibration_task(specimen, label, [r for r in own if r.specimen == specimen], scenario, seed))
+    return tasks
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    scenario: Scenario,
+    seed: int,
+    calibrations: Iterable[tuple[CalibrationTask, Calibration]],
+    *,
+    with_test_recordings: bool = False,
+) -> Material:
+    """Windows of every role under `seed`.
+
+    Parameters
+    ----------
+    calibrations : what `calibration_tasks` asked for, and what came of it.
+    with_test_recordings : keep the test recordings themselves, for noise.
+    """
+    split = split_scenario(recordings, scenario, seed)
+    by_id = {r.recording_id: r for r in recordings}
+
+    def taken(ids: Iterable[str], like: WindowSet | None = None) -> WindowSet:
+        return cut_evenly([by_id[i] for i in sorted(ids)], length=scenario.length, count=scenario.windows, like=like)
+
+    measured = taken(split.train)
+    for ids in split.scarce.values():
+        measured = measured + _few(recordings, ids, scenario, measured)
+    healthy = measured.subset(measured.label == "normal")
+    references = healthy + taken(split.references, healthy) if split.references else healthy
+    tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
+    return Material(
+        seed=seed,
+        scenario=scenario,
+        measured=measured,
+        references=references,
+        tests={level: cut_test(own, scenario, measured) for level, own in tests.items()},
+        test_recordings={level: tuple(own) for level, own in tests.items()} if with_test_recordings else {},
+        calibrations={(task.specimen, task.label): found for task, found in calibrations},
+        split=split,
+    )
+
+
+def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """Test windows of recordings: as many of each class as the scenario says, evenly over the class's recordings."""
+    windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
+    counts = {name: int((windows.label == name).sum()) for name in like.classes}
+    present = [count for count in counts.values() if count]
+    count = min(present) if scenario.test_windows is None else scenario.test_windows
+    if min(present) < count:
+        scarcest = min(counts, key=lambda name: counts[name] or len(windows))
+        raise DataError(
+            f"{count} test windows of each class are wanted, and {scarcest} has {counts[scarcest]}; record longer or "
+            "more often, or ask for less."
+        )
+    chosen = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
+    return windows.subset(np.sort(np.concatenate([own[_evenly(len(own), count)] for own in chosen])))
+
+
+def cells_of(windows: WindowSet) -> dict[str, int]:
+    """Windows by class and pressure in words; how many are synthetic, where any is."""
+    named = {}
+    for (label, pressure), count in windows.counts().items():
+        place = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
+        named[f"{label} @ {place}"] = count
+    synthetic = int(windows.synthetic.sum())
+    return {**named, "of them synthetic": synthetic} if synthetic else named
+
+
+def _evenly(available: int, count: int) -> np.ndarray:
+    return np.floor((np.arange(count) + 0.5) * available / max(count, 1)).astype(int)
+
+
+def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
+    """The first recordings of a scarce cell that together hold the windows asked for."""
+    readings = {r.recording_id: r.signal.shape[1] for r in recordings}
+    found, windows = [], 0
+    for name in ids:
+        if windows >= scenario.scarce_windows:
+            break
+        found.append(name)
+        windows += readings[name] // scenario.length
+    if windows < scenario.scarce_windows:
+        raise DataError(
+            f"{scenario.scarce_windows} measured windows of the scarce cell are wanted, and its training recordings "
+            f"hold {windows}."
+        )
+    return found
+
+
+def _few(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """The measured windows of a scarce cell."""
+    lenders = [r for r in recordings if r.recording_id in _lenders(recordings, ids, scenario)]
+    if not lenders:
+        return like.subset(np.zeros(len(like), dtype=bool))
+    windows = cut_windows(lenders, like=like)
+    return windows.subset(_evenly(len(windows), scenario.scarce_windows))
+
+
+def _calibration_task(
+    specimen: str, label: str, known: Sequence[Recording], scenario: Scenario, seed: int
+) -> CalibrationTask:
+    conditions = {round(r.condition.discharge_pressure, -4): r.condition for r in known if r.condition is not None}
+    pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
+    if label == "normal":
+        twins = tuple(Twin(pump, conditions[pressure]) for pressure in sorted(conditions))
+    else:
+        nearest = min(conditions.values(), key=lambda c: abs(c.discharge_pressure - scenario.pressure))
+        twins = (Twin(pump, nearest, scenario.faults[label][0]),)
+    return CalibrationTask(specimen, label, twins, tuple(known), scenario.method, scenario.nuisances, seed)

@@ -1,0 +1,102 @@
+"""Classifiers of the studies by name: which network or baseline, with which settings, trained how.
+
+What BiTCN is by default stands here and nowhere else.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from swashtwin.baselines import fit_extra_trees
+from swashtwin.errors import InputError
+from swashtwin.evaluation import Classifier
+from swashtwin.networks import NETWORKS, build_network
+from swashtwin.training import TrainingSettings, fit
+from swashtwin.windows import WindowSet
+
+BASELINES = ("extra_trees",)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A classifier before it was trained."""
+
+    kind: str
+    """Name in `NETWORKS` or `BASELINES`."""
+    network: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of a network that differ from its own defaults."""
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+    """How a network is trained."""
+
+    @property
+    def is_network(self) -> bool:
+        """Whether it is trained in epochs, and has features to embed."""
+        return self.kind in NETWORKS
+
+    def described(self) -> dict[str, Any]:
+        """Settings as JSON can hold them."""
+        if not self.is_network:
+            return {"kind": self.kind}
+        return {"kind": self.kind, "network": dict(self.network), "training": asdict(self.training)}
+
+    def with_training(self, **changes: Any) -> "Model":
+        """The same with other training settings."""
+        return replace(self, training=replace(self.training, **changes))
+
+
+QUICK = Model(
+    "bitcn",
+    {"stride": 16, "channels": (32,) * 6},
+    TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
+)
+"""The demo's: 12 epochs of falling rate, an entry that takes patches of 16 readings, units of 32 features."""
+
+PAPER = Model("bitcn", {"stride": 8}, TrainingSettings(normalization="set"))
+"""The paper's 200 epochs; the entry takes patches of 8 readings, without which one training costs 4 to 8 hours of CPU.
+Both scale by the training set's deviation, so that the level, which a condition changes, is kept."""
+
+MODELS: dict[str, dict[str, Model]] = {
+    "quick": {"bitcn": QUICK, "extra_trees": Model("extra_trees")},
+    "paper": {"bitcn": PAPER, "extra_trees": Model("extra_trees")},
+}
+"""Models by size and name."""
+
+
+def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
+    """Models of a size by name.
+
+    Raises
+    ------
+    InputError
+        There is none of that name.
+    """
+    known = MODELS[size]
+    for name in names:
+        if name not in known:
+            raise InputError(f"no model is called {name!r}; there are {', '.join(known)}.")
+    return {name: known[name] for name in names}
+
+
+def train_model(
+    model: Model,
+    train: WindowSet,
+    *,
+    references: WindowSet,
+    seed: int,
+    manifest: Iterable[str] = (),
+    device: str = "cpu",
+) -> Classifier:
+    """The model, trained.
+
+    Parameters
+    ----------
+    train : training windows, measured and synthetic.
+    references : healthy windows of every specimen that may be compared with; no model here does so yet.
+    seed : seed of weights, order and trees.
+    manifest : recordings that had a part without standing in `train`; the references' are among them.
+    device : where a network is trained; baselines take the CPU.
+    """
+    if not model.is_network:
+        return fit_extra_trees(train, seed=seed, manifest=manifest)
+    network = build_network(model.kind, train.n_channels, len(train.classes), **model.network)
+    return fit(network, train, settings=model.training, seed=seed, manifest=manifest, device=device)

@@ -1,0 +1,217 @@
+"""A study as a plan: training sets × classifiers under a scenario, for each seed; and one task of it, carried out."""
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import torch
+
+from swashtwin.errors import InputError
+from swashtwin.evaluation import Classifier, Scores, evaluate
+from swashtwin.recording import Recording
+from swashtwin.signals import add_noise
+from swashtwin.studies.fillings import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
+from swashtwin.studies.material import Material, cells_of, cut_test
+from swashtwin.studies.models import Model, train_model
+from swashtwin.studies.runs import Embedding, Outcome, Run, Task
+from swashtwin.studies.scenario import NEAR, Scenario
+from swashtwin.training import FittedClassifier
+from swashtwin.version import VERSION
+from swashtwin.windows import WindowSet
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study does under each seed."""
+
+    study: str
+    """Name, such as ``"case1"``."""
+    title: str
+    """What it asks, as a heading."""
+    scenario: Scenario
+    """What is scarce, and what is tested."""
+    models: Mapping[str, Model]
+    """Classifiers by name; the first is the study's own."""
+    fillings: Mapping[str, Filling] = field(default_factory=lambda: PAPER_FILLINGS)
+    """Training sets by name."""
+    varied: str = ""
+    """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
+    """What differs from `scenario`, by the factor's value."""
+    compared: Mapping[str, str] = field(default_factory=dict)
+    """Factor and the value that all its others are compared with."""
+    size: str = "custom"
+    """Name of the settings."""
+    rivals: tuple[str, ...] = ()
+    """Classifiers that stand beside the study's own rows and not among them."""
+    snrs: tuple[float, ...] = ()
+    """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
+    draws: int = 5
+    """Draws of the noise at each ratio."""
+    embeds: bool = False
+    """Whether the test windows' features are kept, for t-SNE."""
+    notes: tuple[str, ...] = ()
+    """What must be read with the numbers."""
+
+    def __post_init__(self) -> None:
+        if not (self.models and self.fillings):
+            raise InputError("a study needs a classifier and a training set.")
+
+    def tasks(self, seed: int, data: str) -> list[Task]:
+        """Every task of a seed, in order.
+
+        Parameters
+        ----------
+        data : SHA-256 of the recordings.
+        """
+        return [
+            Task(
+                study=self.study,
+                size=self.size,
+                seed=seed,
+                factors={"classifier": model, "training_set": filling, **({self.varied: variant} if variant else {})},
+                settings={
+                    "scenario": self.scenario_of(variant).described(),
+                    "training_set": self.fillings[filling].described(),
+                    "model": self.models[model].described(),
+                    "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws, "embeds": self.embeds},
+                },
+                data=data,
+                place=place,
+            )
+            for place, (variant, filling, model) in enumerate(product(self.variants, self.fillings, self.models))
+        ]
+
+    @property
+    def needs_twins(self) -> bool:
+        """Whether anything is filled by a calibrated twin."""
+        return any(one.by in CALIBRATED_TWINS for one in self.fillings.values())
+
+    def variant_of(self, task: Task) -> str:
+        """Name of the variant that a task is of."""
+        return task.factors[self.varied] if self.varied else ""
+
+    def scenario_of(self, variant: str) -> Scenario:
+        """The scenario of a variant."""
+        return replace(self.scenario, **self.variants[variant])
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """What a run's record holds that has no part in its result."""
+
+    device: str = "cpu"
+    """Where networks are trained."""
+    command: str = ""
+    """Command that repeats the study."""
+    origin: str = ""
+    """Where the recordings come from, in words."""
+    calibrations: tuple[str, ...] = ()
+    """Names of the calibrations behind the twins."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """What is known of the synthetic windows."""
+
+
+def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, facts: RunFacts) -> Run:
+    """One task: train on the measured and the synthetic windows, test at every level.
+
+    Parameters
+    ----------
+    synthetic : what the task's filling adds.
+    """
+    torch.set_num_threads(1)
+    wall, cpu = time.perf_counter(), time.process_time()
+    model = plan.models[task.factors["classifier"]]
+    train = material.measured + synthetic
+    classifier = train_model(
+        model,
+        train,
+        references=material.references,
+        seed=task.seed,
+        manifest=material.manifest,
+        device=facts.device,
+    )
+    outcomes = tuple(_outcomes(classifier, task, plan, material))
+    embedding = _embedding(classifier, task, material) if plan.embeds else None
+    tested = material.tests
+    return Run(
+        task=task,
+        outcomes=outcomes,
+        history=getattr(classifier, "history", ()),
+        values=facts.values,
+        roles=material.roles(),
+        fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
+        cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},
+        calibrations=facts.calibrations,
+        origin=facts.origin,
+        wall_s=time.perf_counter() - wall,
+        cpu_s=time.process_time() - cpu,
+        device=facts.device if model.is_network else "cpu",
+        version=VERSION,
+        command=facts.command,
+        embedding=embedding,
+    )
+
+
+def _outcomes(classifier: Classifier, task: Task, plan: Plan, material: Material) -> Iterator[Outcome]:
+    for level, clean in material.tests.items():
+        for snr in plan.snrs or (math.inf,):
+            factors = {**task.factors, "level": level, **({"snr": snr_words(snr)} if plan.snrs else {})}
+            for repeat in range(plan.draws if math.isfinite(snr) else 1):
+                test = noisy_test(material, level, snr, repeat) if math.isfinite(snr) else clean
+                scores = evaluate(classifier, test, level=level)
+                yield Outcome(factors, task.seed, scores, scarce_recall(scores, material.scenario), repeat)
+
+
+def noisy_test(material: Material, level: str, snr_db: float, repeat: int) -> WindowSet:
+    """The test windows of a level, cut from recordings with white noise added (docs/protocol.md, "Noise").
+
+    The noise is added to the whole recording at its own rate before anything else is done with it, each channel's power
+    by the variance of the whole recording; its seed is from recording, ratio and repeat.
+    """
+    noisy = [noisy_recording(one, snr_db, repeat) for one in material.test_recordings[level]]
+    return cut_test(noisy, material.scenario, material.measured)
+
+
+def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:
+    """The recording with white noise of that signal-to-noise ratio [dB]; its seed is from recording, ratio, repeat."""
+    return replace(recording, signal=add_noise(recording.signal, snr_db, repeat, recording.recording_id))
+
+
+def snr_words(snr_db: float) -> str:
+    """A signal-to-noise ratio as a row's name.
+
+    Examples
+    --------
+    >>> snr_words(20.0), snr_words(math.inf)
+    ('20 dB', 'clean')
+    """
+    return f"{snr_db:g} dB" if math.isfinite(snr_db) else "clean"
+
+
+def scarce_recall(scores: Scores, scenario: Scenario) -> float:
+    """Recall of the measured windows of the cells that were scarce; NaN where the test has none."""
+    cells = [
+        cell.recall
+        for cell in scores.cells
+        if cell.label in scenario.scarce
+        and cell.discharge_pressure is not None
+        and abs(cell.discharge_pressure / scenario.pressure - 1) < NEAR
+    ]
+    return float(np.mean(cells)) if cells else math.nan
+
+
+def _embedding(classifier: Classifier, task: Task, material: Material) -> Embedding | None:
+    if not isinstance(classifier, FittedClassifier):
+        return None
+    tests = material.tests
+    return Embedding(
+        training_set=task.factors["training_set"],
+        features=np.concatenate([classifier.embed(test) for test in tests.values()]),
+        label=np.concatenate([test.label for test in tests.values()]),
+        level=np.concatenate([np.full(len(test), level) for level, test in tests.items()]),
+    )

@@ -169,14 +169,6 @@ class BiTCN(Network):
             raise InputError(
                 f"BiTCN needs as many dilations ({len(dilations)}) as channels ({len(channels)}), and one."
             )
-        for word, value in {
-            "n_channels": n_channels, "n_classes": n_classes, "kernel_size": kernel_size, "reduction": reduction,
-            "stride": stride, "channels": min(channels), "dilations": min(dilations),
-        }.items():  # fmt: skip
-            if value < 1:
-                raise InputError(f"BiTCN: {word} ({value}) must be at least 1.")
-        if not 0 <= dropout < 1:
-            raise InputError(f"BiTCN: dropout ({dropout:g}) is a share, at least 0 and below 1; a tenth is 0.1.")
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,

@@ -5,12 +5,20 @@ from typing import Any, ClassVar
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn import functional
+
+from swashtwin.errors import InputError
 
 
 class Network(nn.Module):
     """Base of the networks: windows in, one score per class out (softmax makes them probabilities).
 
     A subclass sets `name`, hands every argument of its constructor to this one, and defines `features` and `head`.
+
+    Raises
+    ------
+    InputError
+        A whole number among the settings is below 1, or `dropout` is no share.
     """
 
     name: ClassVar[str]
@@ -20,6 +28,15 @@ class Network(nn.Module):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__()
+        for word, value in settings.items():
+            counts = value if isinstance(value, tuple) else (value,)
+            if not counts:
+                raise InputError(f"{self.name}: {word} needs as many as one entry.")
+            if isinstance(counts[0], int) and min(counts) < 1 and not isinstance(value, bool):
+                raise InputError(f"{self.name}: {word} ({min(counts)}) must be at least 1.")
+        if not 0 <= settings.get("dropout", 0) < 1:
+            share = settings["dropout"]
+            raise InputError(f"{self.name}: dropout ({share:g}) is a share, at least 0 and below 1; a tenth is 0.1.")
         self.settings = settings
         """Arguments that build this network again; numbers, words, and tuples of these."""
 
@@ -42,8 +59,19 @@ class Network(nn.Module):
         scores: Tensor = self.head(self.features(windows))
         return scores
 
+    def pretrain(self, windows: Float[Tensor, "window channel time"], seed: int) -> None:
+        """Bring the weights where the supervised epochs are to start, without any class; most networks do nothing.
+
+        `fit` calls it once, with all its training windows as they are scaled for the network.
+        """
+
     def fresh(self, seed: int) -> "Network":
         """A network of the same settings with weights drawn from `seed`; the caller's random state stays as it is."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             return type(self)(**self.settings)
+
+
+def whole_patches(windows: Float[Tensor, "window channel time"], patch: int) -> Float[Tensor, "window channel longer"]:
+    """`windows` with zeros before them, so many that their length is a multiple of `patch`."""
+    return functional.pad(windows, (-windows.shape[-1] % patch, 0))

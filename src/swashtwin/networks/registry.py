@@ -5,12 +5,22 @@ from typing import Any
 
 from swashtwin.errors import InputError
 from swashtwin.networks.ablations import BiTCNForward, BiTCNNoAttention, BiTCNOrdinary
+from swashtwin.networks.autoencoder import StackedAutoencoder
 from swashtwin.networks.bitcn import BiTCN
+from swashtwin.networks.cnn_lstm import CNNLSTM
+from swashtwin.networks.mlp import MLP
 from swashtwin.networks.network import Network
+from swashtwin.networks.recurrent import LSTM, BiGRU, BiLSTM
+from swashtwin.networks.resnet1d import ResNet1d
+from swashtwin.networks.sensor_graph import SensorGraph
+from swashtwin.networks.tcn import TCN
+from swashtwin.networks.wdcnn import WDCNN
 
-NETWORKS: dict[str, type[Network]] = {
-    network.name: network for network in (BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward)
-}
+_CLASSES: tuple[type[Network], ...] = (
+    BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward,
+    TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder, SensorGraph,
+)  # fmt: skip
+NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLASSES}
 """Class of each network; a saved model is built again by its name here."""
 
 

@@ -81,6 +81,8 @@ def fit(
         held = None if validation is None else _tensors(validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         condition = conditions_of(windows, settings)
+        if not history:
+            trained.pretrain(data[0], derive_seed(seed, "pretraining"))
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)

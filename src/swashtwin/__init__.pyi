@@ -44,6 +44,7 @@ from .diagnosis import Evidence as Evidence
 from .diagnosis import Trust as Trust
 from .diagnosis import diagnose as diagnose
 from .diagnosis import explain as explain
+from .diagnosis import export_onnx as export_onnx
 from .diagnosis import load_classifier as load_classifier
 from .diagnosis import save_classifier as save_classifier
 from .errors import ArtifactError as ArtifactError
@@ -251,6 +252,7 @@ __all__ = [
     "diagnose",
     "evaluate",
     "expected_information_gain",
+    "export_onnx",
     "extract_features",
     "film_of",
     "film_values",

@@ -13,6 +13,7 @@ from swashtwin.cli import (
     condition_studies,
     confidence_study,
     diagnosing,
+    exporting,
     fleets,
     guarding,
     indicating,
@@ -79,6 +80,7 @@ app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)
 app.command("train", rich_help_panel=_LEARNING)(learning.train)
 app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)
 app.command("diagnose", rich_help_panel=_LEARNING)(diagnosing.diagnose)
+app.command("export", rich_help_panel=_LEARNING)(exporting.export)
 
 
 def _print_version(wanted: bool) -> bool:

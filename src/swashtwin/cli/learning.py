@@ -7,7 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import require_target, resumable
-from swashtwin.cli.options import GroupName, Index, Json, Length, Seed, given, list_of
+from swashtwin.cli.options import GroupName, Index, Json, Length, Seed, given, list_of, settings_of
 
 
 def train(
@@ -48,7 +48,11 @@ def train(
     alignment: Annotated[
         str | None, typer.Option(help="coral or mmd: draw features of different conditions together; none by default.")
     ] = None,
-    network: Annotated[str, typer.Option(help="Name of the network.")] = "bitcn",
+    network: Annotated[str, typer.Option(help="Name of the network: bitcn, or a rival (docs/networks.md).")] = "bitcn",
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Any setting of the network: patch=8, hidden=256,128; repeatable."),
+    ] = None,
     kernel_size: Annotated[int | None, typer.Option(help="Taps of each convolution.")] = None,
     channels: Annotated[str | None, typer.Option(help='Features of each residual unit: "32,32,64".')] = None,
     dilations: Annotated[str | None, typer.Option(help='Dilation of each residual unit: "1,2,4".')] = None,
@@ -112,7 +116,7 @@ def train(
     shape = given(
         kernel_size=kernel_size, channels=list_of(channels, int, "--channels"),
         dilations=list_of(dilations, int, "--dilations"), dropout=dropout, stride=stride,
-    )  # fmt: skip
+    ) | settings_of(setting, "--setting")  # fmt: skip
     hint = f"{checkpoint} holds the last whole epoch: the same command with --resume goes on" if checkpoint else ""
     with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
         with progress("training") as bar:

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import json
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -125,6 +126,20 @@ def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:
             raise typer.BadParameter(f"{text!r} must be NAME=VALUE.", param_hint=option)
         pairs[name.strip()] = value.strip()
     return pairs
+
+
+def settings_of(texts: list[str] | None, option: str) -> dict[str, Any]:
+    """``name=value`` texts, each value a number, true or false, or several numbers with commas between them."""
+    settings = {}
+    for name, text in pairs_of(texts, option).items():
+        try:
+            values = json.loads(f"[{text}]")
+        except ValueError:
+            values = []
+        if not values or not all(isinstance(value, (int, float)) for value in values):
+            raise typer.BadParameter(f"{name}={text} must be a number, numbers with commas, true or false.")
+        settings[name] = tuple(values) if len(values) > 1 else values[0]
+    return settings
 
 
 def list_of(text: str | None, kind: Callable[[str], T], option: str) -> list[T] | None:

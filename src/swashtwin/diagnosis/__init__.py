@@ -3,6 +3,7 @@
 from swashtwin.diagnosis.artifact import load_classifier, save_classifier
 from swashtwin.diagnosis.evidence import Evidence, explain
 from swashtwin.diagnosis.next_checks import Check, next_checks
+from swashtwin.diagnosis.onnx_export import export_onnx
 from swashtwin.diagnosis.trust import Trust
 from swashtwin.diagnosis.verdict import Diagnosis, diagnose
 
@@ -13,6 +14,7 @@ __all__ = [
     "Trust",
     "diagnose",
     "explain",
+    "export_onnx",
     "load_classifier",
     "next_checks",
     "save_classifier",

@@ -1,0 +1,129 @@
+"""A fitted classifier as an ONNX file, which other languages and runtimes read without torch or swashtwin."""
+
+import copy
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from swashtwin.diagnosis.onnx_recurrence import OnnxRecurrence
+from swashtwin.errors import MissingExtraError
+from swashtwin.files import replacing
+from swashtwin.networks import Network
+from swashtwin.training import FittedClassifier, Normalization
+from swashtwin.version import VERSION
+
+
+def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
+    """`path`, after the classifier was written to it as an ONNX file.
+
+    The one input, ``windows`` (window, channel, time), takes any number of windows of the classifier's layout in its
+    unit, float32; the one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
+    scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
+    the readings must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
+    (whether the file scales by itself), ``temperature`` (by which `diagnose` would soften the probabilities, or null),
+    ``manifest``, ``network`` and ``swashtwin`` (version).
+
+    Raises
+    ------
+    MissingExtraError
+        The packages that write ONNX are not installed.
+    """
+    whole = _Whole(classifier.normalization, _exportable(classifier.network)).eval()
+    _require_packages()
+    layout = classifier.layout
+    example = torch.zeros(2, len(layout.channels), layout.length)
+    with _quiet():
+        program = torch.onnx.export(
+            whole,
+            (example,),
+            dynamo=True,
+            dynamic_shapes=({0: torch.export.Dim("window")},),
+            input_names=["windows"],
+            output_names=["probability"],
+            verbose=False,
+        )
+    assert program is not None
+    program.model.metadata_props.update({name: json.dumps(value) for name, value in _facts(classifier).items()})
+    with replacing(Path(path)) as temporary:
+        program.save(temporary, external_data=False)
+    return Path(path)
+
+
+def _require_packages() -> None:
+    try:
+        import onnx  # noqa: F401
+        import onnxscript  # noqa: F401
+    except ImportError as cause:
+        raise MissingExtraError(
+            'ONNX files need the packages onnx and onnxscript; pip install "swashtwin[onnx]".'
+        ) from cause
+
+
+class _Whole(nn.Module):
+    """Scaling, network and softmax in one, computed as `FittedClassifier` computes them."""
+
+    mean: Tensor
+    deviation: Tensor
+
+    def __init__(self, normalization: Normalization, network: Network) -> None:
+        super().__init__()
+        self.kind = normalization.kind
+        self.network = network
+        self.register_buffer("mean", torch.from_numpy(normalization.mean)[:, None])
+        self.register_buffer("deviation", torch.from_numpy(normalization.deviation)[:, None])
+
+    def forward(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window class"]:
+        readings, mean, deviation = windows.double(), self.mean, self.deviation
+        if self.kind == "window":
+            mean = readings.mean(dim=-1, keepdim=True)
+            deviation = (readings - mean).square().mean(dim=-1, keepdim=True).sqrt()
+            deviation = torch.where(deviation > 0, deviation, 1.0)
+        if self.kind in ("window", "set"):
+            windows = ((readings - mean) / deviation).float()
+        return torch.softmax(self.network(windows), dim=-1)
+
+
+def _exportable(network: Network) -> Network:
+    """A copy whose recurrent layers are ONNX's."""
+    own = copy.deepcopy(network)
+    for name, part in network.named_modules():
+        if isinstance(part, (nn.LSTM, nn.GRU)):
+            own.set_submodule(name, OnnxRecurrence(part))
+    return own
+
+
+def _facts(classifier: FittedClassifier) -> dict[str, object]:
+    kind = classifier.normalization.kind
+    return {
+        "classes": classifier.classes,
+        "layout": asdict(classifier.layout),
+        "normalization": kind,
+        "scaled": kind != "recording",
+        "temperature": None if classifier.confidence is None else classifier.confidence.temperature,
+        "manifest": classifier.manifest,
+        "network": classifier.network.name,
+        "swashtwin": VERSION,
+    }
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Within it, torch does not tell of packages that nobody needs, nor of its own old ways."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            for kind in (FutureWarning, DeprecationWarning):
+                warnings.simplefilter("ignore", kind)
+            yield
+    finally:
+        logger.setLevel(level)

@@ -1,6 +1,7 @@
 """Commands of the studies that train classifiers: study case1, case2, and all others that run as a plan of tasks."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,7 @@ from swashtwin.cli.options import Json, list_of
 from swashtwin.cli.studying import StudySize, tell_study, this_command
 
 if TYPE_CHECKING:
-    from swashtwin.studies import Workers
+    from swashtwin.studies import Plan, Workers
 
 
 class Backend(StrEnum):
@@ -54,12 +55,18 @@ BackendName = Annotated[Backend, typer.Option(help="What carries tasks out; the 
 Address = Annotated[
     str | None, typer.Option(help="Scheduler of a running dask or ray cluster: tcp://HOST:8786, ray://HOST:10001.")
 ]
+Models = Annotated[
+    str | None, typer.Option(help='Classifiers to train instead of the study\'s: "bitcn,tcn,bitcn_paper".')
+]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
 
 STUDIES = {
     "case1": "Case I, few samples: what a twin adds where one class has few measured windows.",
     "case2": "Case II, missing condition: a cell without any measured window, which twins fill.",
+    "algorithms": "Every network and baseline on Case I's calibrated training set.",
+    "ablation": "BiTCN without one of its parts, on Case I's calibrated training set.",
+    "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
 }
 """What each study asks, by its name."""
 
@@ -77,26 +84,29 @@ def command_of(study: str) -> Callable[..., None]:
         backend: BackendName = Backend.joblib,
         address: Address = None,
         device: DeviceName = Device.cpu,
+        models: Models = None,
         as_json: Json = False,
     ) -> None:
         if (source is None) is not rig:
             raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
         if rig and out is None:
             raise typer.BadParameter("is needed by --rig: the fleets are built into it.", param_hint="--out")
-        from swashtwin.studies import Workers
+        from swashtwin.studies import Workers, models_of, plan_of
 
+        plan = plan_of(study, size.value)
+        if models is not None:
+            plan = replace(plan, models=models_of(size.value, [name.strip() for name in models.split(",")]))
         workers = Workers(jobs, backend.value, address)
         numbers = list_of(seeds, int, "--seeds") or [0]
-        _carry_out(study, source, size.value, numbers, out, workers, device.value, as_json)
+        _carry_out(plan, source, numbers, out, workers, device.value, as_json)
 
     command.__doc__ = STUDIES[study]
     return command
 
 
 def _carry_out(
-    study: str,
+    plan: "Plan",
     source: Path | None,
-    size: str,
     seeds: list[int],
     out: Path | None,
     workers: "Workers",
@@ -104,26 +114,26 @@ def _carry_out(
     as_json: bool,
 ) -> None:
     from swashtwin.readers import read_recordings
-    from swashtwin.studies import Fleets, plan_of, run_plan
+    from swashtwin.studies import Fleets, run_plan
     from swashtwin.studies.sources import Known
 
     hint = (
         "with --out, finished runs would be kept" if out is None else "finished runs are kept; the same command resumes"
     )
-    with resumable(hint), progress(study) as bar:
+    with resumable(hint), progress(plan.study) as bar:
 
         def told(what: str, done: int, total: int) -> None:
             if what.endswith("done before"):
                 note(f"{what}, in {out}")
-            bar(done, total, f"{study}: {what}")
+            bar(done, total, f"{plan.study}: {what}")
 
         if source is not None:
             data: Known | Fleets = Known(read_recordings(source))
         else:
-            rig = {"quick": "small", "paper": "paper"}[size]
+            rig = {"quick": "small", "paper": "paper"}[plan.size]
             data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: told("recording on the rig", *count))
         result = run_plan(
-            plan_of(study, size),
+            plan,
             data,
             seeds=seeds,
             workers=workers,
@@ -132,4 +142,4 @@ def _carry_out(
             progress=told,
             command=this_command(),
         )
-    tell_study(result, None if out is None else out / study, as_json)
+    tell_study(result, None if out is None else out / plan.study, as_json)

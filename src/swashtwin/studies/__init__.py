@@ -6,7 +6,7 @@ from swashtwin.studies.confidence import ConfidenceStudySettings, run_confidence
 from swashtwin.studies.fault_map import run_fault_map
 from swashtwin.studies.leakage import run_leakage
 from swashtwin.studies.misspecification import run_misspecification
-from swashtwin.studies.models import MODELS, Model
+from swashtwin.studies.models import MODELS, Model, models_of
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.registry import PLANS, plan_of, run_study
 from swashtwin.studies.result import StudyResult, TrainingCurve
@@ -43,6 +43,7 @@ __all__ = [
     "ZeroShotSettings",
     "chosen_zero_shot",
     "load_runs",
+    "models_of",
     "plan_of",
     "run_calibration_study",
     "run_confidence",

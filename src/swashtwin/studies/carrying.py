@@ -140,12 +140,13 @@ def _carried_out(
             plan.scenario_of(place[1]),
             one.seed,
             [(task, known[task.key]) for task in asked[place]],
-            with_test_recordings=bool(plan.snrs),
+            noisy_tests=bool(plan.snrs),
+            noisy_training=any(one.noise for one in plan.fillings.values()),
         )
         for place, one in wanted.items()
     }
     fills = _filled([(one, task) for one in waiting for task in one.tasks], plan, material, workers, report)
-    bare = {place: replace(one, calibrations={}) for place, one in material.items()}
+    bare = {place: replace(one, calibrations={}, train_recordings=()) for place, one in material.items()}
     calls = []
     for one in waiting:
         for task in one.tasks:

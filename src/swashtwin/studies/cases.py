@@ -1,4 +1,4 @@
-"""The paper's two cases: a cell with few measured windows, and one with none.
+"""The paper's studies as plans: its two cases, the algorithms, the ablation, the noise.
 
 A classifier must tell five classes apart at 15 MPa, but of the swash plate fault only one recording was taken there
 (Case I), or none (Case II). Three training sets: what was measured; the same with the scarce cell filled from the
@@ -13,9 +13,12 @@ of the scarce cell come from one recording of one pump; the twins are calibrated
 pump's training recordings of the same fault at the pressure nearest to the scarce one.
 """
 
+import math
+from collections.abc import Iterable
 from dataclasses import replace
 
-from swashtwin.studies.models import models_of
+from swashtwin.studies.fillings import PAPER_FILLINGS, TRAINING_SNRS, Filling
+from swashtwin.studies.models import MODELS, models_of
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.scenario import Scenario
 
@@ -25,6 +28,9 @@ SCENARIOS: dict[str, Scenario] = {
 }
 """``quick`` is the demo's. ``paper`` takes the paper's counts on the paper-sized rig: 648 windows a class, 50 in the
 scarce cell, 150 synthetic ones."""
+
+NOISE_MODELS = ("bitcn", "tcn", "lstm", "bilstm", "extra_trees")
+"""Those that the paper compares under noise, and the first rival to any network."""
 
 FILLED = {"quick": 96, "paper": 200}
 """Synthetic windows that fill the cell where nothing was measured: as many as Case I has of both kinds."""
@@ -41,6 +47,52 @@ def case_one(size: str) -> Plan:
         rivals=("extra_trees",),
         compared={"training_set": "calibrated"},
         embeds=True,
+    )
+
+
+def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str]) -> Plan:
+    """Case I's calibrated training set, learnt by several classifiers."""
+    return replace(
+        case_one(size),
+        study=study,
+        title=title,
+        models=models_of(size, models),
+        fillings={"calibrated": PAPER_FILLINGS["calibrated"]},
+        rivals=(),
+        compared={"classifier": "bitcn"},
+        embeds=False,
+    )
+
+
+def algorithms(size: str) -> Plan:
+    """Every classifier there is on Case I's calibrated training set; the paper runs ten seeds."""
+    ablated = [name for name in MODELS[size] if name.startswith("bitcn_")]
+    names = [name for name in MODELS[size] if name not in ablated]
+    return _calibrated_case_one(size, "algorithms", "Algorithms on Case I's calibrated training set", names)
+
+
+def ablation(size: str) -> Plan:
+    """BiTCN without one of its parts, on Case I's calibrated training set."""
+    names = ("bitcn", "bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
+    return _calibrated_case_one(size, "ablation", "Ablation: BiTCN without one of its parts", names)
+
+
+def noise(size: str) -> Plan:
+    """White noise added to the tests, for classifiers trained clean and with noise."""
+    names = [name for name in NOISE_MODELS if name in MODELS[size]]
+    plan = _calibrated_case_one(size, "noise", "Noise added to the tests, trained clean and with noise", names)
+    return replace(
+        plan,
+        fillings={**plan.fillings, "calibrated_noise": Filling("calibrated", noise=True)},
+        snrs=(math.inf, 20.0, 15.0, 10.0, 5.0),
+        notes=(
+            "Added SNR: white Gaussian noise whose power is the variance of the whole recording (mean removed) over "
+            "10^(SNR/10), for each channel, added at the recording's own rate before windows are cut; the mean of "
+            f"{plan.draws} draws, seeded by recording, ratio and repeat.",
+            "Trained with noise: every training recording and every synthetic window stands in the training set a "
+            "second time with noise, at a ratio drawn between "
+            f"{TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB.",
+        ),
     )
 
 

@@ -1,7 +1,7 @@
 """Training sets by name: what was measured, and what fills the scarce cells beside it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -13,8 +13,9 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 from swashtwin.augmentation import synthesize
 from swashtwin.calibration import Posterior
 from swashtwin.features import extract_features
-from swashtwin.seeding import derive_seed
-from swashtwin.studies.material import Material
+from swashtwin.seeding import derive_seed, stream
+from swashtwin.signals import add_noise
+from swashtwin.studies.material import Material, again_cut
 from swashtwin.studies.scenario import NEAR
 from swashtwin.twin import Twin
 from swashtwin.windows import WindowSet
@@ -32,6 +33,9 @@ FURTHER = {"discriminator": "AUROC measured/synthetic"}
 
 FOLDS = 5
 
+TRAINING_SNRS = (0.0, 25.0)
+"""Range of the ratios of noise in training [dB], a little wider than the tests'."""
+
 
 @dataclass(frozen=True)
 class Filling:
@@ -44,6 +48,8 @@ class Filling:
     every_class: bool = False
     """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
     trap, for then "synthetic" tells no class."""
+    noise: bool = False
+    """Learn from a noisy copy of everything too, measured and synthetic windows alike."""
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""
@@ -59,9 +65,34 @@ PAPER_FILLINGS: Mapping[str, Filling] = MappingProxyType(
 def filled_cells(material: Material, filling: Filling) -> tuple[WindowSet, dict[str, float]]:
     """(synthetic windows that a filling adds, what is known of them)."""
     made = synthetic_windows_of(material, filling)
-    if len(made) < 2 * FOLDS:
-        return made, {}
-    return made, {"discriminator": told_apart(material, made)}
+    values = {"discriminator": told_apart(material, made)} if len(made) else {}
+    if filling.noise:
+        made = made + _noisy(material, made) + noisy_training(material)
+    return made, values
+
+
+def _noisy(material: Material, made: WindowSet) -> WindowSet:
+    """A copy of each synthetic window with noise; each is a recording of its own."""
+    signal = [
+        add_noise(window.astype(np.float64), _training_snr(material.seed, name), material.seed, "training", name)
+        for window, name in zip(made.signal, made.recording_id.tolist(), strict=True)
+    ]
+    return replace(made, signal=np.array(signal, dtype=np.float32).reshape(made.signal.shape))
+
+
+def noisy_training(material: Material) -> WindowSet:
+    """The measured training windows once more, cut from their recordings after noise was added to these."""
+    noisy = [
+        replace(one, signal=add_noise(one.signal, _training_snr(material.seed, name), material.seed, "training", name))
+        for one in material.train_recordings
+        for name in [one.recording_id]
+    ]
+    return again_cut(noisy, material.measured)
+
+
+def _training_snr(seed: int, name: str) -> float:
+    """Signal-to-noise ratio of one recording's noisy copy in training [dB]."""
+    return float(stream(seed, "training noise", name).uniform(*TRAINING_SNRS))
 
 
 def told_apart(material: Material, made: WindowSet) -> float:

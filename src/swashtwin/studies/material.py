@@ -75,22 +75,24 @@ class Material:
     """Measured test windows by level, every class alike."""
     test_recordings: Mapping[str, tuple[Recording, ...]]
     """Recordings of the tests, where noise is to be added to them; else empty."""
+    train_recordings: tuple[Recording, ...]
+    """Recordings of the measured training windows, where noise is to be added to them; else empty."""
     calibrations: Mapping[tuple[str, str], Calibration]
-    """By specimen and class."""
+    """By specimen and class; left out where no twin is needed any more."""
+    calibrated_on: tuple[str, ...]
+    """Recordings that twins were calibrated on."""
     split: ScenarioSplit
 
     @property
     def manifest(self) -> tuple[str, ...]:
         """Recordings that had a part without standing in the training set: calibration and references."""
-        used = {name for one in self.calibrations.values() for name in one.recording_ids}
-        return tuple(sorted(used | self.split.references))
+        return tuple(sorted({*self.calibrated_on, *self.split.references}))
 
     def roles(self) -> dict[str, list[str]]:
         """Recording ids by role."""
-        used = {name for one in self.calibrations.values() for name in one.recording_ids}
         tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
         train = set(self.measured.recording_id.tolist())
-        roles = {"train": train, **tests, "calibration": used, "reference": self.split.references}
+        roles = {"train": train, **tests, "calibration": set(self.calibrated_on), "reference": self.split.references}
         return {name: sorted(ids) for name, ids in roles.items()}
 
     def condition(self) -> OperatingCondition:
@@ -127,15 +129,17 @@ def prepare(
     seed: int,
     calibrations: Iterable[tuple[CalibrationTask, Calibration]],
     *,
-    with_test_recordings: bool = False,
+    noisy_tests: bool = False,
+    noisy_training: bool = False,
 ) -> Material:
     """Windows of every role under `seed`.
 
     Parameters
     ----------
     calibrations : what `calibration_tasks` asked for, and what came of it.
-    with_test_recordings : keep the test recordings themselves, for noise.
+    noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
     """
+    known = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
     by_id = {r.recording_id: r for r in recordings}
 
@@ -154,8 +158,10 @@ def prepare(
         measured=measured,
         references=references,
         tests={level: cut_test(own, scenario, measured) for level, own in tests.items()},
-        test_recordings={level: tuple(own) for level, own in tests.items()} if with_test_recordings else {},
-        calibrations={(task.specimen, task.label): found for task, found in calibrations},
+        test_recordings={level: tuple(own) for level, own in tests.items()} if noisy_tests else {},
+        train_recordings=tuple(by_id[i] for i in sorted(set(measured.recording_id.tolist()))) if noisy_training else (),
+        calibrations={(task.specimen, task.label): found for task, found in known},
+        calibrated_on=tuple(sorted({name for _, found in known for name in found.recording_ids})),
         split=split,
     )
 
@@ -174,6 +180,16 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
         )
     chosen = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
     return windows.subset(np.sort(np.concatenate([own[_evenly(len(own), count)] for own in chosen])))
+
+
+def again_cut(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
+    """The same windows cut again, from other signals of the same recordings."""
+    by_id = {one.recording_id: one.signal for one in recordings}
+    signal = [
+        by_id[name][:, start : start + windows.length]
+        for name, start in zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True)
+    ]
+    return replace(windows, signal=np.array(signal, dtype=np.float32))
 
 
 def cells_of(windows: WindowSet) -> dict[str, int]:

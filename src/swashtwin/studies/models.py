@@ -11,7 +11,7 @@ from swashtwin.baselines import fit_extra_trees
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier
 from swashtwin.networks import NETWORKS, build_network
-from swashtwin.training import TrainingSettings, fit
+from swashtwin.training import PAPER_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
 
 BASELINES = ("extra_trees",)
@@ -44,22 +44,29 @@ class Model:
         return replace(self, training=replace(self.training, **changes))
 
 
-QUICK = Model(
-    "bitcn",
-    {"stride": 16, "channels": (32,) * 6},
-    TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
-)
-"""The demo's: 12 epochs of falling rate, an entry that takes patches of 16 readings, units of 32 features."""
+BITCN: Mapping[str, Mapping[str, Any]] = {"quick": {"stride": 16, "channels": (32,) * 6}, "paper": {"stride": 8}}
+"""Settings of BiTCN by size, its ablations' too. ``quick`` is the demo's: an entry that takes patches of 16 readings,
+units of 32 features. The entry of ``paper`` takes patches of 8 readings, without which one training costs 4 to 8
+hours of CPU."""
 
-PAPER = Model("bitcn", {"stride": 8}, TrainingSettings(normalization="set"))
-"""The paper's 200 epochs; the entry takes patches of 8 readings, without which one training costs 4 to 8 hours of CPU.
-Both scale by the training set's deviation, so that the level, which a condition changes, is kept."""
-
-MODELS: dict[str, dict[str, Model]] = {
-    "quick": {"bitcn": QUICK, "extra_trees": Model("extra_trees")},
-    "paper": {"bitcn": PAPER, "extra_trees": Model("extra_trees")},
+TRAINING: Mapping[str, TrainingSettings] = {
+    "quick": TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
+    "paper": TrainingSettings(normalization="set"),
 }
-"""Models by size and name."""
+"""How every network is trained, by size: 12 epochs of falling rate, or the paper's 200. Both scale by the training
+set's deviation, so that the level, which a condition changes, is kept."""
+
+PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
+"""The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
+
+
+def _models(size: str) -> dict[str, Model]:
+    networks = {name: Model(name, BITCN[size] if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
+    return {**networks, "bitcn_paper": PAPERS_OWN, **{name: Model(name) for name in BASELINES}}
+
+
+MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
+"""Models by size and name: every network and every baseline, and ``bitcn_paper``, the paper's own recipe."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:

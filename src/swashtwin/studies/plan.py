@@ -15,7 +15,7 @@ from swashtwin.evaluation import Classifier, Scores, evaluate
 from swashtwin.recording import Recording
 from swashtwin.signals import add_noise
 from swashtwin.studies.fillings import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
-from swashtwin.studies.material import Material, cells_of, cut_test
+from swashtwin.studies.material import Material, again_cut, cells_of
 from swashtwin.studies.models import Model, train_model
 from swashtwin.studies.runs import Embedding, Outcome, Run, Task
 from swashtwin.studies.scenario import NEAR, Scenario
@@ -84,6 +84,7 @@ class Plan:
                 place=place,
             )
             for place, (variant, filling, model) in enumerate(product(self.variants, self.fillings, self.models))
+            if self.varied != "synthetic" or (variant == "0") is (self.fillings[filling].by is None)
         ]
 
     @property
@@ -174,7 +175,7 @@ def noisy_test(material: Material, level: str, snr_db: float, repeat: int) -> Wi
     by the variance of the whole recording; its seed is from recording, ratio and repeat.
     """
     noisy = [noisy_recording(one, snr_db, repeat) for one in material.test_recordings[level]]
-    return cut_test(noisy, material.scenario, material.measured)
+    return again_cut(noisy, material.tests[level])
 
 
 def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:

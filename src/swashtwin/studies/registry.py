@@ -7,12 +7,14 @@ from typing import Any
 from swashtwin.errors import InputError
 from swashtwin.recording import Recording
 from swashtwin.studies.carrying import run_plan
-from swashtwin.studies.cases import case_one, case_two
+from swashtwin.studies.cases import ablation, algorithms, case_one, case_two, noise
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.sources import Source
 
-PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType({"case1": case_one, "case2": case_two})
+PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
+    {"case1": case_one, "case2": case_two, "algorithms": algorithms, "ablation": ablation, "noise": noise}
+)
 """Plan of each study, by its name and the name of a size."""
 
 SIZES = ("quick", "paper")

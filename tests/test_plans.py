@@ -1,0 +1,118 @@
+"""Studies of classifiers as plans: what they train and test, and the noise exactly as the protocol defines it."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swashtwin.calibration import GaussNewton
+from swashtwin.networks import NETWORKS
+from swashtwin.recording import Recording
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.signals import add_noise
+from swashtwin.studies import Plan, plan_of, run_plan
+from swashtwin.studies.contrasts import holm, paired_interval, signed_rank_p
+from swashtwin.studies.fillings import Filling, filled_cells, noisy_training
+from swashtwin.studies.material import Material, again_cut, prepare
+from swashtwin.studies.models import MODELS
+from swashtwin.studies.plan import noisy_test
+from swashtwin.studies.registry import PLANS
+from swashtwin.windows import cut_windows
+
+FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
+
+
+def small(study: str, **changes: Any) -> Plan:
+    plan = plan_of(study, "quick")
+    scenario = replace(plan.scenario, method=GaussNewton(starts=1), **FEW)
+    return replace(plan, **{"scenario": scenario, "fillings": {"measured": Filling()}, **changes})
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return [recording for recording, _ in rig_recordings(1, RigSize(specimens=2, repeats=2, duration=1.2))]
+
+
+@pytest.fixture(scope="module")
+def material(recordings: list[Recording]) -> Material:
+    return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
+
+
+def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
+    recordings: list[Recording], material: Material
+) -> None:
+    clean, noisy = material.tests["L4"], noisy_test(material, "L4", 5.0, repeat=3)
+    name = str(clean.recording_id[0])
+    recording = next(one for one in recordings if one.recording_id == name)
+    expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
+    cut = cut_windows([expected], like=clean, stride=1)
+    own = np.flatnonzero(clean.recording_id == name)
+    for place in own:
+        np.testing.assert_array_equal(noisy.signal[place], cut.signal[clean.start[place]])
+    added = expected.signal - recording.signal
+    power = recording.signal.var(axis=1) / added.var(axis=1)
+    assert 10 * np.log10(power) == pytest.approx([5.0] * len(power), abs=0.1)
+    again, other = noisy_test(material, "L4", 5.0, repeat=3), noisy_test(material, "L4", 5.0, repeat=4)
+    np.testing.assert_array_equal(again.signal, noisy.signal)
+    assert not np.array_equal(other.signal, noisy.signal)
+
+
+def test_windows_cut_again_from_the_same_recordings_are_the_same(
+    recordings: list[Recording], material: Material
+) -> None:
+    np.testing.assert_array_equal(again_cut(recordings, material.measured).signal, material.measured.signal)
+
+
+def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(material: Material) -> None:
+    noisy, values = filled_cells(material, Filling(noise=True))
+    assert values == {}
+    assert noisy.recording_id.tolist() == material.measured.recording_id.tolist()
+    assert not noisy.synthetic.any()
+    assert (noisy.signal != material.measured.signal).any(axis=(1, 2)).all()
+    np.testing.assert_array_equal(noisy.signal, noisy_training(material).signal)
+
+
+def test_noisy_tests_are_told_by_ratio_in_the_mean_over_their_draws(recordings: list[Recording]) -> None:
+    plan = small("noise", models={"extra_trees": MODELS["quick"]["extra_trees"]}, snrs=(math.inf, 5.0), draws=2)
+    study = run_plan(plan, recordings)
+    assert [(row["level"], row["snr"]) for row in study.rows()] == [
+        (level, snr) for level in ("L2", "L4") for snr in ("clean", "5 dB")
+    ]
+    drawn = [one.scores.accuracy for one in study.outcomes if (one.level, one.factors["snr"]) == ("L2", "5 dB")]
+    assert len(drawn) == 2
+    assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(drawn)])
+
+
+def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
+    for size in ("quick", "paper"):
+        plan = plan_of("algorithms", size)
+        ablations = {name for name in NETWORKS if name.startswith("bitcn_")}
+        assert set(NETWORKS) - ablations <= set(plan.models)
+        assert "extra_trees" in plan.models
+        assert set(plan_of("ablation", size).models) == {"bitcn", *ablations}
+
+
+@pytest.mark.parametrize("study", PLANS)
+def test_every_plan_has_tasks_whose_keys_differ(study: str) -> None:
+    for size in ("quick", "paper"):
+        tasks = plan_of(study, size).tasks(0, "data")
+        assert tasks
+        assert len({task.key for task in tasks}) == len(tasks)
+
+
+def test_the_corrected_interval_is_wider_than_students() -> None:
+    points = [0.02, 0.03, 0.01, 0.04]
+    plain, corrected = paired_interval(points), paired_interval(points, test_share=0.5)
+    assert corrected[0] < plain[0] < 0.025 < plain[1] < corrected[1]
+    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(math.sqrt(0.75 / 0.25))
+    assert math.isnan(paired_interval([0.1])[0])
+
+
+def test_signed_ranks_need_six_pairs_and_holm_never_lowers_a_p_value() -> None:
+    assert math.isnan(signed_rank_p([0.1] * 5))
+    assert signed_rank_p([0.0] * 6) == 1.0
+    assert signed_rank_p([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]) < 0.05
+    raw = [0.2, 0.01, 0.04]
+    assert all(corrected >= value for corrected, value in zip(holm(raw), raw, strict=True))

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +56,22 @@ def test_features_writes_every_indicator_with_its_unit(folder: Path, tmp_path: P
     assert first["values"]["order_phase 7x"] == pytest.approx(0.3, abs=0.05)
     assert float(rows[0]["velocity_rms [m/s]"]) == first["values"]["velocity_rms"]
     assert next(one["unit"] for one in told["columns"] if one["name"] == "velocity_rms") == "m/s"
+
+
+def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path: Path) -> None:
+    recordings = [measured(f"healthy{i}", 1 + 0.01 * (i % 3), i) for i in range(12)]
+    recordings += [measured("loud", 1.6, 13, label="piston"), measured("like", 1.0, 14, label="piston")]
+    write_index(recordings, [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings], tmp_path)
+    told = run("trend", tmp_path, "--tachometer", "tacho").stdout
+    assert re.search(r"normal +899.9 rev/min, 15 MPa +12 .* 12 +0 +0 +0", told)
+    assert re.search(r"piston +899.9 rev/min, 15 MPa +2 .* 1 +1 +0 +0", told)
+    assert "Furthest off: loud (" in told
+    assert "healthy7" not in told
+    assert "healthy7" in run("trend", tmp_path, "--tachometer", "tacho", "--all").stdout
+    medians = run("features", tmp_path, "--tachometer", "tacho").stdout
+    assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
+    assert "healthy7" not in medians
+    assert "healthy7" in run("features", tmp_path, "--tachometer", "tacho", "--all").stdout
 
 
 def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder: Path) -> None:

@@ -58,6 +58,57 @@ def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
     assert (folder / "a.h5").read_bytes() == before
 
 
+def test_convert_never_writes_over_what_it_reads(folder: Path) -> None:
+    store, table = folder / "a.h5", folder / "normal_1.csv"
+    run("index", folder, *FACTS)
+    run("convert", table, "--out", store, *FACTS)
+    before = store.read_bytes(), table.read_bytes()
+    for source, out in ((store, store), (folder, table), (table, table)):
+        refusal = one_line(run("convert", source, "--out", out, "--overwrite", code=3))
+        assert f"{out} is read from {source} and would be lost; name another --out." in refusal
+    assert (store.read_bytes(), table.read_bytes()) == before
+
+
+@pytest.mark.parametrize("command", ["inspect", "features", "convert"])
+def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
+    out = ("--out", folder / "s.h5") if command == "convert" else ()
+    own = one_line(run(command, folder / "normal_1.csv", *out, code=3))
+    assert 'add --sample-rate "25.6 kHz"' in own
+    own = one_line(run(command, folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
+    assert 'add --unit "g"' in own
+    (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
+    assert 'add sample_rate = "25.6 kHz"' in one_line(run(command, folder, *out, code=3))
+
+
+def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
+    for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
+        (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
+    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["found"]
+    (pressure,) = [text for text in told if text.startswith("discharge_pressure")]
+    assert "15 MPa (1), says the flag" in pressure
+    assert "the flag's 15 MPa gives way in 2 of 3 files" in pressure
+    assert not any("gives way" in text for text in told if text is not pressure)
+
+
+def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_asked_for(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    for number in range(14):
+        label, pressure = ("normal", 5) if number < 8 else ("piston", 10)
+        rows = np.full(300, 1.0) if number in (3, 4) else random.standard_normal(300)
+        (tmp_path / f"{label}_{pressure}MPa_{number}.csv").write_text("x\n" + "\n".join(f"{x:.6f}" for x in rows))
+    run("index", tmp_path, *FACTS, "--speed", "860 rpm")
+    short = run("inspect", tmp_path, code=3).stdout
+    assert re.search(r"normal +860 rev/min, 5 MPa +8 +2000", short)
+    assert re.search(r"piston +860 rev/min, 10 MPa +6 +2000", short)
+    assert "normal_5MPa_3, x: every reading is" in short
+    assert "normal_5MPa_4, x" not in short
+    assert "(constant in 1 more recordings: --all)" in short
+    full = run("inspect", tmp_path, "--all", code=3).stdout
+    assert "normal_5MPa_4, x: every reading is" in full
+    assert "piston_10MPa_13" in full
+    assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 14
+
+
 def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "--sample-rate" in one_line(run("index", folder, code=3))
     answers = iter(["2 kHz", "g"])

@@ -164,9 +164,7 @@ def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(rate: 
     assert f"{meant} meant?" in finding.message
 
 
-@pytest.mark.parametrize(
-    ("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")]
-)
+@pytest.mark.parametrize(("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")])
 def test_rates_of_slow_sensors_and_of_fast_ones_are_not_questioned(rate: float, unit: str) -> None:
     recording = replace(good(), sample_rate=rate, unit=unit, condition=None)
     assert inspect_recording(recording).findings == ()

@@ -17,6 +17,7 @@ from swashtwin.cli import (
     fleets,
     guarding,
     indicating,
+    inspecting,
     learning,
     paper_studies,
     physics,
@@ -63,7 +64,7 @@ app.add_typer(studies, name="study", rich_help_panel=_DEMO)
 app.command("rig", rich_help_panel=_DATA)(recordings.rig)
 app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("convert", rich_help_panel=_DATA)(recordings.convert)
-app.command("inspect", rich_help_panel=_DATA)(recordings.inspect)
+app.command("inspect", rich_help_panel=_DATA)(inspecting.inspect)
 app.command("split", rich_help_panel=_DATA)(recordings.split)
 app.command("guard", rich_help_panel=_DATA)(guarding.guard)
 app.command("audit", rich_help_panel=_DATA)(guarding.audit)

@@ -1,6 +1,5 @@
 """Commands about what a recording tells without a classifier: features, spectrum, trend."""
 
-import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -10,8 +9,10 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.exits import require_target
+from swashtwin.cli.indicator_tables import number_or_none, show_medians, show_points, show_trend_summary
 from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given, list_of
 from swashtwin.cli.recordings import read_all, refuse_source
+from swashtwin.cli.summaries import MOST_ROWS, All
 
 if TYPE_CHECKING:
     from swashtwin.indicators import Indicator, IndicatorTable
@@ -72,6 +73,7 @@ def features(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
+    show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """Table of indicators: velocity, levels, orders, envelope, cepstrum, for each recording and channel.
@@ -93,13 +95,14 @@ def features(
 
     def show() -> None:
         picked = [one for one in made.columns if one.name in _FEW or one.name.startswith("order_amplitude")]
-        rows = [
-            (row.recording_id, row.channel,
-             *(_number(values[made.columns.index(one)] * one.shown[0]) for one in picked))
-            for row, values in zip(made.rows, made.values.tolist(), strict=True)
-        ]  # fmt: skip
+        shown = [[row[made.columns.index(one)] * one.shown[0] for one in picked] for row in made.values.tolist()]
         names = [_header(one) for one in picked]
-        table(f"{len(made.rows)} rows", ("recording", "channel", *names), rows)
+        if show_all or len({row.recording_id for row in made.rows}) <= MOST_ROWS:
+            told = zip(made.rows, shown, strict=True)
+            rows = [(row.recording_id, row.channel, *map(number_or_none, values)) for row, values in told]
+            table(f"{len(made.rows)} rows", ("recording", "channel", *names), rows)
+        else:
+            show_medians(made.rows, shown, names)
         say(f"{len(made.columns)} indicators in all{f': {out}' if out else '; --out FILE.csv keeps them'}. {_NO_ZONE}")
 
     tell({"csv": out, **made.to_dict()}, as_json, show)
@@ -169,7 +172,9 @@ def spectrum(
             say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
         axis = f"{made.axis}{f' [{made.axis_unit}]' if made.axis_unit else ''}"
         header = ("line", axis, *(f"{name} [{made.unit or '1'}]" for name in made.channels))
-        rows = [(mark.name, mark.at, *(_number(value) for value in made.at(mark).tolist())) for mark in made.marks]
+        rows = [
+            (mark.name, mark.at, *(number_or_none(value) for value in made.at(mark).tolist())) for mark in made.marks
+        ]
         if rows:
             table(f"{drawing.title}, at the expected lines", header, rows)
         else:
@@ -204,6 +209,7 @@ def trend(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
+    show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """An indicator over recordings, against the machine's own healthy baseline at the same speed and pressure.
@@ -227,15 +233,10 @@ def trend(
         write_text(out, drawing.svg)
 
     def show() -> None:
-        factor, shown_unit = found.indicator.shown
-        rows = [
-            (point.row.recording_id, point.row.label, _number(factor * point.value), _number(factor * point.median),
-             _number(factor * point.spread), point.count, point.status)
-            for point in found.points
-        ]  # fmt: skip
-        name = f"{found.indicator.name} [{shown_unit or '1'}]"
-        header = ("recording", "class", name, "baseline", "spread", "healthy", "status")
-        table(f"{found.indicator.name} of {found.channel}", header, rows)
+        if show_all or len(found.points) <= MOST_ROWS:
+            show_points(found)
+        else:
+            show_trend_summary(found)
         without = sum(point.status == "no baseline" for point in found.points)
         if without:
             note(f"{without} recordings have no baseline: it takes 5 other healthy ones of the machine at that point.")
@@ -323,7 +324,3 @@ def _hertz(band: Any) -> tuple[float, float]:
     if band.in_orders:
         raise typer.BadParameter("the band of an envelope is in Hz: 2-5 kHz.", param_hint="--band")
     return band.low, band.high
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -1,12 +1,16 @@
 """Options that several commands share."""
 
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+
+from swashtwin.errors import SwashTwinError
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Nuisances
@@ -152,6 +156,28 @@ def list_of(text: str | None, kind: Callable[[str], T], option: str) -> list[T] 
         raise typer.BadParameter(
             f"{text!r} must be whole numbers with commas between them.", param_hint=option
         ) from None
+
+
+_SINGLE_FILE = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
+_SINGLE_FILE |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
+"""Options that say of a single file what keys of an index say of many."""
+
+
+@contextmanager
+def said_as_options() -> Iterator[None]:
+    """Within it, errors that would have an index mended name the options of a single file instead."""
+    try:
+        yield
+    except SwashTwinError as cause:
+        text = re.sub(r"\b([a-z_]+) = (?=[\"'\[])", _as_option, str(cause))
+        text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
+        text = text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
+        raise type(cause)(text) from cause
+
+
+def _as_option(match: re.Match[str]) -> str:
+    option = _SINGLE_FILE.get(match[1])
+    return match[0] if option is None else f"{option} "
 
 
 def given(**values: Any) -> dict[str, Any]:

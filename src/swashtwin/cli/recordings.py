@@ -1,4 +1,4 @@
-"""Commands about recordings: rig, index, convert, inspect, split."""
+"""Commands about recordings: rig, index, convert, split."""
 
 import sys
 from enum import StrEnum
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import BAD_DATA, whole_folder
+from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.exits import whole_folder
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -21,6 +21,7 @@ from swashtwin.cli.options import (
     Unit,
     given,
     pairs_of,
+    said_as_options,
 )
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
         if _of_many(path, facts):
             recordings += read_recordings(path)
         else:
-            recordings.append(read_recording(path, **facts))
+            with said_as_options():
+                recordings.append(read_recording(path, **facts))
     return recordings
 
 
@@ -76,7 +78,8 @@ def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
         if _of_many(path, facts):
             recordings += open_recordings(path)
         else:
-            recordings.append(open_recording(path, **facts))
+            with said_as_options():
+                recordings.append(open_recording(path, **facts))
     return recordings
 
 
@@ -194,6 +197,7 @@ def convert(
     """Write recordings of any format, also such as are larger than memory, to one chunked HDF5 store."""
     from swashtwin.readers import write_store
 
+    refuse_source(out, paths)
     _refuse_existing(out, overwrite)
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
@@ -209,41 +213,6 @@ def convert(
         say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
-
-
-def inspect(
-    paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
-    as_json: Json = False,
-) -> None:
-    """Name what is wrong with recordings before they are used. Exit code 3 where something must not be used."""
-    from swashtwin.inspection import inspect_recordings
-
-    facts = given(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
-    report = inspect_recordings(read_all(paths, **facts))
-
-    def show() -> None:
-        rows = [
-            (one.recording_id, one.label, one.sample_rate, round(one.duration, 3), channel.name, channel.minimum,
-             channel.maximum, channel.rms, one.unit)
-            for one in report.recordings
-            for channel in one.channels
-        ]  # fmt: skip
-        header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
-        table(f"{len(report.recordings)} recordings", header, rows)
-        found = [(one.recording_id, finding) for one in report.recordings for finding in one.findings]
-        found += [("all", finding) for finding in report.findings]
-        for name, finding in found:
-            say(f"{finding.severity}: {name}{', ' + finding.channel if finding.channel else ''}: {finding.message}")
-        if not found:
-            say("Nothing suspicious was found.")
-
-    tell({**report.to_dict(), "has_errors": report.has_errors}, as_json, show)
-    if report.has_errors:
-        raise typer.Exit(BAD_DATA)
 
 
 def split(

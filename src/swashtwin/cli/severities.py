@@ -21,7 +21,10 @@ from swashtwin.cli.options import (
 from swashtwin.cli.studying import tell_study, this_command
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
     from swashtwin.calibration import SeverityTrend
+    from swashtwin.recording import Recording
 
 
 def severity(
@@ -38,7 +41,7 @@ def severity(
     ] = None,
     healthy: Annotated[
         Path | None,
-        typer.Option(help="Index of healthy recordings of this pump; by default those of INDEX that were calibrated."),
+        typer.Option(help="Index of further healthy recordings; those of INDEX that are labeled normal count anyway."),
     ] = None,
     specimen: Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")] = None,
     as_json: Json = False,
@@ -50,6 +53,7 @@ def severity(
     severities are searched.
     """
     from swashtwin.calibration import estimate_severity, load_calibration
+    from swashtwin.errors import DataError
     from swashtwin.readers import read_recordings
     from swashtwin.recording import select
 
@@ -59,19 +63,29 @@ def severity(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
         )
     known = load_calibration(calibration)
-    recordings = select(read_recordings(source), specimen=specimen)
-    taught = [one for one in recordings if one.recording_id in known.recording_ids]
-    sound = taught if healthy is None else select(read_recordings(healthy), label="normal", specimen=specimen)
+    sound, worn = _sides(select(read_recordings(source), specimen=specimen), known.recording_ids)
+    if not worn:
+        raise DataError(
+            f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
+            f"be worn, labeled {kind.label} or not at all."
+        )
+    if healthy is not None:
+        known_ids = {one.recording_id for one in sound}
+        further = select(read_recordings(healthy), label="normal", specimen=specimen)
+        sound += [one for one in further if one.recording_id not in known_ids]
     given = {"length": length, "width": width, **pairs_of(dimensions, "--dimension")}
     held = {name for name, text in given.items() if text is not None}
-    found = estimate_severity(
-        known,
-        [one for one in recordings if one not in taught],
-        kind,
-        healthy=sound,
-        free=_free(free, held, type(kind)),
-    )
-    tell(found.to_dict(), as_json, lambda: _show(found))
+    found = estimate_severity(known, worn, kind, healthy=sound, free=_free(free, held, type(kind)))
+    result = {**found.to_dict(), "healthy": [one.recording_id for one in sound]}
+    tell(result, as_json, lambda: _show(found, len(sound)))
+
+
+def _sides(recordings: "Iterable[Recording]", taught: "Collection[str]") -> "tuple[list[Recording], list[Recording]]":
+    """(healthy recordings, those that may be worn): healthy is what is labeled normal or was calibrated."""
+    sides: tuple[list[Recording], list[Recording]] = ([], [])
+    for one in recordings:
+        sides[one.label != "normal" and one.recording_id not in taught].append(one)
+    return sides
 
 
 def _free(asked: list[str] | None, held: set[str], kind: type) -> list[str] | None:
@@ -81,7 +95,7 @@ def _free(asked: list[str] | None, held: set[str], kind: type) -> list[str] | No
     return asked if asked else [name for name in USUALLY_FREE.get(kind, ()) if name not in held]
 
 
-def _show(found: "SeverityTrend") -> None:
+def _show(found: "SeverityTrend", healthy: int) -> None:
     rows = []
     for one in found.estimates:
         limit = one.detection_limit
@@ -101,7 +115,7 @@ def _show(found: "SeverityTrend") -> None:
     for text in (*found.notes, *(f"{one.recording_id}: {text}" for one in found.estimates for text in one.notes)):
         note(f"note: {text}")
     note_left_out(found.left_out)
-    say(f"{len(found.estimates)} recordings")
+    say(f"{len(found.estimates)} recordings, against {healthy} healthy ones")
 
 
 def study_severity(

@@ -9,6 +9,7 @@ from typing import Any
 from swashtwin.readers.raw import RawFile
 
 _GUESSED = ("label", "specimen", "speed", "discharge_pressure", "sample_rate", "unit", "channels")
+_FLAG = "the flag"
 _MOST = 6
 """Values that a sentence lists."""
 
@@ -28,7 +29,7 @@ def facts_said(
 ) -> Said:
     """Value and origin of each fact that the entry of a file will have."""
     by_name = "the table" if table else "the pattern" if pattern else "its name"
-    said: Said = {key: (str(value), "the flag") for key, value in defaults.items()}
+    said: Said = {key: (str(value), _FLAG) for key, value in defaults.items()}
     said |= {key: (str(value), by_name) for key, value in fact.items() if key not in ("attributes", "id", "sha256")}
     said |= {f"attribute {key}": (str(value), by_name) for key, value in fact.get("attributes", {}).items()}
     folder = Path(name).parent.name
@@ -47,14 +48,22 @@ def facts_said(
     return said
 
 
-def sentences(said: Iterable[Said]) -> tuple[str, ...]:
-    """For each fact one sentence: its values with their number of files, and who says so."""
+def sentences(said: Iterable[Said], defaults: Mapping[str, Any]) -> tuple[str, ...]:
+    """For each fact one sentence: its values with their number of files, who says so, and where a flag gave way."""
     counts: dict[str, Counter[tuple[str, str]]] = {}
     for facts in said:
         for key, pair in facts.items():
             counts.setdefault(key, Counter())[pair] += 1
     order = [key for key in _GUESSED if key in counts] + sorted(set(counts) - set(_GUESSED))
-    return tuple(f"{key}: {_sentence(counts[key])}" for key in order)
+    return tuple(f"{key}: {_sentence(counts[key])}{_overruled(counts[key], defaults.get(key))}" for key in order)
+
+
+def _overruled(counts: Counter[tuple[str, str]], flag: Any) -> str:
+    """What becomes of a flag's value where files say another themselves."""
+    gone = sum(count for (_, origin), count in counts.items() if origin != _FLAG)
+    if flag is None or not gone:
+        return ""
+    return f"; the flag's {flag} gives way in {gone} of {counts.total()} files (edit the index where they are wrong)"
 
 
 def _sentence(counts: Counter[tuple[str, str]]) -> str:

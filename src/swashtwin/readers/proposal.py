@@ -107,7 +107,7 @@ def propose_index(
         reason = checked.skipped[0] if checked.skipped else f"supported are {', '.join(SUFFIXES)}."
         raise DataError(f"{folder} holds no file to index: {reason}")
     index = _assembled(checked.entries, defaults, folder, index_folder)
-    return IndexProposal(index, tuple(checked.skipped), sentences(checked.said))
+    return IndexProposal(index, tuple(checked.skipped), sentences(checked.said, defaults))
 
 
 def _files(folder: Path) -> list[str]:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import map_coordinates
 
 from swashtwin.augmentation.duplicates import drawn_sources
 from swashtwin.augmentation.filler import filled_cell
+from swashtwin.augmentation.rings import closed, read_ring, ring_length
 from swashtwin.seeding import stream
 from swashtwin.signals import add_noise
 from swashtwin.windows import WindowSet
@@ -24,7 +24,7 @@ class Jitter:
     than speed itself stretches it.
     """
 
-    snr_db: float = 26.0
+    snr_db: float = 40.0
     """Power of the window over that of the white noise, per channel [dB]; infinite for none."""
     gain: float = 0.1
     """Standard deviation of the logarithm of each channel's gain."""
@@ -33,7 +33,7 @@ class Jitter:
     warp: float = 0.002
     """Standard deviation of the local change of speed at each of four knots of a smooth course, relative."""
     phase: bool = True
-    """Let each window begin at another angle of the shaft (`rotated`)."""
+    """Let each window begin at another angle of the shaft; it is read off the ring of a measured one (`closed`)."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, each a measured one distorted (`Filler`)."""
@@ -43,9 +43,9 @@ class Jitter:
         for i, source in enumerate(drawn.tolist()):
             rng = stream(seed, "jitter", label, i)
             rate[i] = 1 + self.speed * rng.uniform(-1, 1)
-            window, period = train.signal[source].astype(float), _period(train, source)
-            start = rng.uniform(0, period) if self.phase else 0.0
-            window = _read_at(window, _wrapped(start + self._course(rate[i], train.length, rng), train.length, period))
+            course = self._course(rate[i], train.length, rng)
+            ring = closed(train.signal[source], ring_length(train, source))
+            window = read_ring(ring, course + (rng.uniform(0, ring.shape[-1]) if self.phase else 0.0))
             window = window * np.exp(rng.normal(0, self.gain, (train.n_channels, 1)))
             signal[i] = window if math.isinf(self.snr_db) else add_noise(window, self.snr_db, seed, "jitter", label, i)
         return filled_cell(
@@ -64,36 +64,3 @@ class Jitter:
         time = np.arange(length, dtype=float)
         local = CubicSpline(np.linspace(0, length, 4), rng.normal(0, self.warp, 4))
         return rate * time + (local.antiderivative()(time) if self.warp else 0.0)
-
-
-def rotated(
-    window: Float[np.ndarray, "channel time"], start: float, period: float
-) -> Float[np.ndarray, "channel time"]:
-    """The window as if it had begun `start` readings later.
-
-    What runs out at the end is taken whole revolutions earlier, where a machine that turns steadily did the same; where
-    the window is shorter than a revolution it is closed to a ring, which leaves a step.
-
-    Parameters
-    ----------
-    start : [reading].
-    period : of the shaft [reading].
-    """
-    length = window.shape[-1]
-    return _read_at(window, _wrapped(start + np.arange(length, dtype=float), length, period))
-
-
-def _period(windows: WindowSet, index: int) -> float:
-    """Readings per revolution; the window's length where no speed is known or it does not hold a revolution."""
-    speed = float(windows.speed[index])
-    period = 2 * math.pi / speed * windows.sample_rate if speed > 0 else math.inf
-    return min(period, float(windows.length))
-
-
-def _wrapped(place: np.ndarray, length: int, period: float) -> np.ndarray:
-    beyond = np.maximum(np.ceil((place - (length - 1)) / period), 0)
-    return place - beyond * period
-
-
-def _read_at(window: np.ndarray, place: np.ndarray) -> np.ndarray:
-    return np.stack([map_coordinates(row, place[None], order=5, mode="nearest") for row in window])

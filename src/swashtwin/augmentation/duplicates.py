@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int64
 
 from swashtwin.augmentation.filler import filled_cell, require_count, sources_of
 from swashtwin.seeding import derive_seed, stream
@@ -26,7 +27,7 @@ class Duplicate:
 class NoisyDuplicate:
     """Copies of measured windows, each with white noise of its own."""
 
-    snr_db: float = 20.0
+    snr_db: float = 30.0
     """Power of the window over that of the noise, per channel [dB]."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
@@ -44,7 +45,13 @@ class NoisyDuplicate:
 def drawn_sources(train: WindowSet, label: str, pressure: float, count: int, seed: int) -> np.ndarray:
     """Index of the measured window that each synthetic one comes from; all come before one comes twice."""
     require_count(count)
-    sources = sources_of(train, label, pressure)
+    return drawn_from(sources_of(train, label, pressure), label, count, seed)
+
+
+def drawn_from(
+    sources: Int64[np.ndarray, " source"], label: str, count: int, seed: int
+) -> Int64[np.ndarray, " window"]:
+    """`count` of `sources` in random order; all come before one comes twice."""
     rng = stream(seed, "sources", label)
     rounds = -(-count // len(sources))
     return np.concatenate([rng.permutation(sources) for _ in range(rounds)])[:count]

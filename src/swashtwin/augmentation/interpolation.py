@@ -9,6 +9,8 @@ from jaxtyping import Float
 from scipy.spatial.distance import cdist
 
 from swashtwin.augmentation.filler import filled_cell, require_count, sources_of
+from swashtwin.augmentation.rings import ring_length, rings_of, windows_of
+from swashtwin.augmentation.spectra import log_amplitude, with_amplitude
 from swashtwin.errors import DataError, MissingExtraError
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.windows import WindowSet
@@ -83,14 +85,20 @@ def _filled(
     if len(sources) < 2:
         raise NoNeighborsError(f"{name} puts points between windows, and of {label} there is one; give it two.")
     others = others if name == "ADASYN" else others[:1]  # SMOTE does not look at them
-    readings = train.signal[np.concatenate([sources, others])]
-    points = readings if space == "readings" else _log_amplitude(readings)
-    flat = points.reshape(len(points), -1)
+    looked_at = np.concatenate([sources, others])
+    if space == "readings":
+        readings = train.signal[looked_at]
+        flat = readings.reshape(len(readings), -1)
+    else:
+        readings = rings_of(train, looked_at, max(ring_length(train, int(i)) for i in sources))
+        flat = log_amplitude(readings)
     made = _between(name, flat, len(sources), count, neighbors, derive_seed(seed, name, label))
     nearest = cdist(made, flat[: len(sources)]).argmin(axis=1)
-    signal = made.reshape(count, *points.shape[1:])
-    if space == "spectrum":
-        signal = _with_phases_of(readings[nearest], signal)
+    if space == "readings":
+        signal = made.reshape(count, *readings.shape[1:])
+    else:
+        rings = with_amplitude(readings[nearest], made)
+        signal = windows_of(rings, train, sources[nearest], stream(seed, name, "angle", label))
     own = name.lower() if space == "readings" else f"{name.lower()}_spectrum"
     return filled_cell(signal, sources[nearest], train=train, name=own, label=label, pressure=pressure, seed=seed)
 
@@ -117,15 +125,3 @@ def _between(
                 ) from cause
             near = min(2 * near, pool - 1)
     return made[stream(seed, "kept").permutation(len(made))[:count]]
-
-
-def _log_amplitude(readings: Float[np.ndarray, "window channel time"]) -> Float[np.ndarray, "window channel line"]:
-    amplitude = np.abs(np.fft.rfft(readings, axis=-1))
-    return np.log(np.maximum(amplitude, 1e-9 * amplitude.max()))
-
-
-def _with_phases_of(
-    readings: Float[np.ndarray, "window channel time"], log_amplitude: Float[np.ndarray, "window channel line"]
-) -> Float[np.ndarray, "window channel time"]:
-    phase = np.angle(np.fft.rfft(readings, axis=-1))
-    return np.fft.irfft(np.exp(log_amplitude + 1j * phase), readings.shape[-1], axis=-1)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli import (
+    augmenting,
     calibrating,
     calibration_studies,
     comparing,
@@ -78,6 +79,7 @@ app.command("compare", rich_help_panel=_PHYSICS)(comparing.compare)
 app.command("calibrate-fleet", rich_help_panel=_PHYSICS)(fleets.calibrate_fleet)
 app.command("severity", rich_help_panel=_PHYSICS)(severities.severity)
 app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)
+app.command("augment", rich_help_panel=_LEARNING)(augmenting.augment)
 app.command("train", rich_help_panel=_LEARNING)(learning.train)
 app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)
 app.command("diagnose", rich_help_panel=_LEARNING)(diagnosing.diagnose)

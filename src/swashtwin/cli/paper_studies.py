@@ -58,6 +58,9 @@ Address = Annotated[
 Models = Annotated[
     str | None, typer.Option(help='Classifiers to train instead of the study\'s: "bitcn,tcn,bitcn_paper".')
 ]
+TrainingSets = Annotated[
+    str | None, typer.Option(help='Of the study\'s training sets only these: "measured,calibrated".')
+]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
 
@@ -67,6 +70,10 @@ STUDIES = {
     "algorithms": "Every network and baseline on Case I's calibrated training set.",
     "ablation": "BiTCN without one of its parts, on Case I's calibrated training set.",
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
+    "augmentation": "Whatever can fill the scarce cell of Case I, by the number of synthetic windows.",
+    "few-shot": "From no measured window of the scarce cell to 200, with and without twins.",
+    "unseen-pressure": "No fault was ever measured at the test's pressure: filled by twins, and not.",
+    "unseen-specimen": "How many pumps one has to know to tell the faults of another.",
 }
 """What each study asks, by its name."""
 
@@ -85,6 +92,7 @@ def command_of(study: str) -> Callable[..., None]:
         address: Address = None,
         device: DeviceName = Device.cpu,
         models: Models = None,
+        training_sets: TrainingSets = None,
         as_json: Json = False,
     ) -> None:
         if (source is None) is not rig:
@@ -95,13 +103,19 @@ def command_of(study: str) -> Callable[..., None]:
 
         plan = plan_of(study, size.value)
         if models is not None:
-            plan = replace(plan, models=models_of(size.value, [name.strip() for name in models.split(",")]))
+            plan = replace(plan, models=models_of(size.value, _names(models)))
+        if training_sets is not None:
+            plan = plan.of_training_sets(_names(training_sets))
         workers = Workers(jobs, backend.value, address)
         numbers = list_of(seeds, int, "--seeds") or [0]
         _carry_out(plan, source, numbers, out, workers, device.value, as_json)
 
     command.__doc__ = STUDIES[study]
     return command
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
 
 
 def _carry_out(

@@ -1,5 +1,6 @@
 """Training sets by name: what was measured, and what fills the scarce cells beside it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
@@ -8,15 +9,15 @@ from typing import Any
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
-from sklearn.model_selection import StratifiedKFold, cross_val_predict
+from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
-from swashtwin.augmentation import synthesize
+from swashtwin.augmentation import FILLERS, Background, Filler, TwinFiller
 from swashtwin.calibration import Posterior
+from swashtwin.errors import InputError
 from swashtwin.features import extract_features
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import add_noise
 from swashtwin.studies.material import Material, again_cut
-from swashtwin.studies.scenario import NEAR
 from swashtwin.twin import Twin
 from swashtwin.windows import WindowSet
 
@@ -42,7 +43,7 @@ class Filling:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
-    """A name in `TWINS`, or None for nothing."""
+    """A name in `TWINS` or in `augmentation.FILLERS`, or None for nothing."""
     count: int | None = None
     """Windows for each cell that is filled; None takes the scenario's."""
     every_class: bool = False
@@ -50,6 +51,11 @@ class Filling:
     trap, for then "synthetic" tells no class."""
     noise: bool = False
     """Learn from a noisy copy of everything too, measured and synthetic windows alike."""
+
+    background: Background = "spectrum"
+    """What a twin's windows are laid over."""
+    class_weights: bool = False
+    """Let every class count the same in a network's loss, in place of windows."""
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""
@@ -65,7 +71,8 @@ PAPER_FILLINGS: Mapping[str, Filling] = MappingProxyType(
 def filled_cells(material: Material, filling: Filling) -> tuple[WindowSet, dict[str, float]]:
     """(synthetic windows that a filling adds, what is known of them)."""
     made = synthetic_windows_of(material, filling)
-    values = {"discriminator": told_apart(material, made)} if len(made) else {}
+    value = told_apart(material, made) if len(made) else math.nan
+    values = {} if math.isnan(value) else {"discriminator": value}
     if filling.noise:
         made = made + _noisy(material, made) + noisy_training(material)
     return made, values
@@ -96,24 +103,25 @@ def _training_snr(seed: int, name: str) -> float:
 
 
 def told_apart(material: Material, made: WindowSet) -> float:
-    """AUROC of trees that tell measured windows of the scarce classes from synthetic ones: the fingerprint trap.
+    """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the fingerprint trap.
 
-    0.5 is not at all, 1 always. Against the measured windows of the filled cells, or, where there are fewer than the
-    folds, of their classes at any pressure. Folds are of windows, so windows of one recording stand on both sides: a
-    value near 0.5 is safe to believe, one near 1 may be the recording's own.
+    0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured windows are those of
+    the nearer test, which no filler saw, and no recording is on both sides of a fold; nothing is chosen by it.
     """
-    measured = material.measured
-    own = measured.subset(np.isin(measured.label, material.scenario.scarce))
-    near = np.abs(own.discharge_pressure / material.scenario.pressure - 1) < NEAR
-    own = own.subset(near) if near.sum() >= FOLDS else own
-    both = own + made.subset(np.isin(made.label, material.scenario.scarce))
-    if min(len(own), int(both.synthetic.sum())) < FOLDS:
-        return float("nan")
+    test, scarce = material.tests[material.scenario.levels[0]], material.scenario.scarce
+    measured, made = test.subset(np.isin(test.label, scarce)), made.subset(np.isin(made.label, scarce))
+    folds = min(FOLDS, len(set(measured.recording_id.tolist())), len(made))
+    if folds < 2:
+        return math.nan
+    both = measured + made
     seed = derive_seed(material.seed, "discriminator") % 2**32
-    trees = ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
-    folds = StratifiedKFold(FOLDS, shuffle=True, random_state=seed)
     probability = cross_val_predict(
-        trees, extract_features(both).values, both.synthetic, cv=folds, method="predict_proba"
+        ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1),
+        extract_features(both).values,
+        both.synthetic,
+        groups=both.recording_id,
+        cv=StratifiedGroupKFold(folds, shuffle=True, random_state=seed),
+        method="predict_proba",
     )
     return float(roc_auc_score(both.synthetic, probability[:, 1]))
 
@@ -126,16 +134,19 @@ def synthetic_windows_of(material: Material, filling: Filling) -> WindowSet:
     if filling.by is None or count == 0:
         return made
     for label in measured.classes if filling.every_class else material.scenario.scarce:
-        twins, posteriors = twins_of(material, filling.by, label)
-        made = made + synthesize(
-            twins,
-            label=label,
-            count=count,
-            like=measured,
-            seed=derive_seed(material.seed, "filling", label) % 2**31,
-            posterior=posteriors,
-        )
+        filler = _filler(material, filling, label)
+        seed = derive_seed(material.seed, "filling", label) % 2**31
+        made = made + filler(measured, label=label, pressure=material.scenario.pressure, count=count, seed=seed)
     return made
+
+
+def _filler(material: Material, filling: Filling, label: str) -> Filler:
+    if filling.by in FILLERS:
+        return FILLERS[filling.by]
+    if filling.by not in TWINS:
+        raise InputError(f"nothing fills by {filling.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
+    twins, posteriors = twins_of(material, filling.by, label)
+    return TwinFiller(twins, posteriors, background=filling.background)
 
 
 def twins_of(material: Material, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:

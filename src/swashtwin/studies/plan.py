@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -87,6 +87,19 @@ class Plan:
             if self.varied != "synthetic" or (variant == "0") is (self.fillings[filling].by is None)
         ]
 
+    def of_training_sets(self, names: Sequence[str]) -> "Plan":
+        """The plan of some of its training sets only.
+
+        Raises
+        ------
+        InputError
+            It has none of that name.
+        """
+        for name in names:
+            if name not in self.fillings:
+                raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.fillings)}.")
+        return replace(self, fillings={name: self.fillings[name] for name in names})
+
     @property
     def needs_twins(self) -> bool:
         """Whether anything is filled by a calibrated twin."""
@@ -127,6 +140,8 @@ def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, 
     torch.set_num_threads(1)
     wall, cpu = time.perf_counter(), time.process_time()
     model = plan.models[task.factors["classifier"]]
+    if plan.fillings[task.factors["training_set"]].class_weights:
+        model = model.with_training(class_weights=True)
     train = material.measured + synthetic
     classifier = train_model(
         model,

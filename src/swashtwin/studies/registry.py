@@ -10,10 +10,21 @@ from swashtwin.studies.carrying import run_plan
 from swashtwin.studies.cases import ablation, algorithms, case_one, case_two, noise
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.result import StudyResult
+from swashtwin.studies.scarcity import augmentation, few_shot, unseen_pressure, unseen_specimen
 from swashtwin.studies.sources import Source
 
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
-    {"case1": case_one, "case2": case_two, "algorithms": algorithms, "ablation": ablation, "noise": noise}
+    {
+        "case1": case_one,
+        "case2": case_two,
+        "algorithms": algorithms,
+        "ablation": ablation,
+        "noise": noise,
+        "augmentation": augmentation,
+        "few-shot": few_shot,
+        "unseen-pressure": unseen_pressure,
+        "unseen-specimen": unseen_specimen,
+    }
 )
 """Plan of each study, by its name and the name of a size."""
 

@@ -53,6 +53,8 @@ class Scenario:
     """Windows of each class in each test, evenly over its recordings; None takes as many as the smallest class has."""
     held_out: int = 2
     """Specimens that nothing is trained on."""
+    specimens: int | None = None
+    """Specimens that are trained on; None takes all that are not held out."""
     levels: tuple[str, str] = ("L2", "L4")
     """Levels of generalization of the tests: known specimens, and those held out."""
     faults: Mapping[str, tuple[Fault, ...]] = field(default_factory=lambda: MACHINED)
@@ -94,6 +96,7 @@ class Scenario:
             "windows_per_recording": self.windows,
             "test_windows": self.test_windows,
             "specimens_held_out": self.held_out,
+            "specimens_trained_on": self.specimens,
             "levels": list(self.levels),
             "faults": {name: [_fault(one) for one in self.faults[name]] for name in self.scarce},
             "pump": self.pump.name,
@@ -143,12 +146,14 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     known, unseen = scenario.levels
     rng = stream(seed, "scenario", "split")
     specimens = sorted({str(r.specimen) for r in recordings})
-    if len(specimens) < scenario.held_out + 1:
+    least = scenario.held_out + (scenario.specimens or 1)
+    if len(specimens) < least:
         raise DataError(
-            f"the study needs at least {scenario.held_out + 1} specimens, {scenario.held_out} of them held out; the "
+            f"the study needs at least {least} specimens, {scenario.held_out} of them held out; the "
             f"recordings name {len(specimens)} ({', '.join(specimens)}). Give each recording its specimen in the index."
         )
-    held_out = set(rng.permutation(specimens)[: scenario.held_out].tolist())
+    drawn = rng.permutation(specimens).tolist()
+    held_out, known_ones = set(drawn[: scenario.held_out]), set(drawn[scenario.held_out :][: scenario.specimens])
     train: set[str] = set()
     references: set[str] = set()
     few: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
@@ -160,6 +165,8 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             spare = 1 if order[0].label == "normal" and (len(ids) > 1 or not scenario.is_near(order[0])) else 0
             references |= set(ids[:spare])
             tests[unseen] |= set(ids[spare:]) if scenario.is_near(order[0]) else set()
+            continue
+        if order[0].specimen not in known_ones:
             continue
         kept = _kept(order, scenario)
         tests[known] |= set(ids[kept:]) if scenario.is_near(order[0]) else set()

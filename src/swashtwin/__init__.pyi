@@ -6,7 +6,9 @@ from .augmentation import Filler as Filler
 from .augmentation import TwinFiller as TwinFiller
 from .augmentation import Variation as Variation
 from .augmentation import synthesize as synthesize
+from .baselines import BASELINES as BASELINES
 from .baselines import FittedBaseline as FittedBaseline
+from .baselines import fit_baseline as fit_baseline
 from .baselines import fit_extra_trees as fit_extra_trees
 from .calibration import CMAES as CMAES
 from .calibration import IPINN as IPINN
@@ -167,6 +169,7 @@ from .windows import split_by_recording as split_by_recording
 from .windows import window_batches as window_batches
 
 __all__ = [
+    "BASELINES",
     "CLASSES",
     "CMAES",
     "DEFAULT_VARIATION",
@@ -260,6 +263,7 @@ __all__ = [
     "film_of",
     "film_values",
     "fit",
+    "fit_baseline",
     "fit_extra_trees",
     "group_folds",
     "hertz",

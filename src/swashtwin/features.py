@@ -24,7 +24,7 @@ ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "cres
 class FeatureTable:
     """Features of each window, and what each column is."""
 
-    values: Float64[np.ndarray, "window feature"]
+    values: Float[np.ndarray, "window feature"]
     """One row per window."""
     names: tuple[str, ...]
     """Name of each column: channel, part, feature."""

@@ -1,0 +1,33 @@
+"""aeon's convolution kernels, computed here or, as a script, by another Python that has aeon.
+
+    python rocket_script.py minirocket 3 windows.npz columns.npy
+
+Another Python knows nothing of this package, so this file imports none of it.
+"""
+
+import sys
+
+import numpy as np
+
+
+def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    """What the kernels drawn by `seed` and fitted to the windows `known` make of `windows` (window, column).
+
+    Kernels take milliseconds to fit, and depend on nothing but `seed` and `known`: they are fitted anew each time, and
+    never saved.
+    """
+    from aeon.transformations.collection import convolution_based
+
+    makers = {
+        "minirocket": lambda: convolution_based.MiniRocket(random_state=seed),
+        "multirocket": lambda: convolution_based.MultiRocket(random_state=seed),
+        "hydra": lambda: convolution_based.HydraTransformer(random_state=seed, output_type="numpy"),
+    }
+    kernels = makers[kind]().fit(known)
+    return np.asarray(kernels.transform(windows), dtype=np.float32)
+
+
+if __name__ == "__main__":
+    kind, seed, source, target = sys.argv[1:]
+    with np.load(source) as arrays:
+        np.save(target, kernel_columns(kind, int(seed), arrays["known"], arrays["windows"]))

@@ -135,3 +135,41 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     ]  # fmt: skip
     for line in commands:
         run(*shlex.split(line)[1:])
+
+
+def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed_is_diagnosed(tmp_path: Path) -> None:
+    time = np.arange(8000) / 2000
+    for label, level in (("normal", 0.2), ("piston", 1.0)):
+        for speed in (600, 900, 750):
+            angle = 2 * np.pi * speed / 60 * time
+            noise = 0.1 * np.random.default_rng(speed).standard_normal(8000)
+            rows = np.sin(angle) + level * np.sin(7 * angle) + noise
+            place = tmp_path / ("new" if speed == 750 else "old")
+            place.mkdir(exist_ok=True)
+            (place / f"{label}_{speed}rpm.csv").write_text("x\n" + "\n".join(f"{value:.6f}" for value in rows))
+    for place in ("old", "new"):
+        run("index", tmp_path / place, *FACTS)
+        angle = ("--readings-per-turn", 64, "--played-at", "900 rpm")
+        told = run_json("convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
+    assert told["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
+    stored = open_store(tmp_path / "old.h5")
+    assert [one.sample_rate for one in stored] == pytest.approx([960.0] * 4)
+    assert {one.attributes["angle_from"] for one in stored} == {"the stated speed"}
+    settings = ("--length", 128, "--epochs", 6, "--channels", "8,8", "--test-fraction", 0, "--learning-rate", 0.01)
+    run("train", tmp_path / "old.h5", "--out", tmp_path / "m.safetensors", *settings)
+    told = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
+    assert [one["label"] for one in told] == [one["recording_id"].split("_")[0] for one in told]
+    refusal = one_line(run("diagnose", tmp_path / "m.safetensors", tmp_path / "new", code=3))
+    assert "does not fit the classifier" in refusal
+
+
+def test_angle_options_need_readings_per_turn_and_a_common_speed(folder: Path) -> None:
+    out = ("--out", folder / "a.h5", *FACTS)
+    for option in (("--played-at", "860 rpm"), ("--track", "7"), ("--tachometer", "x")):
+        assert "is for --readings-per-turn" in run("convert", folder / "normal_1.csv", *out, *option, code=2).stderr
+    refusal = run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, code=2).stderr
+    assert "Invalid value for --played-at" in refusal
+    text = one_line(
+        run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, "--played-at", "860 rpm", code=3)
+    )
+    assert "nobody stated its speed" in text

@@ -10,26 +10,18 @@ import typer
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.indicator_tables import number_or_none, show_medians, show_points, show_trend_summary
-from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given, list_of
+from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given
 from swashtwin.cli.recordings import read_all, refuse_source
+from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaft_angle, vibration_of
 from swashtwin.cli.summaries import MOST_ROWS, All
 
 if TYPE_CHECKING:
     from swashtwin.indicators import Indicator, IndicatorTable
-    from swashtwin.order_domain import ShaftAngle
     from swashtwin.recording import Recording
 
 Sources = Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")]
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
-]
-Tachometer = Annotated[str | None, typer.Option(help="Channel with the pulses of a tachometer.")]
-Pulses = Annotated[int | None, typer.Option(min=1, help="Pulses of the tachometer per turn; 1 by default.")]
-Track = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ORDERS", help='Orders of which the clearest line is followed for the shaft angle: "7,14,28".'
-    ),
 ]
 OwnSpeed = Annotated[str | None, typer.Option(help='Shaft speed where a file does not say it: "860 rpm".')]
 Bands = Annotated[
@@ -149,9 +141,9 @@ def spectrum(
     recordings = read_all([file], **facts)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
-    _require_one_way(tachometer, pulses, track)
-    angle = _angle(recordings[0], tachometer, pulses, track)
-    shown = _vibration(recordings[0], tachometer)
+    require_one_way(tachometer, pulses, track)
+    angle = shaft_angle(recordings[0], tachometer, pulses, track)
+    shown = vibration_of(recordings[0], tachometer)
     edges = None if band is None else _hertz(Band.parse(band))
     made = spectrum_of(shown, kind.value, angle=angle, pistons=pistons, band=edges, resolution=resolution)
     drawing = spectrum_drawing(made, top=top)
@@ -262,18 +254,18 @@ def _table_of(
     from swashtwin.errors import DataError, InputError
     from swashtwin.indicators import BANDS, FAMILIES, Band, indicators_of, stacked
 
-    _require_one_way(tachometer, pulses, track)
+    require_one_way(tachometer, pulses, track)
     wanted = tuple(Band.parse(text) for text in bands or ()) or BANDS
     asked = families or list(FAMILIES)
     tables, refusals = [], []
     for recording in recordings:
         angle, without = None, asked
         try:
-            angle = _angle(recording, tachometer, pulses, track)
+            angle = shaft_angle(recording, tachometer, pulses, track)
         except (DataError, InputError) as refusal:
             refusals.append(refusal)
             without = [name for name in asked if name != "orders"]
-        shown = _vibration(recording, tachometer)
+        shown = vibration_of(recording, tachometer)
         tables.append(indicators_of(shown, angle=angle, pistons=pistons, bands=wanted, families=without))
     if refusals and len(refusals) == len(recordings):
         raise refusals[0]
@@ -289,30 +281,6 @@ def _targets(figure: Path, sources: list[Path]) -> Path:
     for target in (figure, numbers):
         refuse_source(target, sources)
     return numbers
-
-
-def _require_one_way(tachometer: str | None, pulses: int | None, track: str | None) -> None:
-    if tachometer is not None and track is not None:
-        raise typer.BadParameter("a tachometer and a line to track are one too many.", param_hint="--track")
-    if pulses is not None and tachometer is None:
-        raise typer.BadParameter("are those of a channel; name it with --tachometer.", param_hint="--pulses")
-
-
-def _angle(
-    recording: "Recording", tachometer: str | None, pulses: int | None, track: str | None
-) -> "ShaftAngle | None":
-    """The shaft's angle where an option says how to find it."""
-    from swashtwin.order_domain import tachometer_speed, tracked_speed
-
-    if tachometer is not None:
-        return tachometer_speed(recording, tachometer, pulses or 1)
-    orders = list_of(track, int, "--track")
-    return None if orders is None else tracked_speed(recording, order=orders)
-
-
-def _vibration(recording: "Recording", tachometer: str | None) -> "Recording":
-    """The channels with vibration."""
-    return recording.picked([name for name in recording.channels if name != tachometer])
 
 
 def _header(indicator: "Indicator") -> str:

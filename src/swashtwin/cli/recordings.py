@@ -23,8 +23,11 @@ from swashtwin.cli.options import (
     pairs_of,
     said_as_options,
 )
+from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaft_angle, vibration_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from swashtwin.recording import Recording
     from swashtwin.stored import StoredRecording
 
@@ -191,6 +194,16 @@ def convert(
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     names: Names = None,
+    readings_per_turn: Annotated[
+        int | None,
+        typer.Option(help="Store even steps of the shaft's angle instead of time: so many a turn, even; whole files."),
+    ] = None,
+    played_at: Annotated[
+        str | None, typer.Option(help='Speed at which all turns are played back: "860 rpm"; the rate follows from it.')
+    ] = None,
+    tachometer: Tachometer = None,
+    pulses: Pulses = None,
+    track: Track = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a store that exists.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -202,17 +215,50 @@ def convert(
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    recordings = open_all(paths, **facts)
+    kept: Sequence[Recording | StoredRecording]
+    if readings_per_turn is None:
+        _refuse_without_turns(played_at=played_at, tachometer=tachometer, pulses=pulses, track=track)
+        kept = open_all(paths, **facts)
+    else:
+        kept = _along_the_angle(read_all(paths, **facts), readings_per_turn, played_at, (tachometer, pulses, track))
     with progress("MB") as bar:
-        write_store(recordings, out, progress=bar)
-    seconds, size = sum(one.duration for one in recordings), out.stat().st_size
-    result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
+        write_store(kept, out, progress=bar)
+    seconds, size = sum(one.duration for one in kept), out.stat().st_size
+    result = {"store": out, "recordings": len(kept), "seconds": seconds, "bytes": size}
 
     def show() -> None:
-        say(f"{out}: {len(recordings)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
+        say(f"{out}: {len(kept)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
         say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
+
+
+def _refuse_without_turns(**options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise typer.BadParameter("is for --readings-per-turn.", param_hint=f"--{name.replace('_', '-')}")
+
+
+def _along_the_angle(
+    recordings: "list[Recording]",
+    readings_per_turn: int,
+    played_at: str | None,
+    shaft: tuple[str | None, int | None, str | None],
+) -> "list[Recording]":
+    """The recordings at even steps of the shaft's angle, all played back at one speed."""
+    from swashtwin.order_domain import resampled_by_angle, stated_angle
+    from swashtwin.units import parse
+
+    require_one_way(*shaft)
+    if played_at is None:
+        reason = 'recordings of different speeds need one in common to be played back at, such as "860 rpm".'
+        raise typer.BadParameter(reason, param_hint="--played-at")
+    speed = parse(played_at, "rad/s", name="played_at")
+    made = []
+    for one in recordings:
+        angle = shaft_angle(one, *shaft) or stated_angle(one)
+        made.append(resampled_by_angle(vibration_of(one, shaft[0]), angle, readings_per_turn, played_at=speed))
+    return made
 
 
 def split(

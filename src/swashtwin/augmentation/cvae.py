@@ -19,7 +19,7 @@ class CVAE:
     Daniilidis and Levine 2021, arXiv:2006.13202), which is drawn with the window: the mean alone would be too smooth.
     """
 
-    components: int = 64
+    components: int = 32
     """Principal components of the logarithmic spectra whose scores are modeled."""
     latent: int = 16
     """Latent values of a window."""

@@ -19,7 +19,7 @@ class Diffusion:
     It works on the scores of `SpectralForm`, with the cosine schedule of Nichol and Dhariwal 2021 (arXiv:2102.09672).
     """
 
-    components: int = 64
+    components: int = 32
     """Principal components of the logarithmic spectra whose scores are modeled."""
     levels: int = 100
     """Levels of noise between a window and noise alone."""

@@ -19,13 +19,13 @@ class WGANGP:
     critic and Adam's settings are the paper's.
     """
 
-    components: int = 64
+    components: int = 32
     """Principal components of the logarithmic spectra whose scores are modeled."""
     latent: int = 32
     """Random values that a window is made of."""
     width: int = 256
     """Width of the hidden layers."""
-    steps: int = 2500
+    steps: int = 2000
     """Steps of the generator."""
     critic_steps: int = 5
     """Steps of the critic for each of the generator."""

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.errors import DataError, MissingExtraError
+from swashtwin.augmentation import NoNeighborsError
+from swashtwin.augmentation.interpolation import oversampler
 from swashtwin.features import extract_features
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.windows import WindowSet
@@ -20,12 +19,10 @@ _NEIGHBORS = 5
 _GAIN = 0.1
 """Spread of a shaken copy's gain."""
 
-Filler = Callable[[WindowSet, Float[np.ndarray, "window feature"], Bool[np.ndarray, " window"], int, int], np.ndarray]
+FeatureFiller = Callable[
+    [WindowSet, Float[np.ndarray, "window feature"], Bool[np.ndarray, " window"], int, int], np.ndarray
+]
 """Features of new windows, from (windows, their features, which to draw from, how many, seed)."""
-
-
-class NoNeighborsError(DataError):
-    """There is nothing between which a point could be put."""
 
 
 def _copies(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -42,11 +39,11 @@ def _shaken(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: i
     return extract_features(replace(source, signal=shaken)).values
 
 
-def _between(name: str) -> Filler:
+def _between(name: str) -> FeatureFiller:
     """A sampler of imbalanced-learn, between windows of the pool; it raises `NoNeighborsError` where it cannot."""
 
     def fill(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: int, seed: int) -> np.ndarray:
-        sampler = _sampler(name)
+        sampler = oversampler(name)
         wanted = {1: int(pool.sum()) + count}
         scale = np.maximum(features.std(axis=0), 1e-12)
         own = sampler(sampling_strategy=wanted, random_state=derive_seed(seed, name) % 2**32)
@@ -63,16 +60,7 @@ def _between(name: str) -> Filler:
     return fill
 
 
-def _sampler(name: str) -> Any:
-    try:
-        return getattr(import_module("imblearn.over_sampling"), name)
-    except ImportError as cause:
-        raise MissingExtraError(
-            f'{name} needs imbalanced-learn, which is not installed: pip install "swashtwin[rivals]".'
-        ) from cause
-
-
-FILLINGS: dict[str, Filler | None] = {
+FILLINGS: dict[str, FeatureFiller | None] = {
     "nothing": None,
     "copies": _copies,
     "shaken copies": _shaken,

@@ -10,13 +10,14 @@ from jaxtyping import Bool, Float
 from joblib import Parallel, delayed
 from sklearn.metrics import confusion_matrix
 
+from swashtwin.augmentation import NoNeighborsError
 from swashtwin.errors import DataError, InputError
 from swashtwin.evaluation.metrics import g_mean, recalls
 from swashtwin.features import extract_features
 from swashtwin.readers.public_sets import read_public_set
 from swashtwin.seeding import derive_seed
 from swashtwin.studies.public.estimators import extra_trees
-from swashtwin.studies.public.filling import FILLINGS, NoNeighborsError
+from swashtwin.studies.public.filling import FILLINGS
 from swashtwin.studies.table import StudyTable, Trial
 from swashtwin.version import VERSION
 from swashtwin.windows import WindowSet, cut_windows

@@ -96,6 +96,24 @@ def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dic
     assert set(manifest) == set(chain["split"]["train_recordings"])
 
 
+def test_synthetic_windows_lie_over_the_residual_of_measured_ones_where_told(
+    chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    words = (
+        "synthesize",
+        chain["calibrate"]["calibration"],
+        "--like",
+        chain["split"]["train"],
+        "--label",
+        "swash_plate",
+    )
+    facts = (*words, "--count", 3, "--out", tmp_path / "made.safetensors", "--residual")
+    run(*facts)
+    signal = load_windows(tmp_path / "made.safetensors")[0].signal
+    assert np.abs(signal - load_windows(chain["synthesize"]["windows"])[0].signal).max() > 0.01
+    assert "--no-background" in run(*facts, "--no-background", code=2).stderr
+
+
 def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:
     classifier = swashtwin.load_classifier(Path(chain["train"]["model"]))
     assert set(chain["split"]["train_recordings"]) <= set(classifier.manifest)

@@ -26,6 +26,10 @@ def synthesize(
         typer.Option(help="Draw the values of each window from the posterior, or take those found."),
     ] = True,
     background: Annotated[bool, typer.Option(help="Lay the windows over noise as measured.")] = True,
+    residual: Annotated[
+        bool,
+        typer.Option("--residual", help="Take for noise measured windows less what turns with the shaft, as they are."),
+    ] = False,
     length: Length = 2048,
     seed: Seed = 0,
     as_json: Json = False,
@@ -34,6 +38,8 @@ def synthesize(
 
     Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
     """
+    if residual and not background:
+        raise typer.BadParameter("is a background; leave --no-background out.", param_hint="--residual")
     from swashtwin import augmentation
     from swashtwin.calibration import load_calibration
     from swashtwin.readers import read_recordings
@@ -58,7 +64,7 @@ def synthesize(
         count=count,
         like=measured,
         seed=seed,
-        background=background,
+        background="residual" if residual else background,
         posterior=found.posterior if draws and not nominal else None,
     )
     manifest = {*found.recording_ids, *measured.recording_id.tolist()}

@@ -7,17 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import one_line, run, run_json
+from safetensors import safe_open
+from safetensors.torch import save_file
 
 from swashtwin.baselines import fit_extra_trees
 from swashtwin.condition import OperatingCondition
-from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
+from swashtwin.diagnosis import artifact, diagnose, load_classifier, save_classifier
 from swashtwin.errors import DataError, InputError, LeakError
 from swashtwin.evaluation import learn_confidence, recording_answers, score_confidence
 from swashtwin.evaluation.metrics import expected_calibration_error
 from swashtwin.networks import BiTCN
 from swashtwin.readers import write_index, write_recording
 from swashtwin.recording import Recording
-from swashtwin.training import Confidence, FittedClassifier, TrainingSettings, fit, known_recordings, softened
+from swashtwin.training import (
+    Confidence,
+    FittedClassifier,
+    KnownRecordings,
+    TrainingSettings,
+    fit,
+    known_recordings,
+    softened,
+)
 from swashtwin.units import MPa, rpm
 from swashtwin.windows import WindowSet, cut_windows
 
@@ -131,20 +141,20 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
     known = diagnose(taught, recording("new piston", "piston")).trust
     assert known.prediction_set == ("piston",)
     assert not known.unknown
-    assert known.distance <= known.usual_distance
+    assert known.strangeness <= known.usual_strangeness
     assert "No other class is plausible at an error rate of 10 %" in known.sentence()
     strange = diagnose(taught, recording("new howl", "howl").relabeled(None)).trust
     assert strange.unknown
-    assert strange.distance > strange.usual_distance
-    assert strange.sentence().startswith("Unknown: it lies")
+    assert strange.strangeness > strange.usual_strangeness
+    assert strange.sentence().startswith("Unknown: its vibration is stranger")
     json.dumps(strange.to_dict(), allow_nan=False)
 
 
-def test_a_recording_is_unknown_exactly_beyond_the_usual_distance(taught: FittedClassifier) -> None:
+def test_a_recording_is_unknown_exactly_beyond_the_usual_strangeness(taught: FittedClassifier) -> None:
     for noise in (0.3, 0.4, 0.5, 0.7, 1.0):
         for rate in (0.05, 0.1, 0.2):
             trust = diagnose(taught, recording(f"new {noise}", "normal", noise), error_rate=rate).trust
-            assert trust.unknown == (trust.distance > trust.usual_distance)
+            assert trust.unknown == (trust.strangeness > trust.usual_strangeness)
 
 
 def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
@@ -193,6 +203,32 @@ def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> No
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
     assert known_recordings(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
     assert bare.known.distances(bare.known.features[2]).argmin() == 2
+
+
+def test_strangeness_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> None:
+    random = np.random.default_rng(0)
+    label = tuple(np.repeat(["a", "b"], 30).tolist())
+    features = random.normal(0, [1.0, 0.1, 5.0], (60, 3))
+    features[30:, 0] += 8.0  # the classes differ in the first, and in the second hardly anything varies
+    known = KnownRecordings(tuple(map(str, range(60))), label, features)
+    at_home = known.strangeness(np.array([8.0, 0.0, 0.0]))
+    assert known.strangeness(np.array([0.0, 0.0, 9.0])) < at_home + 1
+    assert known.strangeness(np.array([4.0, 0.0, 0.0])) > at_home + 2
+    alone = KnownRecordings(("x", "y", "z"), ("a", "a", "a"), features[:3])
+    assert alone.strangeness(features[0] + 50) > alone.strangeness(features[0])
+    single = KnownRecordings(("x", "y"), ("a", "b"), features[[0, 30]])
+    assert single.strangeness(features[0]) < single.strangeness(features[0] + 5)
+
+
+def test_a_file_whose_unknown_was_told_otherwise_loads_without_trust(taught, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(artifact, "_checksum", lambda tensors, card: "")
+    path = save_classifier(taught, tmp_path / "old.safetensors")
+    assert load_classifier(path).confidence is not None
+    with safe_open(path, framework="pt") as file:
+        kept, note = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
+    kept["confidence.distance"] = kept.pop("confidence.strangeness")
+    save_file(kept, path, metadata=note)
+    assert load_classifier(path).confidence is None
 
 
 def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:

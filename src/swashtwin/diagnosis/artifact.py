@@ -50,7 +50,7 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
         tensors["known.features"] = from_numpy(classifier.known.features)
     if classifier.confidence is not None:
         tensors["confidence.surprise"] = from_numpy(classifier.confidence.surprise)
-        tensors["confidence.distance"] = from_numpy(classifier.confidence.distance)
+        tensors["confidence.strangeness"] = from_numpy(classifier.confidence.strangeness)
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     card = _card(classifier)
     note = {"version": VERSION, "card": card, "sha256": _checksum(tensors, card)}
@@ -148,11 +148,11 @@ def _known(tensors: dict[str, Tensor], card: dict[str, Any]) -> KnownRecordings 
 
 
 def _confidence(tensors: dict[str, Tensor], card: dict[str, Any]) -> Confidence | None:
-    """None for a file from before confidence was kept, and where nobody asked for it."""
-    if "confidence" not in card:
+    """None where nobody asked for it, and for a file from before it was kept or whose unknown was told otherwise."""
+    if "confidence" not in card or "confidence.strangeness" not in tensors:
         return None
-    surprise, distance = (tensors[f"confidence.{name}"].numpy() for name in ("surprise", "distance"))
-    return Confidence(surprise=surprise, distance=distance, **card["confidence"])
+    surprise, strangeness = (tensors[f"confidence.{name}"].numpy() for name in ("surprise", "strangeness"))
+    return Confidence(surprise=surprise, strangeness=strangeness, **card["confidence"])
 
 
 def _checksum(tensors: dict[str, Tensor], card: dict[str, Any]) -> str:

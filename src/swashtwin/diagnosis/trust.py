@@ -25,10 +25,10 @@ class Trust:
     """Whether the recording is unlike those that were trained on; its class is then a guess among wrong answers."""
     familiarity: float
     """Conformal p-value of being like them; unknown where it is at most the error rate."""
-    distance: float
-    """Distance from the nearest of them (`KnownRecordings.distances`)."""
-    usual_distance: float
-    """Distance beyond which a recording is called unknown."""
+    strangeness: float
+    """How unlike the known classes it is (`KnownRecordings.strangeness`); only its order means anything."""
+    usual_strangeness: float
+    """Strangeness beyond which a recording is called unknown."""
     n_validation: int
     """Validation recordings that all this rests on."""
 
@@ -41,9 +41,10 @@ class Trust:
         rate = f"{100 * self.error_rate:.3g} %"
         if self.unknown:
             return (
-                f"Unknown: it lies {self.distance:.3g} away from the nearest recording of the training, and all but "
-                f"{rate} of {self.n_validation} validation recordings lie within {self.usual_distance:.3g}. The class "
-                "named is the nearest of wrong answers unless the pump, the sensors or the condition are what differs."
+                f"Unknown: its vibration is stranger to every known class (relative distance {self.strangeness:.3g}) "
+                f"than that of all but {rate} of {self.n_validation} validation recordings (up to "
+                f"{self.usual_strangeness:.3g}). The class named is the nearest of wrong answers unless the pump, the "
+                "sensors or the condition are what differs."
             )
         if len(self.prediction_set) == 1:
             return f"No other class is plausible at an error rate of {rate}."
@@ -70,21 +71,21 @@ def trust_in(
         return None
     rate = confidence.error_rate if error_rate is None else error_rate
     chosen, plausible = confidence.prediction_set(probability, rate), confidence.plausibility(probability)
-    distance = float(known.distances(features.mean(axis=0)).min())
-    familiarity = float(confidence.familiarity(np.array(distance)))
+    strangeness = known.strangeness(features.mean(axis=0))
+    familiarity = float(confidence.familiarity(np.array(strangeness)))
     return Trust(
         error_rate=rate,
         prediction_set=tuple(classifier.classes[index] for index in np.argsort(-probability) if chosen[index]),
         plausibility=dict(zip(classifier.classes, plausible.tolist(), strict=True)),
         unknown=familiarity <= rate,
         familiarity=familiarity,
-        distance=distance,
-        usual_distance=_usual(confidence, rate),
+        strangeness=strangeness,
+        usual_strangeness=_usual(confidence, rate),
         n_validation=confidence.n_recordings,
     )
 
 
 def _usual(confidence: Confidence, rate: float) -> float:
-    """Greatest distance whose familiarity is above `rate`: that of the k-th farthest validation recording."""
+    """Greatest strangeness whose familiarity is above `rate`: that of the k-th strangest validation recording."""
     n = confidence.n_recordings
-    return float(confidence.distance[n - max(1, math.floor(rate * (n + 1) + 1e-9))])
+    return float(confidence.strangeness[n - max(1, math.floor(rate * (n + 1) + 1e-9))])

@@ -50,8 +50,8 @@ class RecordingAnswers:
     """Index of the true class; -1 where it is not known."""
     probability: Float64[np.ndarray, "recording class"]
     """Probability of each class, pooled over the windows."""
-    distance: Float64[np.ndarray, " recording"]
-    """Distance from the nearest known recording; NaN where the classifier keeps none."""
+    strangeness: Float64[np.ndarray, " recording"]
+    """How unlike the known classes each is; NaN where the classifier keeps no recording."""
 
 
 def recording_answers(classifier: SureClassifier, windows: WindowSet) -> RecordingAnswers:
@@ -60,14 +60,12 @@ def recording_answers(classifier: SureClassifier, windows: WindowSet) -> Recordi
     names = np.unique(windows.recording_id)
     own = [windows.recording_id == name for name in names]
     known = classifier.known
-    distance = [
-        math.nan if known is None else float(known.distances(features[mask].mean(axis=0)).min()) for mask in own
-    ]
+    strangeness = [math.nan if known is None else known.strangeness(features[mask].mean(axis=0)) for mask in own]
     return RecordingAnswers(
         recording_id=tuple(names.tolist()),
         target=np.array([windows.target[mask][0] for mask in own], dtype=np.int64),
         probability=np.stack([pooled_probabilities(probability[mask]) for mask in own]).astype(np.float64),
-        distance=np.array(distance, dtype=np.float64),
+        strangeness=np.array(strangeness, dtype=np.float64),
     )
 
 
@@ -98,7 +96,7 @@ def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float 
     confidence = Confidence(
         temperature=_temperature(answers),
         surprise=np.sort(surprise),
-        distance=np.sort(answers.distance),
+        strangeness=np.sort(answers.strangeness),
         error_rate=error_rate,
     )
     manifest = tuple(sorted({*classifier.manifest, *answers.recording_id}))
@@ -165,7 +163,7 @@ class ConfidenceScores:
     called_unknown: float
     """Share called unknown although their class was trained."""
     unknown_auroc: float
-    """Area under the curve of the distance, recordings of classes never trained against these; NaN without such."""
+    """Area under the curve of the strangeness, recordings of classes never trained against these; NaN without such."""
     class_coverage: Mapping[str, float]
     """Coverage of each class that was tested: it is promised over all classes together, not for each."""
 
@@ -222,7 +220,7 @@ def score_confidence(
         log_loss_after=float(surprise_of(soft)[rows, answers.target].mean()),
         coverage=float(held.mean()),
         set_size=float(chosen.sum(axis=1).mean()),
-        called_unknown=float(np.mean(confidence.familiarity(answers.distance) <= rate)),
+        called_unknown=float(np.mean(confidence.familiarity(answers.strangeness) <= rate)),
         unknown_auroc=math.nan if foreign is None else _auroc(answers, recording_answers(classifier, foreign)),
         class_coverage={
             classifier.classes[index]: float(held[answers.target == index].mean())
@@ -232,8 +230,8 @@ def score_confidence(
 
 
 def _auroc(known: RecordingAnswers, foreign: RecordingAnswers) -> float:
-    is_foreign = np.repeat([False, True], [known.distance.size, foreign.distance.size])
-    return float(roc_auc_score(is_foreign, np.concatenate([known.distance, foreign.distance])))
+    is_foreign = np.repeat([False, True], [known.strangeness.size, foreign.strangeness.size])
+    return float(roc_auc_score(is_foreign, np.concatenate([known.strangeness, foreign.strangeness])))
 
 
 def _finite(value: float) -> float | None:

@@ -38,7 +38,7 @@ METRICS = {
     "set_size": "classes per set",
     "called_unknown": "wrongly called unknown",
     "unknown_caught": "left-out class called unknown",
-    "unknown_auroc": "AUROC of unknown, by distance",
+    "unknown_auroc": "AUROC of unknown, by features",
     "probability_auroc": "AUROC of unknown, by probability",
     **{f"auroc_{label}": f"AUROC of unknown, {label.replace('_', ' ')} left out" for label in CLASSES},
 }
@@ -135,7 +135,7 @@ _NOTES = (
     "coverage scatters by about 0.05.",
     "A left-out class is left out of training, teaching and the known side of the test; its recordings at the level "
     "are the strange ones. Both classifiers know recordings by the same 82 vibration features a channel, so the "
-    "figures of the unknown by distance are the same for both.",
+    "figures of the unknown by features are the same for both.",
 )
 
 
@@ -204,10 +204,10 @@ def _unknown(told: SureClassifier, test: WindowSet, foreign: WindowSet, left_out
     doubt = 1 - np.concatenate([known.probability.max(axis=1), strange.probability.max(axis=1)])
     caught = math.nan
     if confidence is not None:
-        caught = float(np.mean(confidence.familiarity(strange.distance) <= confidence.error_rate))
-    distance = np.concatenate([known.distance, strange.distance])
+        caught = float(np.mean(confidence.familiarity(strange.strangeness) <= confidence.error_rate))
+    strangeness = np.concatenate([known.strangeness, strange.strangeness])
     return {
-        f"auroc_{left_out}": float(roc_auc_score(is_strange, distance)),
+        f"auroc_{left_out}": float(roc_auc_score(is_strange, strangeness)),
         f"probability_auroc of {left_out}": float(roc_auc_score(is_strange, doubt)),
         f"unknown_caught of {left_out}": caught,
     }

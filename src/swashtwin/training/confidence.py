@@ -23,8 +23,8 @@ class Confidence:
     arXiv:1706.04599). Above 1 the classifier was too sure of itself."""
     surprise: Float64[np.ndarray, " recording"]
     """-log p of the true class of each validation recording before the temperature, ascending [nat]."""
-    distance: Float64[np.ndarray, " recording"]
-    """Distance of each validation recording from the nearest known one, ascending; see `KnownRecordings.distances`."""
+    strangeness: Float64[np.ndarray, " recording"]
+    """How unlike the known classes each validation recording is, ascending; see `KnownRecordings.strangeness`."""
     error_rate: float
     """Share of the recordings whose prediction set may miss the true class, and of those that may be called unknown
     although they are not; what was asked for when it was learnt."""
@@ -75,12 +75,12 @@ class Confidence:
         probability = np.asarray(probability)
         return np.asarray((self.plausibility(probability) > rate) | (probability == probability.max(-1, keepdims=True)))
 
-    def familiarity(self, distance: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
-        """Conformal p-value of being like the known recordings: the share of validation recordings at least as far.
+    def familiarity(self, strangeness: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
+        """Conformal p-value of being like the known recordings: the share of validation recordings at least as strange.
 
         Where it is at most the error rate, the recording is called unknown.
         """
-        return _share(self.distance, np.asarray(distance))
+        return _share(self.strangeness, np.asarray(strangeness))
 
 
 def require_enough(n_recordings: int, error_rate: float) -> None:

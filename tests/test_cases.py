@@ -1,6 +1,7 @@
 """The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,13 @@ import pytest
 from swashtwin.calibration import GaussNewton
 from swashtwin.errors import ArtifactError, DataError, InputError
 from swashtwin.recording import Recording
+from swashtwin.report import write_report
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.studies import Model, Plan, StudyResult, Workers, plan_of, run_plan
 from swashtwin.studies.fillings import Filling
+from swashtwin.studies.gathering import gathered
 from swashtwin.studies.material import calibration_tasks, prepare
-from swashtwin.studies.runs import load_run, load_runs
+from swashtwin.studies.runs import load_run, load_runs, save_run
 from swashtwin.studies.scenario import Scenario, split_scenario
 from swashtwin.training import TrainingSettings
 
@@ -233,3 +236,46 @@ def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]
         run_plan(tiny(), recordings, seeds=())
     with pytest.raises(InputError, match="belongs to backend dask or ray"):
         Workers(address="tcp://nowhere:1")
+
+
+def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:
+    (study,) = gathered(out)
+    assert study.rows() == result.rows()
+    assert study.seeds == (0, 1)
+    assert len(study.calibrations) == len(result.calibrations) == 2
+    assert study.command == "swashtwin study case1 rig"
+
+
+def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tmp_path: Path) -> None:
+    measured = [run for run in result.runs if run.task.factors["training_set"] == "measured"]
+    for number, run in enumerate(measured):
+        older = replace(run, task=replace(run.task, settings={**run.task.settings, "model": {"kind": "older"}}))
+        for place, one in enumerate((older, run)):
+            os.utime(save_run(one, tmp_path) / "result.json", (number, 10 * number + place))
+    (study,) = gathered(tmp_path)
+    assert {run.task.key for run in study.runs} == {run.task.key for run in measured}
+    assert "4 runs of other settings" in study.notes[-1]
+
+
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="holds no finished run"):
+        gathered(tmp_path)
+
+
+def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> None:
+    noisy = []
+    for run in result.runs:
+        if run.task.factors["training_set"] == "calibrated":
+            outcomes = [
+                replace(one, factors={**one.factors, "snr": snr}) for one in run.outcomes for snr in ("clean", "5 dB")
+            ]
+            noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
+    for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
+        save_run(run, tmp_path)
+    page = write_report(*gathered(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
+    assert "Algorithms on Case I" in page
+    assert "accuracy 0.910" in page
+    assert "swashtwin study case1 rig; seeds 0, 1; cpu; virtual rig" in page
+    for name in ("noise_snr", "noise_confusion", "algorithms_scores"):
+        assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
+        assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()

@@ -25,6 +25,7 @@ from swashtwin.cli import (
     pumps,
     real_data,
     recordings,
+    reporting,
     severities,
     simulating,
     studying,
@@ -62,6 +63,7 @@ _STUDIES: dict[str, Callable[..., None]] = {
 for _name, _study in _STUDIES.items():
     studies.command(_name)(_study)
 app.add_typer(studies, name="study", rich_help_panel=_DEMO)
+app.command("report", rich_help_panel=_DEMO)(reporting.report)
 app.command("rig", rich_help_panel=_DATA)(recordings.rig)
 app.command("index", rich_help_panel=_DATA)(recordings.index)
 app.command("convert", rich_help_panel=_DATA)(recordings.convert)

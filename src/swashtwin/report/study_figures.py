@@ -13,10 +13,13 @@ from sklearn.manifold import TSNE
 from swashtwin.evaluation import LEVELS
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, name_decades, panels, table
-from swashtwin.report.style import LEVEL_MARKERS, class_colors, styled, training_set_colors
+from swashtwin.report.style import LEVEL_MARKERS, class_colors, series_colors, styled, training_set_colors
 from swashtwin.report.wording import classifier_words, plural, training_set_words, words
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Embedding, Outcome
+
+MOST_MATRICES = 4
+"""Confusion matrices drawn beside each other at most."""
 
 MOST_POINTS = 1200
 """Windows drawn in one t-SNE panel at most, taken evenly."""
@@ -43,7 +46,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
     for place, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
         for i, level in enumerate(levels):
             for j, training_set in enumerate(sets):
-                for outcomes in (study.outcomes, study.rivals):
+                for outcomes, of_rivals in ((study.outcomes, False), (study.rivals, True)):
                     own = [one for one in outcomes if (one.level, one.training_set) == (level, training_set)]
                     rows += [
                         {
@@ -57,9 +60,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
                         for one in own
                     ]
                     position = i + 0.26 * (j - (len(sets) - 1) / 2)
-                    _column(
-                        place, position, own, value, training_set_colors(sets)[training_set], outcomes is study.rivals
-                    )
+                    _column(place, position, own, value, training_set_colors(sets)[training_set], of_rivals)
         chance = metric == "accuracy"
         _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
     _bar_legend(axes[0, 0], study, sets)
@@ -124,15 +125,17 @@ def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
 
 @styled()
 def training_drawing(study: StudyResult, key: str) -> Drawing:
-    """Loss and accuracy over the epochs, for each training set and seed."""
-    sets = list(dict.fromkeys(curve.training_set for curve in study.curves))
-    colors = training_set_colors(sets)
+    """Loss and accuracy over the epochs, for each training set or classifier, and seed."""
+    by = "training_set" if len({curve.training_set for curve in study.curves}) > 1 else "classifier"
+    kept = [one for one in study.curves if by == "classifier" or one.classifier == study.own]
+    sets = list(dict.fromkeys(curve.factors[by] for curve in kept))
+    colors = series_colors(sets)
     figure, axes = panels(1, 2, 3.4, sharex=True)
     validated = False
-    for curve in study.curves:
+    for curve in kept:
         number = [epoch.number for epoch in curve.epochs]
         for place, name in zip(axes[0], ("loss", "accuracy"), strict=True):
-            color = colors[curve.training_set]
+            color = colors[curve.factors[by]]
             place.plot(number, [getattr(epoch, name) for epoch in curve.epochs], color=color, linewidth=1, alpha=0.8)
             held = [getattr(epoch, f"validation_{name}") for epoch in curve.epochs]
             if None not in held:
@@ -144,11 +147,13 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
     axes[0, 1].set(xlabel="epoch", ylabel="accuracy", ylim=(0, 1.03))
     axes[0, 1].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     entries = [Line2D([], [], color=colors[name], linewidth=2) for name in sets]
-    figure.legend(entries, [training_set_words(name) for name in sets], loc="outside upper center", ncols=len(sets))
+    named = training_set_words if by == "training_set" else classifier_words
+    figure.legend(entries, [named(name) for name in sets], loc="outside upper center", ncols=min(len(sets), 4))
     rows = [
-        {"training_set": curve.training_set, "seed": curve.seed, "epoch": e.number, "loss": e.loss,
+        {"classifier": curve.classifier, "training_set": curve.training_set, "seed": curve.seed,
+         "epoch": e.number, "loss": e.loss,
          "accuracy": e.accuracy, "validation_loss": e.validation_loss, "validation_accuracy": e.validation_accuracy}
-        for curve in study.curves
+        for curve in kept
         for e in curve.epochs
     ]  # fmt: skip
     caption = (
@@ -161,13 +166,32 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
 def confusion_of(study: StudyResult, key: str) -> Drawing:
     """Confusion matrix of the study's network for each level and training set, all seeds added."""
     matrices: dict[tuple[str, str], np.ndarray] = {}
-    ordered = sorted(study.outcomes, key=lambda one: one.level)
-    for one in ordered:
-        place = (one.level, training_set_words(one.training_set))
-        matrices[place] = matrices.get(place, 0) + one.scores.confusion
+    columns = _confused(study)
+    for one in sorted(study.outcomes, key=lambda one: one.level):
+        column = _column_of(one)
+        if column in columns:
+            place = (one.level, columns[column])
+            matrices[place] = matrices.get(place, 0) + one.scores.confusion
     seeds = plural(len(study.seeds), "seed")
     caption = f"Windows of each actual class in percent, over {seeds} together; rows add up to 100."
     return confusion_drawing(f"{key}_confusion", matrices, study.outcomes[0].scores.classes, caption=caption)
+
+
+def _column_of(one: Outcome) -> tuple[str, ...]:
+    return tuple(value for name, value in one.factors.items() if name != "level")
+
+
+def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
+    """Rows whose confusions are drawn, and what they are called: all of a few, else the first one and the best."""
+    names = list(dict.fromkeys(_column_of(one) for one in study.outcomes))
+    if len(names) > MOST_MATRICES:
+        accuracy = {
+            name: np.mean([one.scores.accuracy for one in study.outcomes if _column_of(one) == name]) for name in names
+        }
+        names = list(dict.fromkeys([names[0], *sorted(names, key=lambda name: -accuracy[name])]))[:MOST_MATRICES]
+    shown = {name: (classifier_words(name[0]), training_set_words(name[1]), *map(words, name[2:])) for name in names}
+    varying = [i for i in range(len(names[0])) if len({name[i] for name in names}) > 1] or [1]
+    return {name: ", ".join(told[i] for i in varying) for name, told in shown.items()}
 
 
 @styled()

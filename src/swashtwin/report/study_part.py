@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from swashtwin.report.calibration_part import calibration_blocks, comparison_table, verdict_counts
+from swashtwin.report.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
+from swashtwin.report.drawing import Drawing
 from swashtwin.report.page import (
     CALIBRATION,
     PROVENANCE,
@@ -42,12 +45,34 @@ from swashtwin.report.wording import (
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Outcome
 
-_PAPER = {
-    ("case1", "measured"): "accuracy 0.812",
-    ("case1", "calibrated"): "accuracy, recall and F1 0.98; G-mean 0.9748",
-    ("case2", "calibrated"): "accuracy and recall 0.9240, F1 0.9236; G-mean 0.9029",
-}
-"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN."""
+_PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
+    ("case1", {"training_set": "measured"}, "accuracy 0.812"),
+    ("case1", {"training_set": "calibrated"}, "accuracy, recall and F1 0.98; G-mean 0.9748"),
+    ("case2", {"training_set": "calibrated"}, "accuracy and recall 0.9240, F1 0.9236; G-mean 0.9029"),
+    ("algorithms", {"classifier": "bitcn"}, "accuracy 0.98"),
+    *(
+        ("algorithms", {"classifier": name}, "more than 8 points below BiTCN")
+        for name in ("tcn", "lstm", "bilstm", "bigru")
+    ),
+    *(
+        ("ablation", {"classifier": name}, "below the full model")
+        for name in ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
+    ),
+    ("noise", {"classifier": "bitcn", "training_set": "calibrated", "snr": "clean"}, "accuracy 0.980"),
+    ("noise", {"classifier": "bitcn", "training_set": "calibrated", "snr": "5 dB"}, "accuracy 0.910"),
+    ("noise", {"classifier": "tcn", "training_set": "calibrated", "snr": "5 dB"}, "9 points below BiTCN"),
+    ("noise", {"classifier": "lstm", "training_set": "calibrated", "snr": "5 dB"}, "11 points below BiTCN"),
+)
+"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN, by study and row."""
+
+
+def paper_words(study: StudyResult, key: dict[str, str]) -> str:
+    """What the paper prints for a row; nothing at other levels than the nearest, or of rivals beside the study."""
+    if key["level"] != "L2" or key["classifier"] in study.rival_names:
+        return ""
+    found = [text for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
+    return found[0] if found else ""
+
 
 _METRICS = {
     "accuracy": ("accuracy", "accuracy"),
@@ -70,7 +95,7 @@ def study_part(study: StudyResult, key: str) -> Part:
     sections.append(Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
     return Part(
         title=study.title,
-        answer=study_answer(study),
+        answer=study_answer(study) if study.study in ("case1", "case2") else study.answer,
         notice=study.origin,
         sections=tuple(sections),
         results={"studies": [study.to_dict()], "calibrations": [one.to_dict() for one in study.calibrations]},
@@ -82,11 +107,60 @@ def _score_blocks(study: StudyResult, key: str) -> tuple:
     return (
         levels_table(sorted({one.level for one in study.outcomes})),
         metrics_table(study),
+        Bullets("To be read with it", study.notes),
         Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
         *_about_the_paper(study),
-        Picture(accuracy_drawing(study, key)),
-        Picture(scarce_drawing(study, key)),
-        Picture(confusion_of(study, key)),
+        *([contrast_table(study)] if study.contrasts else []),
+        *(Picture(with_origin(drawing, study)) for drawing in _score_drawings(study, key)),
+    )
+
+
+def _score_drawings(study: StudyResult, key: str) -> list[Drawing]:
+    several = len({one.classifier for one in study.outcomes}) > 1
+    if curve_factor(study) is not None:
+        first = curve_drawings(study, key)
+    elif several and len({one.training_set for one in study.outcomes}) == 1:
+        first = [classifier_drawing(study, key), time_drawing(study, key)]
+    else:
+        first = [accuracy_drawing(study, key), scarce_drawing(study, key)]
+    return [*first, confusion_of(study, key)]
+
+
+def with_origin(drawing: Drawing, study: StudyResult) -> Drawing:
+    """The figure with what it takes to repeat it under it: command, seeds, device, and whose recordings."""
+    seeds = ", ".join(map(str, study.seeds))
+    rig = "virtual rig, no real pump" if "virtual rig" in study.origin else "the user's recordings"
+    facts = f"{study.command or 'command not recorded'}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
+    return replace(drawing, caption=f"{drawing.caption} [{facts}; {study.device}; {rig}]")
+
+
+def contrast_table(study: StudyResult) -> Table:
+    """Differences of accuracy, paired by seed."""
+    rows = []
+    for one in study.contrasts:
+        factor = next(name for name in one.first if one.first[name] != one.second[name])
+        named = training_set_words if factor == "training_set" else classifier_words
+        held = [words(value) for name, value in one.first.items() if name != factor]
+        low, high = one.interval
+        interval = f"{100 * low:+.1f} to {100 * high:+.1f}" if low == low else "—"
+        why = "" if low == low else "one seed"
+        rows.append(
+            (
+                Cell(f"{named(one.first[factor])} less {named(one.second[factor])}"),
+                Cell(", ".join(held)),
+                Cell(f"{100 * one.mean:+.1f}"),
+                Cell(interval, why),
+                Cell(number(one.p_value), "" if one.p_value == one.p_value else "fewer than six seeds"),
+                Cell("yes" if one.is_clear else "no"),
+            )
+        )
+    corrected = any(one.is_corrected for one in study.contrasts)
+    kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"
+    return Table(
+        f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}; p by Wilcoxon's signed ranks, "
+        "corrected by Holm.",
+        ("difference", "of", "points", "95 % interval", "p", "clear of zero"),
+        tuple(rows),
     )
 
 
@@ -96,15 +170,14 @@ def metrics_table(study: StudyResult) -> Table:
         [*study.rows(), *study.rows(rivals=True)],
         key=lambda row: (row["level"], row["classifier"] in study.rival_names),
     )
-    with_paper = any(name == study.study for name, _ in _PAPER)
+    with_paper = any(name == study.study for name, *_ in _PAPER)
     rows = []
     for row in table:
         key = {name: row[name] for name in study.factors}
         same = [one for one in (*study.outcomes, *study.rivals) if one.factors == key]
         cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
         if with_paper:
-            beside = row["level"] == "L2" and row["classifier"] == study.own
-            cells.append(Cell(_PAPER.get((study.study, row["training_set"]), "") if beside else ""))
+            cells.append(Cell(paper_words(study, key)))
         rows.append((Cell(_row_words(key)), *cells))
     header = ("level, classifier, training set", *(heading for heading, _ in _METRICS.values()))
     return Table(
@@ -148,7 +221,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
 
 
 def _about_the_paper(study: StudyResult) -> list[Paragraph]:
-    if not any(name == study.study for name, _ in _PAPER):
+    if not any(name == study.study for name, *_ in _PAPER):
         return []
     return [
         Paragraph(
@@ -184,10 +257,12 @@ def _extrapolated(study: StudyResult) -> tuple[str, ...]:
 
 
 def _training_blocks(study: StudyResult, key: str) -> tuple:
-    blocks: list[Any] = [_cells_table(study), Picture(training_drawing(study, key))]
+    blocks: list[Any] = [_cells_table(study)]
+    if study.curves:
+        blocks.append(Picture(with_origin(training_drawing(study, key), study)))
     if study.embeddings and all(can_embed(one) for one in study.embeddings):
-        blocks.append(Picture(embedding_drawing(study, key)))
-    else:
+        blocks.append(Picture(with_origin(embedding_drawing(study, key), study)))
+    elif study.embeddings:
         blocks.append(Paragraph("No t-SNE: fewer than 10 test windows, or all of them with the same features."))
     return tuple(blocks)
 

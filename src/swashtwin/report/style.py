@@ -76,6 +76,11 @@ def training_set_colors(names: Sequence[str]) -> dict[str, str]:
     return _colors(names, TRAINING_SET_COLORS)
 
 
+def series_colors(names: Sequence[str]) -> dict[str, str]:
+    """Color of each line of a figure; a training set keeps its own, and the study's own network has blue."""
+    return _colors(names, {**TRAINING_SET_COLORS, "bitcn": CALIBRATED})
+
+
 def class_colors(classes: Sequence[str]) -> dict[str, str]:
     """Color of each class, its own where it is known."""
     return _colors(classes, CLASS_COLORS)

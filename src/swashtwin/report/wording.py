@@ -12,6 +12,11 @@ TRAINING_SETS = {
     "measured": "measured only",
     "nominal": "with nominal twin",
     "calibrated": "with calibrated twin",
+    "posterior": "with draws of calibrated twins",
+    "residual": "with calibrated twin over measured residuals",
+    "every_class": "with calibrated twin, every class",
+    "calibrated_noise": "with calibrated twin, trained with noise",
+    "class_weights": "class weights",
 }
 """What each training set is called on the page."""
 
@@ -22,7 +27,21 @@ INTERFACES = {
 }
 """What each interface is called on the page."""
 
-CLASSIFIERS = {"bitcn": "BiTCN", "extra_trees": "extra trees"}
+CLASSIFIERS = {
+    "bitcn": "BiTCN",
+    "bitcn_paper": "BiTCN, the paper's recipe",
+    "bitcn_ordinary": "A: ordinary convolution",
+    "bitcn_no_attention": "B: no squeeze-and-excitation",
+    "bitcn_forward": "C: forward branch only",
+    "tcn": "TCN",
+    "lstm": "LSTM",
+    "bilstm": "BiLSTM",
+    "bigru": "BiGRU",
+    "wdcnn": "WDCNN",
+    "cnn_lstm": "CNN-LSTM",
+    "mlp": "MLP",
+    "resnet1d": "ResNet1d",
+}
 """What classifiers are called on the page; others by their own name."""
 
 

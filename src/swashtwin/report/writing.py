@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cache, singledispatch
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +23,7 @@ from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.identifiability_part import identifiability_part
-from swashtwin.report.page import Part, drawings
+from swashtwin.report.page import Part, Section, drawings
 from swashtwin.report.scores_part import scores_part
 from swashtwin.report.study_part import study_part
 from swashtwin.report.table_part import table_part
@@ -64,7 +65,7 @@ def write_report(
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
     parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
-    sections = sorted((section for part in parts for section in part.sections), key=lambda section: section.place)
+    sections = _sections(items, parts)
     figures = [drawing for section in sections for drawing in drawings(section.blocks)]
     texts = {folder / "report.html": _page(parts, sections)}  # the first to be opened, so the last to be replaced
     texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
@@ -106,9 +107,33 @@ part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(Evidence)(evidence_part)
 
 
+def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
+    """Every section, in the order of its place; of several studies each keeps its own together, under its title."""
+    if len(items) > 1 and all(isinstance(item, StudyTable) for item in items):
+        return [replace(one, title=f"{_short(part.title)}: {one.title}") for part in parts for one in part.sections]
+    return sorted((section for part in parts for section in part.sections), key=lambda section: section.place)
+
+
+def _short(title: str) -> str:
+    return title.split(",")[0].split(":")[0]
+
+
+def _answers(parts: Sequence[Part]) -> list[str]:
+    """Every sentence; of several parts each begins with what it is of."""
+    if len({part.title for part in parts}) == 1:
+        return [sentence for part in parts for sentence in part.answer]
+    return [f"{_short(part.title)}. {text}" if i == 0 else text for part in parts for i, text in enumerate(part.answer)]
+
+
 def _keys(items: Sequence[object]) -> list[str]:
-    """Name of each item, numbered where there are several of its kind."""
-    kinds = ["study" if isinstance(item, StudyResult | StudyTable) else type(item).__name__.lower() for item in items]
+    """Name of each item, numbered where there are several of its kind; of several studies each has its own name."""
+    several = sum(isinstance(item, StudyTable) for item in items) > 1
+    kinds = [
+        (item.study.replace("-", "_") if several else "study")
+        if isinstance(item, StudyTable)
+        else type(item).__name__.lower()
+        for item in items
+    ]
     total, seen, keys = Counter(kinds), Counter[str](), []
     for kind in kinds:
         seen[kind] += 1
@@ -119,7 +144,7 @@ def _keys(items: Sequence[object]) -> list[str]:
 def _page(parts: Sequence[Part], sections: Sequence[Any]) -> str:
     return _template().render(
         title=parts[0].title if len(parts) == 1 else "Report",
-        answer=[sentence for part in parts for sentence in part.answer],
+        answer=_answers(parts),
         notices=list(dict.fromkeys(part.notice for part in parts if part.notice)) or [_UNKNOWN_ORIGIN],
         sections=sections,
         version=VERSION,

@@ -23,7 +23,7 @@ def _told(study: StudyResult, level: str, snr: str) -> str:
     text = f"{where}: highest accuracy {best['accuracy']['mean']:.3f} ({_named(study, best)})"
     own = [one for one in study.contrasts if (one.first["level"], one.first.get("snr", "")) == (level, snr)]
     told = [_contrast_words(one, own) for one in own[:MOST_CONTRASTS]]
-    return f"{text}. {' '.join(told)}".strip()
+    return f"{text}. {' '.join(told)}".strip().replace("_", " ")
 
 
 def _named(study: StudyResult, row: Mapping[str, object]) -> str:

@@ -99,7 +99,7 @@ class StudyResult(StudyTable):
     def cells(self) -> dict[str, dict[str, int]]:
         """Windows by class and pressure in each training set and test set, first seed."""
         first = [run for run in self.runs if run.task.seed == self.seeds[0]]
-        trained = {run.task.factors["training_set"]: dict(run.cells["train"]) for run in first}
+        trained = {trained_on(run): dict(run.cells["train"]) for run in first}
         tested = {name: dict(cells) for run in first for name, cells in run.cells.items() if name != "train"}
         return {**trained, **tested}
 
@@ -114,7 +114,7 @@ class StudyResult(StudyTable):
         for run in self.runs:
             seed = str(run.task.seed)
             splits[seed] = dict(run.roles)
-            own = {run.task.factors["training_set"] if name == "train" else name: value
+            own = {trained_on(run) if name == "train" else name: value
                    for name, value in run.fingerprints.items()}  # fmt: skip
             fingerprints[seed] = {**fingerprints.get(seed, {}), **own}
         return {
@@ -136,6 +136,11 @@ class StudyResult(StudyTable):
                 for run in self.runs
             ],
         }
+
+
+def trained_on(run: Run) -> str:
+    """Name of a run's training set, with whatever else than the classifier names the run."""
+    return ", ".join(value for name, value in run.task.factors.items() if name != "classifier")
 
 
 def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:

@@ -1,0 +1,61 @@
+"""Finished runs of a folder, put together to the studies they are of."""
+
+from collections.abc import Sequence, Set
+from dataclasses import replace
+from pathlib import Path
+
+from swashtwin.errors import DataError
+from swashtwin.studies.carrying import assembled, first_calibrations
+from swashtwin.studies.material import kept_calibration
+from swashtwin.studies.registry import PLANS, plan_of
+from swashtwin.studies.result import StudyResult
+from swashtwin.studies.runs import Run, load_run
+
+
+def gathered(folder: Path) -> list[StudyResult]:
+    """Every study whose runs lie below a folder, in the order of `PLANS`, each size by itself.
+
+    A row takes the settings of its latest run; runs of other settings or other recordings under the same row and seed
+    are left out, and a note says how many.
+
+    Raises
+    ------
+    DataError
+        There is no finished run.
+    ArtifactError
+        A run is damaged.
+    """
+    paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
+    runs = [load_run(path.parent) for path in paths]
+    if not runs:
+        raise DataError(f"{folder} holds no finished run of a study; give the --out of a swashtwin study.")
+    order = {name: place for place, name in enumerate(PLANS)}
+    kinds = sorted({(run.task.study, run.task.size) for run in runs}, key=lambda kind: (order.get(kind[0], 99), kind))
+    shown: set[str] = set()
+    studies = []
+    for kind in kinds:
+        kept = [run for run in runs if (run.task.study, run.task.size) == kind]
+        studies.append(_study(Path(folder), kept, shown))
+        shown |= set(first_calibrations(kept))
+    return studies
+
+
+def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
+    """Study of some runs, with the calibrations of its first seed that no study before it has shown."""
+    kept = _latest(runs)
+    task = runs[0].task
+    if task.study not in PLANS:
+        raise DataError(f"{folder} holds runs of {task.study!r}, which is none of {', '.join(PLANS)}.")
+    plan = plan_of(task.study, task.size)
+    if len(kept) < len(runs):
+        left_out = f"{len(runs) - len(kept)} runs of other settings or recordings lie in the folder and are left out."
+        plan = replace(plan, notes=(*plan.notes, left_out))
+    found = [kept_calibration(folder, key) for key in first_calibrations(kept) if key not in shown]
+    return assembled(plan, kept, calibrations=[one for one in found if one is not None])
+
+
+def _latest(runs: Sequence[Run]) -> list[Run]:
+    """Of each row the runs of its latest settings, one for each seed; `runs` are in the order of time."""
+    settings = {tuple(run.task.factors.items()): run.task.settings for run in runs}
+    same = [run for run in runs if run.task.settings == settings[tuple(run.task.factors.items())]]
+    return list({(tuple(run.task.factors.items()), run.task.seed): run for run in same}.values())

@@ -3,5 +3,6 @@
 from swashtwin.networks.bitcn import BiTCN
 from swashtwin.networks.network import Network
 from swashtwin.networks.registry import NETWORKS, build_network
+from swashtwin.networks.spectral_bitcn import SpectralBiTCN
 
-__all__ = ["NETWORKS", "BiTCN", "Network", "build_network"]
+__all__ = ["NETWORKS", "BiTCN", "Network", "SpectralBiTCN", "build_network"]

@@ -69,7 +69,7 @@ class StackedAutoencoder(Network):
         self.encoders = nn.ModuleList(nn.Linear(n_in, n_out) for n_in, n_out in sizes)
         self.head = nn.Linear(hidden[-1], n_classes)
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """What the last encoder says."""
         x = self.spectrum(windows)
         for encoder in self.encoders:

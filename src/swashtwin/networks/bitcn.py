@@ -200,7 +200,7 @@ class BiTCN(Network):
         taps = (self.settings["kernel_size"] - 1) * sum(self.settings["dilations"])
         return int(self.settings["stride"] * (1 + taps))
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """Fused features of both branches, averaged over the window."""
         short = -windows.shape[-1] % self.settings["stride"]
         x = functional.pad(windows, (short, 0))  # before the branches part, so that both cut the same patches

@@ -63,7 +63,7 @@ class CNNLSTM(Network):
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(hidden, n_classes)
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """State of the LSTM after the last step; a window under four steps gets zeros before it."""
         short = max(0, 4 * self.settings["stride"] - windows.shape[-1])
         steps = self.convolutions(functional.pad(windows, (short, 0)))

@@ -53,7 +53,7 @@ class MLP(Network):
         self.layers = nn.Sequential(*layers)
         self.head = nn.Linear(hidden[-1], n_classes)
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """What the last hidden layer makes of the spectrum."""
         features: Tensor = self.layers(self.spectrum(windows))
         return features

@@ -13,7 +13,8 @@ from swashtwin.errors import InputError
 class Network(nn.Module):
     """Base of the networks: windows in, one score per class out (softmax makes them probabilities).
 
-    A subclass sets `name`, hands every argument of its constructor to this one, and defines `features` and `head`.
+    A subclass sets `name`, hands every argument of its constructor to this one, and defines `encode` and `head`; and
+    `represent`, if it rests on something of a window that has no weights.
 
     Raises
     ------
@@ -50,19 +51,27 @@ class Network(nn.Module):
         """Classes told apart."""
         return int(self.settings["n_classes"])
 
+    def represent(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window ..."]:
+        """What `encode` takes of each window; it has no weights, so `fit` computes it once for all epochs."""
+        return windows
+
+    def encode(self, windows: Float[Tensor, "window ..."]) -> Float[Tensor, "window feature"]:
+        """What the last layer sees of windows as `represent` gives them."""
+        raise NotImplementedError
+
     def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """What the last layer sees of each window."""
-        raise NotImplementedError
+        return self.encode(self.represent(windows))
 
     def forward(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window class"]:
         """Score per class and window, before softmax."""
         scores: Tensor = self.head(self.features(windows))
         return scores
 
-    def pretrain(self, windows: Float[Tensor, "window channel time"], seed: int) -> None:
+    def pretrain(self, windows: Float[Tensor, "window ..."], seed: int) -> None:
         """Bring the weights where the supervised epochs are to start, without any class; most networks do nothing.
 
-        `fit` calls it once, with all its training windows as they are scaled for the network.
+        `fit` calls it once, with what `represent` gives of all its training windows.
         """
 
     def fresh(self, seed: int) -> "Network":

@@ -61,7 +61,7 @@ class Recurrent(Network):
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(hidden * (1 + self.bidirectional), n_classes)
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """State of the last layer after the last step of each direction."""
         patches = whole_patches(windows, self.settings["patch"]).unflatten(-1, (-1, self.settings["patch"]))
         output, _ = self.recurrence(patches.transpose(1, 2).flatten(2))

@@ -13,11 +13,12 @@ from swashtwin.networks.network import Network
 from swashtwin.networks.recurrent import LSTM, BiGRU, BiLSTM
 from swashtwin.networks.resnet1d import ResNet1d
 from swashtwin.networks.sensor_graph import SensorGraph
+from swashtwin.networks.spectral_bitcn import SpectralBiTCN
 from swashtwin.networks.tcn import TCN
 from swashtwin.networks.wdcnn import WDCNN
 
 _CLASSES: tuple[type[Network], ...] = (
-    BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward,
+    SpectralBiTCN, BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward,
     TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder, SensorGraph,
 )  # fmt: skip
 NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLASSES}

@@ -86,6 +86,6 @@ class ResNet1d(Network):
         features: Tensor = self.blocks(self.entry(whole_patches(windows, self.settings["stride"])))
         return features
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """Mean of the features over the window."""
         return self.steps(windows).mean(dim=-1)

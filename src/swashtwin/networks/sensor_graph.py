@@ -85,7 +85,7 @@ class SensorGraph(Network):
         """How much each channel listens to each; rows sum to 1."""
         return torch.softmax(self.listening @ self.speaking.T / math.sqrt(self.settings["embedding"]), dim=-1)
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """Features of all nodes after the last mixing, side by side."""
         nodes = self.encoder(windows.flatten(0, 1).unsqueeze(1)).mean(dim=-1).unflatten(0, (-1, self.n_channels))
         for mix in self.mixing:

@@ -99,6 +99,6 @@ class TCN(Network):
         features: Tensor = self.blocks(self.entry(whole_patches(windows, self.settings["stride"])))
         return features
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """Features of the last step."""
         return self.steps(windows)[:, :, -1]

@@ -63,7 +63,7 @@ class WDCNN(Network):
         features: Tensor = self.stages(functional.pad(windows, (max(0, _SHORTEST - windows.shape[-1]), 0)))
         return features
 
-    def features(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
         """What the fully connected layer makes of them."""
         features: Tensor = self.connected(functional.adaptive_avg_pool1d(self.steps(windows), 3).flatten(1))
         return features

@@ -24,6 +24,10 @@ from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.windows import WindowSet, check_disjoint
 
 
+_BATCH = 256
+"""Windows that pass the network together where nothing is learnt; memory only, no result depends on it."""
+
+
 def fit(
     network: Network,
     windows: WindowSet,
@@ -77,8 +81,8 @@ def fit(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         history = _start(checkpoint, resume, run, trained, optimizer)
-        data = _tensors(windows, normalization, device)
-        held = None if validation is None else _tensors(validation, normalization, device)
+        data = _tensors(trained, windows, normalization, device)
+        held = None if validation is None else _tensors(trained, validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         condition = conditions_of(windows, settings)
         if not history:
@@ -206,9 +210,14 @@ def _start(
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 
-def _tensors(windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
-    signal = torch.from_numpy(normalization.applied(windows)).to(device)
-    return signal, torch.from_numpy(windows.target).to(device)
+def _tensors(
+    network: Network, windows: WindowSet, normalization: Normalization, device: str
+) -> tuple[Tensor, Tensor]:
+    """(windows as the network represents them, their classes)."""
+    signal = torch.from_numpy(normalization.applied(windows))
+    with torch.no_grad():
+        represented = torch.cat([network.represent(batch.to(device)) for batch in signal.split(_BATCH)])
+    return represented, torch.from_numpy(windows.target).to(device)
 
 
 def _class_weights(windows: WindowSet, device: str) -> Tensor:
@@ -241,7 +250,7 @@ def _train_epoch(
             others, share = mixing(len(batch), settings.mixup, draw)
             partner = batch[torch.from_numpy(others).to(batch.device)]
             windows = share * windows + (1 - share) * signal[partner]
-        features = network.features(windows)
+        features = network.encode(windows)
         scores = network.head(features)
         loss = functional.cross_entropy(scores, classes, weight=weights)
         if share < 1:
@@ -267,7 +276,7 @@ def _validated(network: Network, held: tuple[Tensor, Tensor] | None) -> tuple[fl
         return ()
     network.eval()
     with torch.no_grad():
-        scores = torch.cat([network(batch) for batch in held[0].split(256)])
+        scores = torch.cat([network.head(network.encode(batch)) for batch in held[0].split(_BATCH)])
     loss = functional.cross_entropy(scores, held[1])
     return float(loss), float((scores.argmax(dim=1) == held[1]).float().mean())
 

@@ -1,0 +1,102 @@
+"""Levels of a window that do not move with the moment at which it begins: short-time spectra, lines, envelopes.
+
+Nothing here has weights, so that a network that rests on it computes it once for all epochs (`Network.represent`).
+Levels are log10 of powers; a window is expected scaled (`Normalization`), which makes `FLOOR` negligible.
+"""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+FLOOR = 1e-7
+"""Added to each power before its logarithm, in the square of the scaled unit."""
+
+
+def short_time_levels(
+    windows: Float[Tensor, "window channel time"], frame: int, hop: int, n_bands: int
+) -> Float[Tensor, "window level step"]:
+    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` readings every `hop` readings.
+
+    A window shorter than a frame is continued by zeros.
+    """
+    x = windows - windows.mean(dim=-1, keepdim=True)
+    x = functional.pad(x, (0, max(0, frame - x.shape[-1])))
+    frames = x.unfold(-1, frame, hop) * _taper(frame, x)
+    levels = torch.log10(_power(frames) @ _bands(frame // 2, n_bands, x) + FLOOR)
+    return levels.transpose(2, 3).flatten(1, 2)
+
+
+def line_levels(
+    windows: Float[Tensor, "window channel time"], n_lines: int, share: float, n_bands: int
+) -> Float[Tensor, "window level"]:
+    """Levels of the spectrum, channel after channel, with the shape of its waveform.
+
+    Per channel: `n_lines` equal bands of the lowest `share` of the spectrum, `n_bands` logarithmic ones of all of it,
+    and the logarithm of its deviation, skewness, log kurtosis, log crest factor and mean of |x| over the deviation.
+    """
+    x = windows - windows.mean(dim=-1, keepdim=True)
+    power = _power(x * _taper(x.shape[-1], x))
+    return torch.cat([*_levels(power, n_lines, share, n_bands), _shape(x)], dim=-1).flatten(1)
+
+
+def envelope_levels(
+    windows: Float[Tensor, "window channel time"], n_lines: int, share: float, n_bands: int, above: float
+) -> Float[Tensor, "window level"]:
+    """`line_levels` of each channel's envelope, and the logarithm of the envelope's mean.
+
+    The envelope is |x + i H(x)|, H being the Hilbert transform over the window, of what lies above the share `above` of
+    half the sample rate.
+    """
+    x = windows - windows.mean(dim=-1, keepdim=True)
+    length = x.shape[-1]
+    spectrum = torch.fft.rfft(x)
+    spectrum = spectrum * (torch.arange(spectrum.shape[-1], device=x.device) > above * (length // 2))
+    turned = torch.complex(spectrum.imag, -spectrum.real)
+    real, imaginary = torch.fft.irfft(spectrum, n=length), torch.fft.irfft(turned, n=length)
+    envelope = (real.square() + imaginary.square() + 1e-12).sqrt()
+    mean = envelope.mean(dim=-1, keepdim=True)
+    return torch.cat([line_levels(envelope, n_lines, share, n_bands), torch.log10(mean + FLOOR).flatten(1)], dim=-1)
+
+
+def _levels(power: Tensor, n_lines: int, share: float, n_bands: int) -> tuple[Tensor, Tensor]:
+    lowest = power[..., : max(1, round(share * power.shape[-1]))]
+    lines = functional.adaptive_avg_pool1d(lowest, n_lines)
+    banded = power @ _bands(power.shape[-1], n_bands, power)
+    return torch.log10(lines + FLOOR), torch.log10(banded + FLOOR)
+
+
+def _shape(x: Tensor) -> Tensor:
+    deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + 1e-6
+    z = x / deviation
+    return torch.cat(
+        [
+            torch.log10(deviation),
+            z.pow(3).mean(dim=-1, keepdim=True),
+            torch.log(z.pow(4).mean(dim=-1, keepdim=True) + 1e-3),
+            torch.log(z.abs().amax(dim=-1, keepdim=True) + 1e-3),
+            z.abs().mean(dim=-1, keepdim=True),
+        ],
+        dim=-1,
+    )
+
+
+def _power(x: Tensor) -> Tensor:
+    """Power of the lines 1... of the spectrum over the last axis; without a complex number, for ONNX has none."""
+    return torch.view_as_real(torch.fft.rfft(x)[..., 1:]).square().sum(dim=-1) / x.shape[-1]
+
+
+def _taper(length: int, like: Tensor) -> Tensor:
+    angle = torch.arange(length, dtype=like.dtype, device=like.device) * (2 * math.pi / length)
+    return 0.5 - 0.5 * torch.cos(angle)
+
+
+def _bands(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
+    """Share of each line (row) in each band (column) of equal ratio, from half the first line to half after the last."""
+    line = np.arange(1, n_lines + 1)
+    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)
+    shares = np.minimum(edges[1:, None], line + 0.5) - np.maximum(edges[:-1, None], line - 0.5)
+    return torch.as_tensor(np.maximum(shares, 0).T, dtype=like.dtype, device=like.device)

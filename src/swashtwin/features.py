@@ -11,6 +11,7 @@ from jaxtyping import Float, Float64
 from scipy.signal import hilbert
 
 from swashtwin.indicators.statistics import TIME_STATISTICS, time_statistics
+from swashtwin.signals import band_shares
 from swashtwin.windows import WindowSet
 
 N_BANDS = 32
@@ -64,14 +65,10 @@ def band_energies(
 ) -> Float64[np.ndarray, "window band"]:
     """log10 of the mean square that falls into each of `n_bands` bands of equal ratio, mean removed, Hann taper.
 
-    The bands reach from half the first spectral line to the last; a line that a band's edge cuts is shared in
-    proportion, so that the lowest bands, narrower than a line, are never empty. Unit: log10 of the signal's, squared.
+    The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
     """
     readings = signal.shape[1]
     taper = np.hanning(readings + 1)[:-1]
     spectrum = np.fft.rfft((signal - signal.mean(axis=1, keepdims=True)) * taper, axis=1)[:, 1:]
     power = 2 * np.abs(spectrum) ** 2 / (readings * np.sum(taper**2))
-    line = np.arange(1, power.shape[1] + 1)
-    edges = np.geomspace(0.5, line[-1] + 0.5, n_bands + 1)
-    upper, lower = np.minimum(edges[1:, None], line + 0.5), np.maximum(edges[:-1, None], line - 0.5)
-    return np.log10(np.maximum(power @ np.maximum(upper - lower, 0).T, 1e-30))
+    return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))

@@ -254,3 +254,15 @@ def spectral_correlation(
     first, second = first - first.mean(), second - second.mean()
     width = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float(first @ second) / width if width > 0 else 0.0
+
+
+def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:
+    """Share of each line of a spectrum in each of `n_bands` bands of equal ratio.
+
+    The bands reach from half the first line to half a line after the last; a line that a band's edge cuts is shared in
+    proportion, so that the lowest bands, narrower than a line, are never empty.
+    """
+    line = np.arange(1, n_lines + 1)
+    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)
+    upper, lower = np.minimum(edges[1:, None], line + 0.5), np.maximum(edges[:-1, None], line - 0.5)
+    return np.maximum(upper - lower, 0).T

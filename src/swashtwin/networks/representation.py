@@ -6,11 +6,12 @@ Levels are log10 of powers; a window is expected scaled (`Normalization`), which
 
 import math
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
+
+from swashtwin.signals import band_shares
 
 FLOOR = 1e-7
 """Added to each power before its logarithm, in the square of the scaled unit."""
@@ -95,8 +96,5 @@ def _taper(length: int, like: Tensor) -> Tensor:
 
 
 def _bands(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
-    """Share of each line (row) in each band (column) of equal ratio, from half the first line to half after the last."""
-    line = np.arange(1, n_lines + 1)
-    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)
-    shares = np.minimum(edges[1:, None], line + 0.5) - np.maximum(edges[:-1, None], line - 0.5)
-    return torch.as_tensor(np.maximum(shares, 0).T, dtype=like.dtype, device=like.device)
+    """Share of each line (row) in each band (column)."""
+    return torch.as_tensor(band_shares(n_lines, n_bands), dtype=like.dtype, device=like.device)

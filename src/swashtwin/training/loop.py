@@ -23,7 +23,6 @@ from swashtwin.training.normalization import Normalization
 from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.windows import WindowSet, check_disjoint
 
-
 _BATCH = 256
 """Windows that pass the network together where nothing is learnt; memory only, no result depends on it."""
 
@@ -210,9 +209,7 @@ def _start(
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 
-def _tensors(
-    network: Network, windows: WindowSet, normalization: Normalization, device: str
-) -> tuple[Tensor, Tensor]:
+def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
     """(windows as the network represents them, their classes)."""
     signal = torch.from_numpy(normalization.applied(windows))
     with torch.no_grad():

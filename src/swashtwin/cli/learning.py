@@ -1,5 +1,6 @@
 """Command that learns: train."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,13 +33,17 @@ def train(
     allow_partial_revolution: Annotated[
         bool, typer.Option("--allow-partial-revolution", help="Accept windows shorter than one turn of the shaft.")
     ] = False,
-    epochs: Annotated[int | None, typer.Option(help="Passes over the windows; 200 by default.")] = None,
-    batch_size: Annotated[int | None, typer.Option(help="Windows per step; 30 by default.")] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Step size of Adam; 1e-3 by default.")] = None,
-    decay: Annotated[str | None, typer.Option(help="none (default), or cosine: how the rate falls.")] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="Passes over the windows; 30 by default, the paper's are 200.")
+    ] = None,
+    batch_size: Annotated[int | None, typer.Option(help="Windows per step; 64 by default, the paper's are 30.")] = None,
+    learning_rate: Annotated[
+        float | None, typer.Option(help="Step size of Adam; 2e-3 by default, the paper's is 1e-3.")
+    ] = None,
+    decay: Annotated[str | None, typer.Option(help="cosine (default), or none: how the rate falls.")] = None,
     weight_decay: Annotated[float | None, typer.Option(help="Weight decay; 0 by default.")] = None,
     normalization: Annotated[
-        str | None, typer.Option(help="Scaling per window (default), recording, set, or none.")
+        str | None, typer.Option(help="Scaling per set (default), recording, window, or none.")
     ] = None,
     class_weights: Annotated[bool, typer.Option(help="Count each class the same in the loss.")] = False,
     balance: Annotated[
@@ -48,7 +53,9 @@ def train(
     alignment: Annotated[
         str | None, typer.Option(help="coral or mmd: draw features of different conditions together; none by default.")
     ] = None,
-    network: Annotated[str, typer.Option(help="Name of the network: bitcn, or a rival (docs/networks.md).")] = "bitcn",
+    network: Annotated[str, typer.Option(help="Name of the network: ours by default, bitcn is the paper's.")] = (
+        "spectral_bitcn"
+    ),
     setting: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="Any setting of the network: patch=8, hidden=256,128; repeatable."),
@@ -57,7 +64,7 @@ def train(
     channels: Annotated[str | None, typer.Option(help='Features of each residual unit: "32,32,64".')] = None,
     dilations: Annotated[str | None, typer.Option(help='Dilation of each residual unit: "1,2,4".')] = None,
     dropout: Annotated[float | None, typer.Option(help="Share of the features dropped in training.")] = None,
-    stride: Annotated[int | None, typer.Option(help="Readings per step of the network; 1 is the paper's.")] = None,
+    stride: Annotated[int | None, typer.Option(help="Readings per step of bitcn; 1 is the paper's.")] = None,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
     checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
@@ -69,7 +76,7 @@ def train(
     from swashtwin.evaluation import learn_confidence
     from swashtwin.networks import build_network
     from swashtwin.readers import declared_classes, open_recordings
-    from swashtwin.training import TrainingSettings, fit, require_enough
+    from swashtwin.training import RECOMMENDED_TRAINING, fit, require_enough
     from swashtwin.windows import (
         check_disjoint,
         cut_windows,
@@ -106,7 +113,8 @@ def train(
     for synthetic, _ in added:
         training = training + synthetic
     check_disjoint(training, held_out)
-    settings = TrainingSettings(
+    settings = replace(
+        RECOMMENDED_TRAINING,
         class_weights=class_weights,
         **given(
             epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,

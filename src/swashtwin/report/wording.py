@@ -28,6 +28,15 @@ INTERFACES = {
 """What each interface is called on the page."""
 
 CLASSIFIERS = {
+    "spectral_bitcn": "BiTCN on levels (ours)",
+    "spectral_ordinary": "A: ordinary convolution (ours)",
+    "spectral_no_attention": "B: no squeeze-and-excitation (ours)",
+    "spectral_forward": "C: forward branch only (ours)",
+    "spectral_no_frames": "without short-time spectra",
+    "spectral_no_lines": "without lines of the window",
+    "spectral_no_envelope": "without envelopes",
+    "spectral_frames_only": "short-time spectra only",
+    "spectral_no_noise": "without noise on the levels",
     "bitcn": "BiTCN",
     "bitcn_paper": "BiTCN, the paper's recipe",
     "bitcn_ordinary": "A: ordinary convolution",
@@ -41,6 +50,7 @@ CLASSIFIERS = {
     "cnn_lstm": "CNN-LSTM",
     "mlp": "MLP",
     "resnet1d": "ResNet1d",
+    "extra_trees": "extra trees",
 }
 """What classifiers are called on the page; others by their own name."""
 

@@ -18,7 +18,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from swashtwin.studies.fillings import PAPER_FILLINGS, TRAINING_SNRS, Filling
-from swashtwin.studies.models import MODELS, models_of
+from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, models_of
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.scenario import Scenario
 
@@ -29,7 +29,10 @@ SCENARIOS: dict[str, Scenario] = {
 """``quick`` is the demo's. ``paper`` takes the paper's counts on the paper-sized rig: 648 windows a class, 50 in the
 scarce cell, 150 synthetic ones."""
 
-NOISE_MODELS = ("bitcn", "tcn", "lstm", "bilstm", "extra_trees")
+CASE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "bitcn", "extra_trees")}
+"""Classifiers of the paper's cases: ours, the paper's, and the first rival to any network."""
+
+NOISE_MODELS = (DEFAULT, "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
 """Those that the paper compares under noise, and the first rival to any network."""
 
 FILLED = {"quick": 96, "paper": 200}
@@ -42,9 +45,9 @@ def case_one(size: str) -> Plan:
         study="case1",
         title="Case I, few samples: measured, nominal and calibrated training sets",
         scenario=SCENARIOS[size],
-        models=models_of(size, ("bitcn", "extra_trees")),
+        models=models_of(size, CASE_MODELS[size]),
         size=size,
-        rivals=("extra_trees",),
+        rivals=CASE_MODELS[size][1:],
         compared={"training_set": "calibrated"},
         embeds=True,
     )
@@ -59,21 +62,21 @@ def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str
         models=models_of(size, models),
         fillings={"calibrated": PAPER_FILLINGS["calibrated"]},
         rivals=(),
-        compared={"classifier": "bitcn"},
+        compared={"classifier": DEFAULT},
         embeds=False,
     )
 
 
 def algorithms(size: str) -> Plan:
     """Every classifier there is on Case I's calibrated training set; the paper runs ten seeds."""
-    ablated = [name for name in MODELS[size] if name.startswith("bitcn_")]
-    names = [name for name in MODELS[size] if name not in ablated]
+    names = [name for name in MODELS[size] if name not in ABLATED and not name.startswith("bitcn_")]
     return _calibrated_case_one(size, "algorithms", "Algorithms on Case I's calibrated training set", names)
 
 
 def ablation(size: str) -> Plan:
     """BiTCN without one of its parts, on Case I's calibrated training set."""
-    names = ("bitcn", "bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
+    papers = ("bitcn", "bitcn_ordinary", "bitcn_no_attention", "bitcn_forward") if size == "paper" else ()
+    names = (DEFAULT, *ABLATED, *papers)
     return _calibrated_case_one(size, "ablation", "Ablation: BiTCN without one of its parts", names)
 
 

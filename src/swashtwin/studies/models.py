@@ -11,7 +11,7 @@ from swashtwin.baselines import fit_extra_trees
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier
 from swashtwin.networks import NETWORKS, build_network
-from swashtwin.training import PAPER_TRAINING, TrainingSettings, fit
+from swashtwin.training import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
 
 BASELINES = ("extra_trees",)
@@ -44,29 +44,46 @@ class Model:
         return replace(self, training=replace(self.training, **changes))
 
 
-BITCN: Mapping[str, Mapping[str, Any]] = {"quick": {"stride": 16, "channels": (32,) * 6}, "paper": {"stride": 8}}
-"""Settings of BiTCN by size, its ablations' too. ``quick`` is the demo's: an entry that takes patches of 16 readings,
-units of 32 features. The entry of ``paper`` takes patches of 8 readings, without which one training costs 4 to 8
-hours of CPU."""
+DEFAULT = "spectral_bitcn"
+"""The network that studies train where they do not compare networks: ours."""
+
+BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
+"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 readings, units of 32
+features. At full rate one training of the paper costs 8 hours of CPU (docs/networks.md)."""
 
 TRAINING: Mapping[str, TrainingSettings] = {
-    "quick": TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
-    "paper": TrainingSettings(normalization="set"),
+    "quick": replace(RECOMMENDED_TRAINING, epochs=12),
+    "paper": RECOMMENDED_TRAINING,
 }
-"""How every network is trained, by size: 12 epochs of falling rate, or the paper's 200. Both scale by the training
-set's deviation, so that the level, which a condition changes, is kept."""
+"""How every network is trained, by size. Both scale by the training set's deviation, so that the level, which a
+condition changes, is kept."""
+
+ABLATED: Mapping[str, Mapping[str, Any]] = {
+    "spectral_ordinary": {"causal": False},
+    "spectral_no_attention": {"attention": False},
+    "spectral_forward": {"bidirectional": False},
+    "spectral_no_frames": {"parts": ("lines", "envelope")},
+    "spectral_no_lines": {"parts": ("frames", "envelope")},
+    "spectral_no_envelope": {"parts": ("frames", "lines")},
+    "spectral_frames_only": {"parts": ("frames",)},
+    "spectral_no_noise": {"noise": 0.0},
+}
+"""Our network without one of its parts: first the paper's three ablations, then those of what it is given."""
 
 PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 """The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
 
 
 def _models(size: str) -> dict[str, Model]:
-    networks = {name: Model(name, BITCN[size] if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
-    return {**networks, "bitcn_paper": PAPERS_OWN, **{name: Model(name) for name in BASELINES}}
+    networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
+    ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
+    baselines = {name: Model(name) for name in BASELINES}
+    return {**networks, **ablated, "bitcn_paper": PAPERS_OWN, **baselines}
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network and every baseline, and ``bitcn_paper``, the paper's own recipe."""
+"""Models by size and name: every network and every baseline, our network without one of its parts, and
+``bitcn_paper``, the paper's own recipe."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:

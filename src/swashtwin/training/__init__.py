@@ -5,10 +5,11 @@ from swashtwin.training.confidence import Confidence, require_enough, softened
 from swashtwin.training.known import KnownRecordings, known_recordings
 from swashtwin.training.loop import fit
 from swashtwin.training.normalization import Normalization
-from swashtwin.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
+from swashtwin.training.settings import PAPER_TRAINING, RECOMMENDED_TRAINING, Epoch, TrainingSettings
 
 __all__ = [
     "PAPER_TRAINING",
+    "RECOMMENDED_TRAINING",
     "Confidence",
     "Epoch",
     "FittedClassifier",

@@ -18,6 +18,7 @@ from swashtwin.studies import Model, Plan, StudyResult, Workers, plan_of, run_pl
 from swashtwin.studies.fillings import Filling
 from swashtwin.studies.gathering import gathered
 from swashtwin.studies.material import calibration_tasks, prepare
+from swashtwin.studies.models import DEFAULT
 from swashtwin.studies.runs import load_run, load_runs, save_run
 from swashtwin.studies.scenario import Scenario, split_scenario
 from swashtwin.training import TrainingSettings
@@ -162,7 +163,7 @@ def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
         tiny(models={name: model.with_training(epochs=2) for name, model in plan.models.items()}),
         tiny(snrs=(5.0,)),
     ):
-        network = [task.key for task in other.tasks(0, data) if task.factors["classifier"] == "bitcn"]
+        network = [task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT]
         assert not keys & set(network)
     assert not keys & {task.key for task in plan.tasks(1, data)}
     assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}

@@ -65,10 +65,12 @@ def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[
     return evaluate(Guesser(skill, seed), windows(labels), level=level)
 
 
-def run(name: str, seed: int, skill: float, classifier: str = "bitcn", levels: tuple[str, ...] = ("L2", "L4")) -> Run:
+def run(
+    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", levels: tuple[str, ...] = ("L2", "L4")
+) -> Run:
     factors = {"classifier": classifier, "training_set": name}
     scores = {level: scored(skill, seed, level) for level in levels}
-    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6)) if classifier == "bitcn" else ()
+    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6)) if classifier == "spectral_bitcn" else ()
     settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
     return Run(
         task=Task("case1", "quick", seed, factors, settings, "data"),
@@ -87,7 +89,7 @@ def run(name: str, seed: int, skill: float, classifier: str = "bitcn", levels: t
         device="cpu",
         version="0.1",
         command="swashtwin study case1 --seeds 0,1",
-        embedding=embedding(name) if classifier == "bitcn" else None,
+        embedding=embedding(name) if classifier == "spectral_bitcn" else None,
     )
 
 
@@ -257,7 +259,7 @@ def test_results_are_json_that_any_reader_takes(folder):
         raise AssertionError(constant)
 
     results = json.loads((folder / "results.json").read_text(), parse_constant=refuse)
-    assert results["studies"][0]["settings"]["models"]["bitcn"] == {"limit": None}
+    assert results["studies"][0]["settings"]["models"]["spectral_bitcn"] == {"limit": None}
     assert len(results["calibrations"]) == 2
 
 
@@ -275,7 +277,7 @@ def test_the_meaning_of_each_level_stands_beside_its_scores(page):
 def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, tmp_path):
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
     beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
-    assert beside == {"L2, BiTCN, measured only", "L2, BiTCN, with calibrated twin"}
+    assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
     assert len(rows) == 9
     assert "G-means are of another definition" in page
     other = replace(study, study="case9", calibrations=())
@@ -295,7 +297,7 @@ def fixed(accuracies: dict[str, tuple[float, ...]], study: StudyResult, rival: f
         one = base.outcomes[0]
         return replace(base, outcomes=(replace(one, scores=replace(one.scores, accuracy=accuracy)),))
 
-    runs = [made(n, seed, values[seed], "bitcn") for n, values in accuracies.items() for seed in seeds]
+    runs = [made(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
     runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
     return study_answer(assembled(plan_of("case1", "quick"), runs))
 
@@ -330,7 +332,10 @@ def test_one_seed_settles_nothing(study):
 
 def test_a_rival_that_does_better_is_told_at_once(study):
     accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
-    assert "BiTCN was beaten at L2 by extra trees (0.900 against 0.700)" in fixed(accuracies, study, rival=0.9)[0]
+    assert (
+        "BiTCN on levels (ours) was beaten at L2 by extra trees (0.900 against 0.700)"
+        in fixed(accuracies, study, rival=0.9)[0]
+    )
     assert "beaten" not in fixed(accuracies, study, rival=0.6)[0]
 
 

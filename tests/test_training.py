@@ -203,7 +203,7 @@ class Majority(Network):
         super().__init__(n_channels=n_channels, n_classes=n_classes)
         self.head = torch.nn.Linear(1, n_classes)
 
-    def features(self, windows: torch.Tensor) -> torch.Tensor:
+    def encode(self, windows: torch.Tensor) -> torch.Tensor:
         return windows.new_ones(len(windows), 1)
 
 

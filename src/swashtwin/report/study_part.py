@@ -49,17 +49,21 @@ _PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
     ("case1", {"training_set": "measured"}, "accuracy 0.812"),
     ("case1", {"training_set": "calibrated"}, "accuracy, recall and F1 0.98; G-mean 0.9748"),
     ("case2", {"training_set": "calibrated"}, "accuracy and recall 0.9240, F1 0.9236; G-mean 0.9029"),
-    ("algorithms", {"classifier": "bitcn"}, "accuracy 0.98"),
+    *(("algorithms", {"classifier": name}, "accuracy 0.98") for name in ("spectral_bitcn", "bitcn")),
     *(
         ("algorithms", {"classifier": name}, "more than 8 points below BiTCN")
         for name in ("tcn", "lstm", "bilstm", "bigru")
     ),
     *(
         ("ablation", {"classifier": name}, "below the full model")
-        for name in ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
+        for kind in ("spectral", "bitcn")
+        for name in (f"{kind}_ordinary", f"{kind}_no_attention", f"{kind}_forward")
     ),
-    ("noise", {"classifier": "bitcn", "training_set": "calibrated", "snr": "clean"}, "accuracy 0.980"),
-    ("noise", {"classifier": "bitcn", "training_set": "calibrated", "snr": "5 dB"}, "accuracy 0.910"),
+    *(
+        ("noise", {"classifier": name, "training_set": "calibrated", "snr": snr}, f"accuracy {accuracy}")
+        for name in ("spectral_bitcn", "bitcn")
+        for snr, accuracy in (("clean", "0.980"), ("5 dB", "0.910"))
+    ),
     ("noise", {"classifier": "tcn", "training_set": "calibrated", "snr": "5 dB"}, "9 points below BiTCN"),
     ("noise", {"classifier": "lstm", "training_set": "calibrated", "snr": "5 dB"}, "11 points below BiTCN"),
 )

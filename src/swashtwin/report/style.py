@@ -78,7 +78,7 @@ def training_set_colors(names: Sequence[str]) -> dict[str, str]:
 
 def series_colors(names: Sequence[str]) -> dict[str, str]:
     """Color of each line of a figure; a training set keeps its own, and the study's own network has blue."""
-    return _colors(names, {**TRAINING_SET_COLORS, "bitcn": CALIBRATED})
+    return _colors(names, {**TRAINING_SET_COLORS, "spectral_bitcn": CALIBRATED})
 
 
 def class_colors(classes: Sequence[str]) -> dict[str, str]:

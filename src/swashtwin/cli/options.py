@@ -141,7 +141,9 @@ def settings_of(texts: list[str] | None, option: str) -> dict[str, Any]:
         except ValueError:
             values = []
         if not values or not all(isinstance(value, (int, float)) for value in values):
-            raise typer.BadParameter(f"{name}={text} must be a number, numbers with commas, true or false.")
+            raise typer.BadParameter(
+                f"{name}={text} must be a number, numbers with commas, true or false.", param_hint=option
+            )
         settings[name] = tuple(values) if len(values) > 1 else values[0]
     return settings
 

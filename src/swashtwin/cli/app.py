@@ -29,6 +29,7 @@ from swashtwin.cli import (
     severities,
     simulating,
     studying,
+    tuning,
     zero_shot,
 )
 from swashtwin.cli.exits import GuardedGroup
@@ -58,6 +59,7 @@ _STUDIES: dict[str, Callable[..., None]] = {
     "public": real_data.public,
     "scarce": real_data.scarce,
     "severity": severities.study_severity,
+    "tune": tuning.tune,
     "zero-shot": zero_shot.zero_shot,
 }
 for _name, _study in _STUDIES.items():

@@ -1,0 +1,248 @@
+"""Hyper-parameter search on validation recordings: pumps of the training set in turn, never a test recording.
+
+The search sees what Case I trains on, measured windows only: the twins that fill cells are calibrated on these
+recordings, and their windows would carry a validation pump into training. It lies in a journal on disk, so that a
+search that was interrupted goes on.
+"""
+
+import hashlib
+import inspect
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swashtwin.errors import InputError, MissingExtraError
+from swashtwin.evaluation import evaluate
+from swashtwin.networks import NETWORKS
+from swashtwin.recording import Recording
+from swashtwin.seeding import derive_seed
+from swashtwin.studies.cases import SCENARIOS
+from swashtwin.studies.material import prepare
+from swashtwin.studies.models import Model, models_of, train_model
+from swashtwin.studies.sources import Known, Source
+from swashtwin.studies.table import StudyTable, Trial, origin_of
+from swashtwin.studies.workers import Workers
+from swashtwin.version import VERSION
+from swashtwin.windows import WindowSet, group_folds
+
+if TYPE_CHECKING:
+    import optuna
+
+TRAINING_SPACE: Mapping[str, tuple[Any, ...]] = {
+    "learning_rate": (1e-4, 1e-2),
+    "weight_decay": (1e-6, 1e-2),
+    "batch_size": (16, 30, 64),
+    "normalization": ("set", "recording", "window"),
+}
+"""Training settings that are searched: between two floats on a logarithmic scale, or among values."""
+
+NETWORK_SPACE: Mapping[str, tuple[Any, ...]] = {"dropout": (0.0, 0.1, 0.2, 0.3, 0.5), "stride": (8, 16, 32)}
+"""Settings of a network that are searched where it has them."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Settings that were tried, and what came of them."""
+
+    settings: Mapping[str, Any]
+    """By name."""
+    recall: tuple[float, ...]
+    """Macro recall on each validation fold."""
+
+    @property
+    def mean(self) -> float:
+        """Macro recall in the mean over the folds."""
+        return float(np.mean(self.recall))
+
+
+def run_tuning(
+    data: Source | Sequence[Recording],
+    *,
+    model: str,
+    size: str = "quick",
+    trials: int = 20,
+    seed: int = 0,
+    out: Path,
+    workers: Workers | None = None,
+    device: str = "cpu",
+    progress: Callable[[int, int], None] | None = None,
+    command: str = "",
+) -> StudyTable:
+    """Settings by their macro recall on validation recordings, best first; the study's own stand among them.
+
+    Parameters
+    ----------
+    data : recordings as for Case I.
+    model : name of a network in `MODELS`.
+    trials : settings to try in all, those of an earlier call with the same `out` included.
+    seed : of the split, the folds, the weights and the search.
+    out : folder of the journal, ``OUT/tune/MODEL-HASH.journal``.
+    workers : where candidates are trained.
+    progress : called with candidates done and in all.
+
+    Raises
+    ------
+    InputError
+        The model is no network, or there are fewer than two training specimens.
+    MissingExtraError
+        Optuna is not installed.
+    """
+    started, workers = time.perf_counter(), workers or Workers()
+    own = models_of(size, [model])[model]
+    if not own.is_network:
+        raise InputError(f"{model} has no settings to search; name a network, such as bitcn.")
+    recordings, fingerprint = (data if isinstance(data, Source) else Known(data)).taken(seed)
+    windows = prepare(recordings, SCENARIOS[size], seed, ()).measured
+    folds = validation_folds(windows)
+    space = _space(own)
+    held = json.dumps([own.described(), SCENARIOS[size].described(), seed, fingerprint, space], sort_keys=True)
+    name = f"{model}-{hashlib.sha256(held.encode()).hexdigest()[:12]}"
+    with workers.started():
+        search = _opened(Path(out) / "tune" / f"{name}.journal", name, seed, _defaults(own, space))
+        while (done := len(_complete(search))) < trials:
+            if progress is not None:
+                progress(done, trials)
+            asked = [search.ask() for _ in range(min(workers.jobs, trials - done))]
+            calls = [(_with(own, _suggested(one, space)), windows, folds, seed, device) for one in asked]
+            for place, recall in workers.each(validated, calls):
+                asked[place].set_user_attr("recall", list(recall))
+                search.tell(asked[place], float(np.mean(recall)))
+    tried = [Candidate(one.params, tuple(one.user_attrs["recall"])) for one in _complete(search)]
+    return _table(tried, model, size, seed, origin_of(recordings), command, time.perf_counter() - started, device)
+
+
+def validation_folds(windows: WindowSet) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(training, validation) indices, each specimen validating once.
+
+    Raises
+    ------
+    InputError
+        There is one specimen only.
+    """
+    if len(set(windows.specimen.tolist())) < 2:
+        raise InputError("tuning validates on pumps that a candidate was not trained on; it needs two to train on.")
+    return list(group_folds(windows, group="specimen", dealing="each"))
+
+
+def validated(
+    model: Model, windows: WindowSet, folds: Sequence[tuple[np.ndarray, np.ndarray]], seed: int, device: str
+) -> tuple[float, ...]:
+    """Macro recall of a model on each validation fold."""
+    found = []
+    for trained, held in folds:
+        train = windows.subset(trained)
+        healthy = windows.subset(windows.label == "normal")
+        classifier = train_model(model, train, references=healthy, seed=seed, device=device)
+        found.append(evaluate(classifier, windows.subset(held), level="L4").macro_recall)
+    return tuple(found)
+
+
+def _space(model: Model) -> dict[str, tuple[Any, ...]]:
+    """What is searched of a model."""
+    taken: set[str] = set()
+    for kind in NETWORKS[model.kind].__mro__:
+        taken |= set(inspect.signature(kind).parameters)
+    return {**TRAINING_SPACE, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
+
+
+def _defaults(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    """The study's own settings as far as the space holds them."""
+    known = {**vars(model.training), **model.network}
+    own = {name: known[name] for name in space if name in known}
+    return {
+        name: value
+        for name, value in own.items()
+        if (_is_range(space[name]) and space[name][0] <= value <= space[name][1]) or value in space[name]
+    }
+
+
+def _is_range(values: tuple[Any, ...]) -> bool:
+    return len(values) == 2 and all(isinstance(value, float) for value in values)
+
+
+def _suggested(trial: "optuna.Trial", space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    def one(name: str, values: tuple[Any, ...]) -> Any:
+        if _is_range(values):
+            return trial.suggest_float(name, *values, log=True)
+        return trial.suggest_categorical(name, values)
+
+    return {name: one(name, values) for name, values in space.items()}
+
+
+def _with(model: Model, settings: Mapping[str, Any]) -> Model:
+    training = {name: value for name, value in settings.items() if name in TRAINING_SPACE}
+    network = {name: value for name, value in settings.items() if name not in TRAINING_SPACE}
+    return replace(model.with_training(**training), network={**model.network, **network})
+
+
+def _opened(path: Path, name: str, seed: int, defaults: Mapping[str, Any]) -> "optuna.Study":
+    """The search in a journal, begun with the study's own settings."""
+    try:
+        import optuna
+        from optuna.storages import JournalStorage
+        from optuna.storages.journal import JournalFileBackend
+    except ImportError as cause:
+        raise MissingExtraError('a search needs optuna: pip install "swashtwin[search]".') from cause
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    storage = JournalStorage(JournalFileBackend(str(path)))
+    search = optuna.create_study(study_name=name, storage=storage, direction="maximize", load_if_exists=True)
+    search.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, "tuning", len(search.trials)) % 2**32)
+    if not search.trials:
+        search.enqueue_trial(dict(defaults))
+    return search
+
+
+def _complete(search: "optuna.Study") -> list[Any]:
+    return [trial for trial in search.trials if trial.state.name == "COMPLETE"]
+
+
+def _table(
+    tried: Sequence[Candidate],
+    model: str,
+    size: str,
+    seed: int,
+    origin: str,
+    command: str,
+    wall_s: float,
+    device: str,
+) -> StudyTable:
+    best = sorted(tried, key=lambda one: -one.mean)
+    trials = [
+        Trial({"settings": _words(one.settings)}, fold, {"recall": value})
+        for one in best
+        for fold, value in enumerate(one.recall)
+    ]
+    answer = (
+        f"Best of {len(tried)} on validation recordings: {_words(best[0].settings)}, macro recall {best[0].mean:.3f}; "
+        f"the study's own settings: {tried[0].mean:.3f}.",
+    )
+    return StudyTable(
+        study="tune",
+        title=f"Settings of {model} by their score on validation recordings",
+        metrics={"recall": "macro recall on pumps not trained on"},
+        trials=tuple(trials),
+        answer=answer,
+        settings={"model": model, "size": size, "seed": seed, "best": dict(best[0].settings)},
+        origin=origin,
+        wall_s=wall_s,
+        version=VERSION,
+        command=command,
+        notes=(
+            "Validation pumps are training pumps of Case I, each left out in turn; no test recording was looked at. "
+            "The best of many candidates is flattered by having been chosen: test it by a study with other seeds.",
+            "What stands as a seed is the number of the validation fold.",
+        ),
+        device=device,
+        details={"candidates": [{"settings": dict(one.settings), "recall": list(one.recall)} for one in tried]},
+    )
+
+
+def _words(settings: Mapping[str, Any]) -> str:
+    plain = {name: f"{value:.3g}" if isinstance(value, float) else str(value) for name, value in settings.items()}
+    return ", ".join(f"{name}={value}" for name, value in plain.items())

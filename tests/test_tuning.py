@@ -1,0 +1,87 @@
+"""A search for settings looks at training recordings only, and goes on where it stopped."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swashtwin.errors import InputError
+from swashtwin.recording import Recording
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.studies import tuning
+from swashtwin.studies.cases import SCENARIOS
+from swashtwin.studies.scenario import split_scenario
+from swashtwin.studies.tuning import run_tuning, validation_folds
+
+pytest.importorskip("optuna", reason="optuna is not installed")
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    size = RigSize(specimens=3, repeats=2, duration=0.9)
+    return [one for one, _ in rig_recordings(3, size)]
+
+
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Models that were trained, by a training that is none."""
+    models: list[Any] = []
+
+    def scored(model: Any, windows: Any, folds: Any, *_: Any) -> tuple[float, ...]:
+        models.append((model, windows, folds))
+        return tuple(0.5 + model.training.learning_rate + 0.01 * number for number in range(len(folds)))
+
+    few = {"windows": 2, "scarce_windows": 3, "held_out": 1}
+    monkeypatch.setitem(SCENARIOS, "quick", replace(SCENARIOS["quick"], **few))
+    monkeypatch.setattr(tuning, "validated", scored)
+    return models
+
+
+def test_a_search_sees_no_test_recording_and_validates_on_pumps_it_left_out(
+    recordings: list[Recording], tried: list[Any], tmp_path: Path
+) -> None:
+    run_tuning(recordings, model="bitcn", trials=1, out=tmp_path)
+    _, windows, folds = tried[0]
+    split = split_scenario(recordings, SCENARIOS["quick"], 0)
+    tested = frozenset.union(*split.tests.values()) | split.references
+    assert not tested & set(windows.recording_id.tolist())
+    assert len(folds) == 2
+    for trained, held in folds:
+        assert not set(windows.specimen[trained]) & set(windows.specimen[held])
+        assert not set(trained) & set(held)
+
+
+def test_a_search_begins_with_the_studys_own_settings_and_goes_on_where_it_stopped(
+    recordings: list[Recording], tried: list[Any], tmp_path: Path
+) -> None:
+    first = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
+    own = tried[0][0].training.learning_rate
+    more = run_tuning(recordings, model="bitcn", trials=5, out=tmp_path)
+    assert len(tried) == 5
+    assert len(first.details["candidates"]) == 2
+    candidates = more.details["candidates"]
+    assert candidates[:2] == first.details["candidates"]
+    assert candidates[0]["settings"]["learning_rate"] == pytest.approx(own)
+    means = [row["recall"]["mean"] for row in more.rows()]
+    assert means == sorted(means, reverse=True)
+    assert more.settings["best"] in [one["settings"] for one in candidates]
+    run_tuning(recordings, model="bitcn", trials=5, out=tmp_path)
+    assert len(tried) == 5
+    assert len(list((tmp_path / "tune").glob("*.journal"))) == 1
+
+
+def test_another_seed_is_another_search(recordings: list[Recording], tried: list[Any], tmp_path: Path) -> None:
+    for seed in (0, 1):
+        run_tuning(recordings, model="bitcn", trials=1, seed=seed, out=tmp_path)
+    assert len(tried) == 2
+
+
+def test_what_cannot_be_searched_is_refused(recordings: list[Recording], tried: list[Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no settings to search"):
+        run_tuning(recordings, model="extra_trees", trials=1, out=tmp_path)
+    run_tuning(recordings, model="bitcn", trials=1, out=tmp_path)
+    windows = tried[0][1]
+    with pytest.raises(InputError, match="needs two to train on"):
+        validation_folds(windows.subset(np.flatnonzero(windows.specimen == windows.specimen[0])))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swashtwin.augmentation import FILLERS
+from swashtwin.baselines import BASELINES
 from swashtwin.calibration import GaussNewton
 from swashtwin.errors import InputError
 from swashtwin.networks import NETWORKS
@@ -93,8 +94,11 @@ def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
         plan = plan_of("algorithms", size)
         ablations = {name for name in NETWORKS if name.startswith("bitcn_")}
         assert set(NETWORKS) - ablations <= set(plan.models)
-        assert "extra_trees" in plan.models
-        assert set(plan_of("ablation", size).models) == {"bitcn", *ablations}
+        kernels = {name for name, one in BASELINES.items() if one.columns != "features"}
+        assert set(BASELINES) - kernels <= set(plan.models)
+        missing = kernels - set(plan.models)
+        assert all(name in plan.notes[0] for name in missing)
+    assert {"bitcn", *ablations} <= set(plan_of("ablation", "paper").models)
 
 
 @pytest.mark.parametrize("study", PLANS)

@@ -15,7 +15,7 @@ from swashtwin.cli.studying import StudySize, tell_study, this_command
 def tune(
     source: Index,
     out: Annotated[Path, typer.Option(help="Folder of the journal, which a re-run takes up, and of tune/report.html.")],
-    model: Annotated[str, typer.Option(help="Network whose settings are searched.")] = "bitcn",
+    model: Annotated[str, typer.Option(help="Network whose settings are searched.")] = "spectral_bitcn",
     trials: Annotated[int, typer.Option(min=1, help="Settings to try in all, those of earlier runs included.")] = 20,
     size: Size = StudySize.quick,
     seed: Seed = 0,

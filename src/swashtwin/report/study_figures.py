@@ -40,14 +40,19 @@ def scarce_drawing(study: StudyResult, key: str) -> Drawing:
 @styled()
 def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], float]], *, title: str) -> Drawing:
     sets = list(dict.fromkeys(one.training_set for one in study.outcomes))
-    levels = sorted({one.level for one in study.outcomes})
+    levels, marks = sorted({one.level for one in study.outcomes}), _marks(study)
     figure, axes = panels(len(metrics), 1, 0.8 + 2.5 * len(metrics), sharex=True)
     rows = []
     for place, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
         for i, level in enumerate(levels):
             for j, training_set in enumerate(sets):
-                for outcomes, of_rivals in ((study.outcomes, False), (study.rivals, True)):
-                    own = [one for one in outcomes if (one.level, one.training_set) == (level, training_set)]
+                for mark in ("", *marks):
+                    own = [
+                        one
+                        for one in (study.rivals if mark else study.outcomes)
+                        if (one.level, one.training_set) == (level, training_set)
+                        and (one.classifier == mark or not mark)
+                    ]
                     rows += [
                         {
                             "metric": metric,
@@ -60,7 +65,8 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
                         for one in own
                     ]
                     position = i + 0.26 * (j - (len(sets) - 1) / 2)
-                    _column(place, position, own, value, training_set_colors(sets)[training_set], of_rivals)
+                    color = training_set_colors(sets)[training_set]
+                    _column(place, position, own, value, color, marks.get(mark, ""))
         chance = metric == "accuracy"
         _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
     _bar_legend(axes[0, 0], study, sets)
@@ -70,8 +76,13 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
     )
     if study.rivals:
         rivals = ", ".join(dict.fromkeys(classifier_words(one.classifier) for one in study.rivals))
-        caption += f" Diamonds: mean of {rivals}, trained on the same windows."
+        caption += f" Open marks: means of {rivals}, trained on the same windows."
     return drawn(name, figure, table(rows), title=title, caption=caption)
+
+
+def _marks(study: StudyResult) -> dict[str, str]:
+    """Marker of each rival."""
+    return dict(zip(dict.fromkeys(one.classifier for one in study.rivals), "Ds^vP*X", strict=False))
 
 
 def _column(
@@ -80,16 +91,16 @@ def _column(
     outcomes: Sequence[Outcome],
     value: Callable[[Outcome], float],
     color: str,
-    of_rival: bool,
+    rival_mark: str,
 ) -> None:
     values = np.array([value(one) for one in outcomes if math.isfinite(value(one))])
     if not values.size:
-        if not of_rival:
+        if not rival_mark:
             place.text(position, 0.02, "—", ha="center")
         return
     mean = values.mean()
-    if of_rival:
-        place.plot(position + 0.09, mean, "D", color="white", markeredgecolor="black", markersize=6, zorder=4)
+    if rival_mark:
+        place.plot(position + 0.09, mean, rival_mark, color="white", markeredgecolor="black", markersize=6, zorder=4)
         return
     place.bar(position, mean, width=0.23, color=color, alpha=0.85)
     deviation = values.std(ddof=1) if values.size > 1 else 0.0
@@ -117,8 +128,8 @@ def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
     colors = training_set_colors(sets)
     entries = [Line2D([], [], marker="s", linestyle="", markersize=9, color=colors[name]) for name in sets]
     names = [training_set_words(name) for name in sets]
-    for rival in dict.fromkeys(one.classifier for one in study.rivals):
-        entries.append(Line2D([], [], marker="D", linestyle="", color="white", markeredgecolor="black"))
+    for rival, mark in _marks(study).items():
+        entries.append(Line2D([], [], marker=mark, linestyle="", color="white", markeredgecolor="black"))
         names.append(classifier_words(rival))
     place.figure.legend(entries, names, loc="outside upper center", ncols=len(names))
 

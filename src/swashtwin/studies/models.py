@@ -3,18 +3,19 @@
 What BiTCN is by default stands here and nowhere else.
 """
 
+import importlib.util
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from swashtwin.baselines import fit_extra_trees
+from swashtwin.baselines import BASELINES, fit_baseline
+from swashtwin.baselines.kernels import KERNELS, PYTHON
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier
 from swashtwin.networks import NETWORKS, build_network
 from swashtwin.training import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
-
-BASELINES = ("extra_trees",)
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,12 @@ class Model:
     def is_network(self) -> bool:
         """Whether it is trained in epochs, and has features to embed."""
         return self.kind in NETWORKS
+
+    @property
+    def is_at_hand(self) -> bool:
+        """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
+        needs_aeon = not self.is_network and BASELINES[self.kind].columns in KERNELS
+        return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them."""
@@ -121,6 +128,6 @@ def train_model(
     device : where a network is trained; baselines take the CPU.
     """
     if not model.is_network:
-        return fit_extra_trees(train, seed=seed, manifest=manifest)
+        return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
     network = build_network(model.kind, train.n_channels, len(train.classes), **model.network)
     return fit(network, train, settings=model.training, seed=seed, manifest=manifest, device=device)

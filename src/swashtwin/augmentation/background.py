@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
+import scipy.signal
 from jaxtyping import Bool, Float, Int
 
 from swashtwin.augmentation.synchronous import MINIMUM_WINDOWS, without_synchronous
@@ -38,7 +39,9 @@ class _Spectrum:
 
     def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         window = self.like.signal[rng.choice(self.windows)].astype(float)
-        spectrum = np.abs(np.fft.rfft(window - window.mean(axis=1, keepdims=True), axis=-1))
+        taper = scipy.signal.get_window("hann", self.like.length)  # untapered, strong lines leak over all others
+        tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
+        spectrum = np.abs(np.fft.rfft(tapered, axis=-1))
         line, clear = np.arange(self.clear.size), self.clear
         for row in spectrum:
             row[~clear] = np.interp(line[~clear], line[clear], row[clear])

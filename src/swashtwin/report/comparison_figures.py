@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from swashtwin.report.drawing import Drawing, drawn, panels, table
 from swashtwin.report.style import series_colors, styled
@@ -17,6 +18,9 @@ NAMING = ("classifier", "training_set", "level")
 
 MOST_TOGETHER = 4
 """Training sets that are drawn in one figure for all classifiers; with more, each classifier has its own figure."""
+
+LEGEND_WIDTH = 120
+"""Letters that a legend holds side by side."""
 
 _MARKERS = "osD^vP*XhpdH<>8"
 _DASHES = ("-", "--", ":", "-.")
@@ -71,7 +75,9 @@ def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *,
     for panel in axes[-1]:
         panel.set_xlabel(words(factor))
     marks = [Line2D([], [], markersize=4, **looks[one]) for one in series]
-    figure.legend(marks, [_series_words(one, series) for one in series], loc="outside lower center", ncols=4)
+    names = [_series_words(one, series) for one in series]
+    across = max(1, min(4, LEGEND_WIDTH // (max(map(len, names)) + 7)))
+    figure.legend(marks, names, loc="outside lower center", ncols=across)
     columns = table(
         {**{n: row[n] for n in study.factors}, "metric": metric, "mean": row[metric]["mean"], "std": row[metric]["std"]}
         for row in rows
@@ -165,6 +171,8 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
                 classifier_words(row["classifier"]), (time, accuracy), (4, 3), textcoords="offset points", fontsize=7
             )
         panel.set(title=level, xlabel="time of training and tests, one thread [s]", xscale="log")
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.xaxis.set_minor_formatter(NullFormatter())
         panel.margins(x=0.25)
     axes[0, 0].set_ylabel("accuracy [1]")
     columns = table(

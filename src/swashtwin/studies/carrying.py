@@ -222,6 +222,8 @@ def assembled(
     ordered = sorted(runs, key=lambda run: (run.task.place, run.task.seed))
     trials = trials_of(ordered)
     further = {name for run in ordered for name in run.values}
+    found = list(dict.fromkeys(run.task.factors["classifier"] for run in ordered))
+    own = next((name for name in plan.models if name in found and name not in plan.rivals), found[0])
     classes = ordered[0].outcomes[0].scores.classes
     told = StudyResult(
         study=plan.study,
@@ -243,8 +245,8 @@ def assembled(
         device=", ".join(sorted({run.device for run in ordered})),
         size=ordered[0].task.size,
         runs=tuple(ordered),
-        own=next(iter(plan.models)),
-        rival_names=plan.rivals,
+        own=own,
+        rival_names=tuple(name for name in plan.rivals if name != own),
         contrasts=contrasts_of(trials, ordered, plan.compared),
         calibrations=tuple(calibrations),
     )

@@ -1,0 +1,74 @@
+"""Commands of the studies that run as tasks: what they refuse, how they are interrupted, and the page of their runs."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commandline import one_line, run, run_json
+
+from swashtwin.calibration import GaussNewton
+from swashtwin.rig import RigSize
+from swashtwin.studies import carrying
+from swashtwin.studies.cases import SCENARIOS
+from swashtwin.units import MPa
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {"windows": 2, "scarce_windows": 3, "synthetic": 2, "held_out": 1}
+    scenario = replace(SCENARIOS["quick"], method=GaussNewton(starts=1), **few)
+    monkeypatch.setitem(SCENARIOS, "quick", scenario)
+    size = RigSize(specimens=2, repeats=2, duration=0.9)
+    for place in ("swashtwin.rig.writing.SIZES", "swashtwin.studies.sources.SIZES"):
+        monkeypatch.setattr(place, {"small": size})
+    monkeypatch.setattr("swashtwin.studies.sources.require_rig", lambda *_: None)
+    monkeypatch.setattr("swashtwin.rig.writing.PRESSURES", (MPa(15),))
+
+
+def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
+    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, real = [], carrying.carry_out
+
+    def interrupted(*arguments: Any) -> Any:
+        if len(done) == 1:
+            done.append("interrupted")
+            raise KeyboardInterrupt
+        done.append(arguments[0].key)
+        return real(*arguments)
+
+    monkeypatch.setattr(carrying, "carry_out", interrupted)
+    words = ("study", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--models", "extra_trees")
+    words = (*words, "--training-sets", "measured,nominal")
+    assert "the same command resumes" in one_line(run(*words, code=130))
+    told = run_json(*words)
+    assert len(done) == 3
+    assert {row["training_set"] for row in [*told["rows"], *told["rivals"]]} == {"measured", "nominal"}
+    assert Path(told["report"]).is_file()
+    assert "2 of seed 0 done before" in run(*words).stderr
+    gathered = run_json("report", tmp_path / "out", "--out", tmp_path / "page")
+    assert [(one["study"], one["runs"]) for one in gathered["studies"]] == [("case1", 2)]
+    assert "case1" in run("report", tmp_path / "out", "--out", tmp_path / "page").stdout
+
+
+def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> None:
+    assert "no finished run" in one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("study", "case1"), 2),
+        (("study", "case1", "x", "--rig", "--out", "y"), 2),
+        (("study", "case1", "--rig"), 2),
+        (("study", "noise", "x", "--models", "guess"), 3),
+        (("study", "noise", "x", "--training-sets", "guess"), 3),
+        (("study", "noise", "x", "--address", "tcp://nowhere:1"), 3),
+        (("study", "tune", "x"), 2),
+    ],
+)
+def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, tmp_path: Path) -> None:
+    result = run(*words, code=code)
+    assert not result.stdout
+    assert result.stderr

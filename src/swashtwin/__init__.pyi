@@ -91,6 +91,7 @@ from .integrators import HarmonicBalance as HarmonicBalance
 from .networks import NETWORKS as NETWORKS
 from .networks import BiTCN as BiTCN
 from .networks import Network as Network
+from .networks import SpectralBiTCN as SpectralBiTCN
 from .networks import build_network as build_network
 from .order_domain import ShaftAngle as ShaftAngle
 from .order_domain import resampled_by_angle as resampled_by_angle
@@ -129,6 +130,7 @@ from .signals import add_noise as add_noise
 from .studies import StudyResult as StudyResult
 from .studies import run_study as run_study
 from .training import PAPER_TRAINING as PAPER_TRAINING
+from .training import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training import FittedClassifier as FittedClassifier
 from .training import TrainingSettings as TrainingSettings
 from .training import fit as fit
@@ -179,6 +181,7 @@ __all__ = [
     "LEVELS",
     "NETWORKS",
     "PAPER_TRAINING",
+    "RECOMMENDED_TRAINING",
     "RK4",
     "VERSION",
     "AmortizedIPINN",
@@ -227,6 +230,7 @@ __all__ = [
     "ShaftAngle",
     "SlipperContact",
     "SlipperFilm",
+    "SpectralBiTCN",
     "StabilityError",
     "StudyResult",
     "SwashPlateDefect",

@@ -30,7 +30,7 @@ class SpectralBiTCN(Network):
 
     Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window shares with another. A
     convolution over readings has to find levels itself; extra trees, to whom they are given, beat it with a hundredth
-    of its time. What each part is worth stands in docs/networks.md.
+    of its time. `study ablation` takes it apart.
 
     Levels are scaled by what the training windows have of them, and in training noise of `noise` of their deviation is
     added, which is what a gain or a mounting that differs a little does to them.

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swashtwin.augmentation import FILLERS, Jitter
 from swashtwin.calibration import GaussNewton
 from swashtwin.errors import ArtifactError, DataError, InputError
 from swashtwin.recording import Recording
 from swashtwin.report import write_report
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies import Model, Plan, StudyResult, Workers, plan_of, run_plan
+from swashtwin.studies import Fleets, Model, Plan, StudyResult, Workers, plan_of, run_plan
 from swashtwin.studies.fillings import Filling
 from swashtwin.studies.gathering import gathered
 from swashtwin.studies.material import calibration_tasks, prepare
@@ -280,3 +281,37 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
     for name in ("noise_snr", "noise_confusion", "algorithms_scores"):
         assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
         assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
+
+
+def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of("case1", "quick")
+    keys = [task.key for task in plan.tasks(0, "data")]
+    group = plan.scenario.pump.rotating_group
+    worn = replace(plan.scenario.pump, rotating_group=replace(group, piston_clearance=2 * group.piston_clearance))
+    other_pump = replace(plan, scenario=replace(plan.scenario, pump=worn))
+    assert not set(keys) & {task.key for task in other_pump.tasks(0, "data")}
+    on_a_gpu = [task.key for task in plan.tasks(0, "data", "cuda")]
+    networks = [task.factors["classifier"] == DEFAULT for task in plan.tasks(0, "data")]
+    assert [one != other for one, other in zip(keys, on_a_gpu, strict=True)] == networks
+    filled = replace(plan, fillings={"jitter": Filling("jitter")})
+    before = {task.key for task in filled.tasks(0, "data")}
+    monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
+    assert not before & {task.key for task in filled.tasks(0, "data")}
+
+
+def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(folder: Path, **how: object) -> None:
+        folder.mkdir()
+        (folder / "half.h5").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("swashtwin.studies.sources.build_rig", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Fleets(tmp_path).taken(0)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "rig-small-0").mkdir()
+    (tmp_path / "rig-small-0" / "half.h5").touch()
+    with pytest.raises(DataError, match="delete it, and the same command"):
+        Fleets(tmp_path).taken(0)

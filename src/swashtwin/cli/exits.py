@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shutil
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -81,15 +80,3 @@ def resumable(hint: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt as cause:
         raise Interrupted(hint) from cause
-
-
-@contextmanager
-def whole_folder(folder: Path) -> Iterator[None]:
-    """Within it, a folder that was missing or empty is filled; it is removed where that does not end well."""
-    fresh = not folder.exists() or not any(folder.iterdir())
-    try:
-        yield
-    except BaseException:
-        if fresh:
-            shutil.rmtree(folder, ignore_errors=True)
-        raise

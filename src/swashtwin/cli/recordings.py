@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, tell
-from swashtwin.cli.exits import whole_folder
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -24,6 +23,7 @@ from swashtwin.cli.options import (
     said_as_options,
 )
 from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaft_angle, vibration_of
+from swashtwin.files import whole_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import resumable, whole_folder
+from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Jobs, Json, Seed, list_of
+from swashtwin.files import whole_folder
 
 if TYPE_CHECKING:
     from swashtwin.studies import StudyTable

@@ -29,8 +29,7 @@ class SpectralBiTCN(Network):
     envelopes' (all of it, and above 1 kHz at 25.6 kHz), their bands and the shape of their distributions.
 
     Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window shares with another. A
-    convolution over readings has to find levels itself; extra trees, to whom they are given, beat it with a hundredth
-    of its time. `study ablation` takes it apart.
+    convolution over readings has to find levels itself. `study ablation` takes it apart.
 
     Levels are scaled by what the training windows have of them, and in training noise of `noise` of their deviation is
     added, which is what a gain or a mounting that differs a little does to them.

@@ -110,7 +110,7 @@ def _looked_up(plan: Plan, source: Source, seed: int, out: Path | None, facts: R
     """What is to be done of a seed, and what is done."""
     recordings, data = source.taken(seed)
     tasks, done = [], []
-    for task in plan.tasks(seed, data):
+    for task in plan.tasks(seed, data, facts.device):
         folder = None if out is None else Path(out) / task.study / task.key
         if folder is not None and (folder / "result.json").is_file():
             done.append(load_run(folder))

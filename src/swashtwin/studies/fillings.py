@@ -11,7 +11,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
-from swashtwin.augmentation import FILLERS, Background, Filler, TwinFiller
+from swashtwin.augmentation import DEFAULT_VARIATION, FILLERS, Background, Filler, TwinFiller
 from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
 from swashtwin.features import extract_features
@@ -58,8 +58,9 @@ class Filling:
     """Let every class count the same in a network's loss, in place of windows."""
 
     def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them."""
-        return asdict(self)
+        """Settings as JSON can hold them, those of whatever fills among them."""
+        filler = repr(FILLERS[self.by]) if self.by in FILLERS else repr(DEFAULT_VARIATION) if self.by else None
+        return {**asdict(self), "filler": filler}
 
 
 PAPER_FILLINGS: Mapping[str, Filling] = MappingProxyType(

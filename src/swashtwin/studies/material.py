@@ -13,6 +13,7 @@ from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError
 from swashtwin.recording import Recording
 from swashtwin.studies.cells import cut_evenly
+from swashtwin.studies.runs import FORMAT
 from swashtwin.studies.scenario import Scenario, ScenarioSplit, split_scenario
 from swashtwin.twin import Twin
 from swashtwin.windows import WindowSet, cut_windows
@@ -39,7 +40,7 @@ class CalibrationTask:
         """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
         held = [[repr(one.pump), repr(one.condition), repr(one.fault)] for one in self.twins]
         data = [one.fingerprint() for one in self.recordings]
-        text = repr((held, data, self.method, self.nuisances, self.seed))
+        text = repr((FORMAT, held, data, self.method, self.nuisances, self.seed))
         return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 

@@ -41,10 +41,12 @@ class Model:
         return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them."""
+        """Settings as JSON can hold them, a network's own defaults among them."""
         if not self.is_network:
             return {"kind": self.kind}
-        return {"kind": self.kind, "network": dict(self.network), "training": asdict(self.training)}
+        settings = build_network(self.kind, 1, 2, **self.network).settings
+        network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
+        return {"kind": self.kind, "network": network, "training": asdict(self.training)}
 
     def with_training(self, **changes: Any) -> "Model":
         """The same with other training settings."""

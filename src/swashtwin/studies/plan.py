@@ -61,12 +61,13 @@ class Plan:
         if not (self.models and self.fillings):
             raise InputError("a study needs a classifier and a training set.")
 
-    def tasks(self, seed: int, data: str) -> list[Task]:
+    def tasks(self, seed: int, data: str, device: str = "cpu") -> list[Task]:
         """Every task of a seed, in order.
 
         Parameters
         ----------
         data : SHA-256 of the recordings.
+        device : where networks are trained.
         """
         return [
             Task(
@@ -78,6 +79,7 @@ class Plan:
                     "scenario": self.scenario_of(variant).described(),
                     "training_set": self.fillings[filling].described(),
                     "model": self.models[model].described(),
+                    "device": device if self.models[model].is_network else "cpu",
                     "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws, "embeds": self.embeds},
                 },
                 data=data,

@@ -23,7 +23,7 @@ from swashtwin.files import replacing, write_text
 from swashtwin.recording import Recording
 from swashtwin.training import Epoch
 
-FORMAT = "swashtwin run 1"
+FORMAT = "swashtwin run 2"
 """Of a run's file and of its key; changes whenever the same settings would give another result."""
 
 

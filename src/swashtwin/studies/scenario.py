@@ -5,6 +5,7 @@ same question with other numbers: in the scarce cells only so many measured wind
 fills them. The test is at that pressure, all classes alike, on recordings that had no part in anything.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from types import MappingProxyType
@@ -99,7 +100,7 @@ class Scenario:
             "specimens_trained_on": self.specimens,
             "levels": list(self.levels),
             "faults": {name: [_fault(one) for one in self.faults[name]] for name in self.scarce},
-            "pump": self.pump.name,
+            "pump": {"name": self.pump.name, "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest()},
             "method": {"name": type(self.method).__name__, **_settings(self.method)},
             "nuisances": _settings(self.nuisances),
             "calibrated_on": self.calibrated_on,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from swashtwin.errors import DataError
+from swashtwin.files import whole_folder
 from swashtwin.readers import read_recordings
 from swashtwin.recording import Recording
 from swashtwin.rig import RIG_VERSION, SIZES, RigSize, build_rig
@@ -56,7 +57,10 @@ class Fleets:
         """The fleet of that seed, which is built where it does not lie there yet."""
         folder = Path(self.folder) / f"rig-{self.size}-{seed}"
         if not (folder / "recordings.toml").is_file():
-            build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
+            if folder.exists() and any(folder.iterdir()):
+                raise DataError(f"{folder} holds part of a fleet; delete it, and the same command builds it again.")
+            with whole_folder(folder):
+                build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
         recordings = read_recordings(folder)
         require_rig(folder, recordings, SIZES[self.size])
         return recordings, fingerprint_of(recordings)

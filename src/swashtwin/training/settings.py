@@ -90,7 +90,8 @@ RECOMMENDED_TRAINING = TrainingSettings(
     epochs=30, batch_size=64, learning_rate=2e-3, decay="cosine", normalization="set"
 )
 """Ours: a rate that falls to nothing is done in 30 epochs, and one scale for the whole training set keeps the level,
-which a fault changes. Chosen on fleets of the virtual rig that no study reports (docs/networks.md)."""
+which a fault changes. Chosen on fleets 100 to 102 of the virtual rig, on which no study is reported
+(docs/networks.md)."""
 
 
 @dataclass(frozen=True)

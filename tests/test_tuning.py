@@ -12,6 +12,7 @@ from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.studies import tuning
 from swashtwin.studies.cases import SCENARIOS
+from swashtwin.studies.models import MODELS
 from swashtwin.studies.scenario import split_scenario
 from swashtwin.studies.tuning import run_tuning, validation_folds
 
@@ -53,9 +54,37 @@ def test_a_search_sees_no_test_recording_and_validates_on_pumps_it_left_out(
         assert not set(trained) & set(held)
 
 
-def test_a_search_begins_with_the_studys_own_settings_and_goes_on_where_it_stopped(
-    recordings: list[Recording], tried: list[Any], tmp_path: Path
+@pytest.mark.parametrize("name", ["bitcn", "spectral_bitcn"])
+def test_the_first_candidate_is_the_studys_own_model_unchanged(
+    recordings: list[Recording], tried: list[Any], tmp_path: Path, name: str
 ) -> None:
+    found = run_tuning(recordings, model=name, trials=3, out=tmp_path)
+    own = MODELS["quick"][name]
+    assert tried[0][0] == own
+    assert own not in [model for model, *_ in tried[1:]]
+    candidates = found.details["candidates"]
+    assert [one["own"] for one in candidates] == [True, False, False]
+    assert candidates[0]["settings"]["weight_decay"] == own.training.weight_decay
+
+
+def test_an_interrupt_does_not_lose_the_studys_own_model(
+    recordings: list[Recording], tried: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(tuning, "validated", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
+    found = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
+    own = MODELS["quick"]["bitcn"]
+    assert [model == own for model, *_ in tried] == [True, False]
+    (marked,) = [one for one in found.details["candidates"] if one["own"]]
+    assert f"the study's own settings: {np.mean(marked['recall']):.3f}" in found.answer[0]
+
+
+def test_a_search_goes_on_where_it_stopped(recordings: list[Recording], tried: list[Any], tmp_path: Path) -> None:
     first = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
     own = tried[0][0].training.learning_rate
     more = run_tuning(recordings, model="bitcn", trials=5, out=tmp_path)

@@ -45,6 +45,10 @@ NETWORK_SPACE: Mapping[str, tuple[Any, ...]] = {"dropout": (0.0, 0.1, 0.2, 0.3, 
 """Settings of a network that are searched where it has them."""
 
 
+OWN = "own"
+"""Mark of the trial that is the unchanged model."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """Settings that were tried, and what came of them."""
@@ -53,6 +57,8 @@ class Candidate:
     """By name."""
     recall: tuple[float, ...]
     """Macro recall on each validation fold."""
+    is_own: bool = False
+    """Whether they are the study's own, unchanged."""
 
     @property
     def mean(self) -> float:
@@ -103,16 +109,22 @@ def run_tuning(
     held = json.dumps([own.described(), SCENARIOS[size].described(), seed, fingerprint, space], sort_keys=True)
     name = f"{model}-{hashlib.sha256(held.encode()).hexdigest()[:12]}"
     with workers.started():
-        search = _opened(Path(out) / "tune" / f"{name}.journal", name, seed, _defaults(own, space))
-        while (done := len(_complete(search))) < trials:
+        search = _opened(Path(out) / "tune" / f"{name}.journal", name, seed)
+        while (done := len(_complete(search))) < trials or not any(map(_is_own, _complete(search))):
             if progress is not None:
                 progress(done, trials)
-            asked = [search.ask() for _ in range(min(workers.jobs, trials - done))]
-            calls = [(_with(own, _suggested(one, space)), windows, folds, seed, device) for one in asked]
+            asked = [search.ask() for _ in range(max(1, min(workers.jobs, trials - done)))]
+            models = [own if _is_own(one) else _with(own, _suggested(one, space)) for one in asked]
+            calls = [(model, windows, folds, seed, device) for model in models]
             for place, recall in workers.each(validated, calls):
                 asked[place].set_user_attr("recall", list(recall))
                 search.tell(asked[place], float(np.mean(recall)))
-    tried = [Candidate(one.params, tuple(one.user_attrs["recall"])) for one in _complete(search)]
+    tried = [
+        Candidate(
+            _own_settings(own, space) if _is_own(one) else one.params, tuple(one.user_attrs["recall"]), _is_own(one)
+        )
+        for one in _complete(search)
+    ]
     return _table(tried, model, size, seed, origin_of(recordings), command, time.perf_counter() - started, device)
 
 
@@ -142,23 +154,24 @@ def validated(
     return tuple(found)
 
 
+def _taken(model: Model) -> dict[str, Any]:
+    """Settings that a model's network takes, with its own defaults."""
+    taken: dict[str, Any] = {}
+    for kind in reversed(NETWORKS[model.kind].__mro__):
+        taken |= {name: one.default for name, one in inspect.signature(kind).parameters.items()}
+    return taken
+
+
 def _space(model: Model) -> dict[str, tuple[Any, ...]]:
     """What is searched of a model."""
-    taken: set[str] = set()
-    for kind in NETWORKS[model.kind].__mro__:
-        taken |= set(inspect.signature(kind).parameters)
+    taken = _taken(model)
     return {**TRAINING_SPACE, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
 
 
-def _defaults(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-    """The study's own settings as far as the space holds them."""
-    known = {**vars(model.training), **model.network}
-    own = {name: known[name] for name in space if name in known}
-    return {
-        name: value
-        for name, value in own.items()
-        if (_is_range(space[name]) and space[name][0] <= value <= space[name][1]) or value in space[name]
-    }
+def _own_settings(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    """What the unchanged model has of what is searched, be it within the space or not."""
+    known = {**_taken(model), **vars(model.training), **model.network}
+    return {name: known[name] for name in space}
 
 
 def _is_range(values: tuple[Any, ...]) -> bool:
@@ -180,8 +193,11 @@ def _with(model: Model, settings: Mapping[str, Any]) -> Model:
     return replace(model.with_training(**training), network={**model.network, **network})
 
 
-def _opened(path: Path, name: str, seed: int, defaults: Mapping[str, Any]) -> "optuna.Study":
-    """The search in a journal, begun with the study's own settings."""
+def _opened(path: Path, name: str, seed: int) -> "optuna.Study":
+    """The search in a journal; the unchanged model is next, unless it has a score.
+
+    It is a trial without parameters, for the space need not hold its settings; an interrupt may have lost it before.
+    """
     try:
         import optuna
         from optuna.storages import JournalStorage
@@ -193,9 +209,13 @@ def _opened(path: Path, name: str, seed: int, defaults: Mapping[str, Any]) -> "o
     storage = JournalStorage(JournalFileBackend(str(path)))
     search = optuna.create_study(study_name=name, storage=storage, direction="maximize", load_if_exists=True)
     search.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, "tuning", len(search.trials)) % 2**32)
-    if not search.trials:
-        search.enqueue_trial(dict(defaults))
+    if not any(_is_own(trial) and trial.state.name in ("COMPLETE", "WAITING") for trial in search.trials):
+        search.enqueue_trial({}, user_attrs={OWN: True})
     return search
+
+
+def _is_own(trial: "optuna.Trial | optuna.trial.FrozenTrial") -> bool:
+    return bool(trial.user_attrs.get(OWN))
 
 
 def _complete(search: "optuna.Study") -> list[Any]:
@@ -214,13 +234,14 @@ def _table(
 ) -> StudyTable:
     best = sorted(tried, key=lambda one: -one.mean)
     trials = [
-        Trial({"settings": _words(one.settings)}, fold, {"recall": value})
+        Trial({"settings": _words(one)}, fold, {"recall": value})
         for one in best
         for fold, value in enumerate(one.recall)
     ]
+    own = next(one for one in tried if one.is_own)
     answer = (
-        f"Best of {len(tried)} on validation recordings: {_words(best[0].settings)}, macro recall {best[0].mean:.3f}; "
-        f"the study's own settings: {tried[0].mean:.3f}.",
+        f"Best of {len(tried)} on validation recordings: {_words(best[0])}, macro recall {best[0].mean:.3f}; "
+        f"the study's own settings: {own.mean:.3f}.",
     )
     return StudyTable(
         study="tune",
@@ -239,10 +260,15 @@ def _table(
             "What stands as a seed is the number of the validation fold.",
         ),
         device=device,
-        details={"candidates": [{"settings": dict(one.settings), "recall": list(one.recall)} for one in tried]},
+        details={
+            "candidates": [
+                {"settings": dict(one.settings), "recall": list(one.recall), "own": one.is_own} for one in tried
+            ]
+        },
     )
 
 
-def _words(settings: Mapping[str, Any]) -> str:
-    plain = {name: f"{value:.3g}" if isinstance(value, float) else str(value) for name, value in settings.items()}
-    return ", ".join(f"{name}={value}" for name, value in plain.items())
+def _words(one: Candidate) -> str:
+    plain = {name: f"{value:.3g}" if isinstance(value, float) else str(value) for name, value in one.settings.items()}
+    told = ", ".join(f"{name}={value}" for name, value in plain.items())
+    return f"the study's own: {told}" if one.is_own else told

@@ -22,11 +22,13 @@ from swashtwin.recording import Recording
 from swashtwin.report import write_report
 from swashtwin.report.calibration_part import calibration_answer
 from swashtwin.report.study_answer import study_answer
+from swashtwin.report.study_part import paper_words
 from swashtwin.report.writing import part_of
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.seeding import stream
 from swashtwin.studies import Embedding, Outcome, Run, StudyResult, Task, plan_of
 from swashtwin.studies.carrying import assembled
+from swashtwin.studies.models import models_of
 from swashtwin.training import Epoch
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm, rpm
@@ -278,10 +280,29 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
     beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
     assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
+    ours = [cells for name, cells in rows if name in beside]
+    assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
     assert len(rows) == 9
     assert "G-means are of another definition" in page
     other = replace(study, study="case9", calibrations=())
     assert "accuracy 0.812" not in write_report(other, folder=tmp_path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "classifier", "told"),
+    [
+        ("case1", "bitcn", "accuracy 0.812"),
+        ("case1", "tcn", "the paper's BiTCN: accuracy 0.812"),
+        ("algorithms", "bitcn", "accuracy 0.98"),
+        ("algorithms", "spectral_bitcn", "the paper's BiTCN: accuracy 0.98"),
+        ("algorithms", "tcn", "more than 8 points below BiTCN"),
+        ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
+        ("ablation", "bitcn_forward", "below the full model"),
+    ],
+)
+def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, told):
+    key = {"classifier": classifier, "training_set": "measured", "level": "L2"}
+    assert paper_words(replace(study, study=name), key) == told
 
 
 def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):
@@ -337,6 +358,25 @@ def test_a_rival_that_does_better_is_told_at_once(study):
         in fixed(accuracies, study, rival=0.9)[0]
     )
     assert "beaten" not in fixed(accuracies, study, rival=0.6)[0]
+
+
+def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals():
+    skills = {"tcn": {"measured": 0.4, "calibrated": 0.6}, "lstm": {"measured": 0.9, "calibrated": 0.8}}
+    runs = []
+    for place, (classifier, accuracies) in enumerate(skills.items()):
+        for name, accuracy in accuracies.items():
+            base = run(name, 0, 0.5, classifier, ("L2",))
+            one = base.outcomes[0]
+            scores = replace(one.scores, accuracy=accuracy)
+            task = replace(base.task, place=place)
+            runs.append(replace(base, task=task, outcomes=(replace(one, scores=scores),)))
+    plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
+    found = assembled(plan, runs)
+    assert {one.classifier for one in found.outcomes} == {"tcn"}
+    lead, details, _ = study_answer(found)
+    assert "at L2 calibrated beat measured only by 20.0 points" in lead
+    assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
+    assert "(0.900 against 0.600)" in lead
 
 
 def test_a_calibration_that_made_a_fit_worse_says_so(calibration):

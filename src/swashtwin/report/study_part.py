@@ -71,11 +71,19 @@ _PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
 
 
 def paper_words(study: StudyResult, key: dict[str, str]) -> str:
-    """What the paper prints for a row; nothing at other levels than the nearest, or of rivals beside the study."""
+    """What the paper prints for a row; nothing at other levels than the nearest, or of rivals beside the study.
+
+    Beside a network that the paper does not have, such as ours, it says whose figure it is.
+    """
     if key["level"] != "L2" or key["classifier"] in study.rival_names:
         return ""
-    found = [text for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
-    return found[0] if found else ""
+    found = [(wanted, text) for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
+    if not found:
+        return ""
+    wanted, text = found[0]
+    name = key["classifier"]
+    is_papers = name.startswith("bitcn") or ("classifier" in wanted and not name.startswith("spectral_"))
+    return text if is_papers else f"the paper's BiTCN: {text}"
 
 
 _METRICS = {

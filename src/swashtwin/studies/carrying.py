@@ -246,7 +246,7 @@ def assembled(
         size=ordered[0].task.size,
         runs=tuple(ordered),
         own=own,
-        rival_names=tuple(name for name in plan.rivals if name != own),
+        rival_names=tuple(name for name in found if name != own) if plan.rivals else (),
         contrasts=contrasts_of(trials, ordered, plan.compared),
         calibrations=tuple(calibrations),
     )

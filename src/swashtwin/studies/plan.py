@@ -42,12 +42,14 @@ class Plan:
     """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
     """What differs from `scenario`, by the factor's value."""
-    compared: Mapping[str, str] = field(default_factory=dict)
-    """Factor and the value that all its others are compared with."""
+    compared: Mapping[str, str | Mapping[str, Sequence[str]]] = field(default_factory=dict)
+    """Factor and the value that all its others are compared with, or several values, each with those that it is
+    compared with."""
     size: str = "custom"
     """Name of the settings."""
     rivals: tuple[str, ...] = ()
-    """Classifiers that stand beside the study's own rows and not among them."""
+    """Classifiers that stand beside the study's own rows and not among them; where there are any, so does whatever else
+    is trained."""
     snrs: tuple[float, ...] = ()
     """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
     draws: int = 5

@@ -19,10 +19,13 @@ from swashtwin.studies import Plan, plan_of, run_plan
 from swashtwin.studies.contrasts import holm, paired_interval, signed_rank_p
 from swashtwin.studies.fillings import Filling, filled_cells, noisy_training
 from swashtwin.studies.material import Material, again_cut, calibration_tasks, prepare
-from swashtwin.studies.models import MODELS, models_of
+from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, models_of
 from swashtwin.studies.plan import noisy_test
 from swashtwin.studies.registry import PLANS
+from swashtwin.studies.result import contrasts_of
+from swashtwin.studies.runs import Run
 from swashtwin.studies.scenario import split_scenario
+from swashtwin.studies.table import Trial
 from swashtwin.windows import cut_windows
 
 FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
@@ -123,6 +126,32 @@ def test_signed_ranks_need_six_pairs_and_holm_never_lowers_a_p_value() -> None:
     assert signed_rank_p([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]) < 0.05
     raw = [0.2, 0.01, 0.04]
     assert all(corrected >= value for corrected, value in zip(holm(raw), raw, strict=True))
+
+
+def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
+    """Pairs of a factor's values that a plan contrasts, at one level, were all its rows there."""
+    tasks = plan.tasks(0, "data")
+    trials = [Trial({**task.factors, "level": "L2"}, 0, {"accuracy": 0.5}) for task in tasks]
+    none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
+    none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
+    runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
+    return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared)}
+
+
+def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_ours_with_ours() -> None:
+    pairs = contrasted(plan_of("ablation", "paper"), "classifier")
+    papers = {("bitcn", name) for name in ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")}
+    assert pairs == papers | {(DEFAULT, name) for name in (*ABLATED, "bitcn")}
+    assert contrasted(plan_of("ablation", "quick"), "classifier") == {(DEFAULT, name) for name in ABLATED}
+
+
+def test_a_filling_of_any_number_of_windows_is_contrasted_with_none() -> None:
+    plan = plan_of("augmentation", "quick")
+    budgets = {name for name in plan.variants if name != "0"}
+    of_measured = {pair for pair in contrasted(plan, "synthetic") if pair[1] == "0"}
+    assert of_measured == {(budget, "0") for budget in budgets}
+    assert {("calibrated", "measured"), ("calibrated", "nominal")} <= contrasted(plan, "training_set")
+    assert {first == second for first, second in contrasted(plan, "synthetic") - of_measured} == {True}
 
 
 def test_fewer_pumps_train_and_the_same_are_held_out() -> None:

@@ -5,7 +5,7 @@ Its JSON is a `StudyTable`'s with ``size``, ``rivals``, ``contrasts``, ``cells``
 ...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -171,29 +171,49 @@ def values_of(outcome: Outcome) -> dict[str, float]:
     }
 
 
-def contrasts_of(trials: Sequence[Trial], runs: Sequence[Run], compared: Mapping[str, str]) -> tuple[Contrast, ...]:
+def contrasts_of(
+    trials: Sequence[Trial], runs: Sequence[Run], compared: Mapping[str, str | Mapping[str, Sequence[str]]]
+) -> tuple[Contrast, ...]:
     """Differences of accuracy between the row that holds a factor's compared value and those that hold another.
 
     Parameters
     ----------
-    compared : factor and the value that all its others are compared with, all else alike.
+    compared : factor and the value that all its others are compared with, all else alike, or several values, each with
+        those that it is compared with. A row of no synthetic window is compared with those of every number of them.
     """
     shares = {} if len({run.task.data for run in runs}) > 1 else _test_shares(runs)
+    rows = list(dict.fromkeys(_row(trial) for trial in trials))
     found: list[Contrast] = []
-    for factor, wanted in compared.items():
-        for key in dict.fromkeys(_row(trial) for trial in trials if trial.factors.get(factor) == wanted):
-            others = [
-                other
-                for other in dict.fromkeys(_row(trial) for trial in trials)
-                if dict(other)[factor] != wanted and {**dict(other), factor: wanted} == dict(key)
-            ]
-            family = [_contrast(trials, key, other, shares) for other in others]
+    for factor, wanted, others in _families(rows, compared):
+        for key in (row for row in rows if dict(row).get(factor) == wanted):
+            own = [row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor)]
+            family = [_contrast(trials, key, other, shares) for other in own]
             corrected = holm([signed_rank_p(points) for _, points in family])
             found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
     return tuple(found)
 
 
 Row = tuple[tuple[str, str], ...]
+
+
+def _families(
+    rows: Sequence[Row], compared: Mapping[str, str | Mapping[str, Sequence[str]]]
+) -> Iterator[tuple[str, str, Collection[str]]]:
+    """Factor, value, and the values that it is compared with."""
+    for factor, wanted in compared.items():
+        if isinstance(wanted, str):
+            yield factor, wanted, {dict(row)[factor] for row in rows if factor in dict(row)} - {wanted}
+        else:
+            yield from ((factor, value, others) for value, others in wanted.items())
+
+
+def _alike(first: Mapping[str, str], second: Mapping[str, str], factor: str) -> bool:
+    """Whether rows differ in a factor only; what has no synthetic window belongs to every number of them."""
+    return all(
+        first[name] == second[name] or (name == "synthetic" and "0" in (first[name], second[name]))
+        for name in first
+        if name != factor
+    )
 
 
 def _row(trial: Trial) -> Row:

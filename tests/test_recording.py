@@ -121,8 +121,11 @@ def test_a_selection_meets_every_condition_and_leaves_out_nothing_that_does(
         if label in (None, one_label) and specimen in (None, one_specimen) and (ids is None or i in ids)
     ]
     if not expected:
-        with pytest.raises(DataError, match=f"no recording with label={label!r}, specimen={specimen!r}"):
-            select(recordings, label=label, ids=names, specimen=specimen)
+        with pytest.raises(DataError, match="^no recording has .*; the specimens are ") as refusal:
+            select(iter(recordings), label=label, ids=names, specimen=specimen)
+        told = str(refusal.value)
+        assert all(repr(one) in told for one in (label, specimen) if one is not None)
+        assert all(str(one_specimen) in told for _, one_specimen in made)
         return
     kept = select(iter(recordings), label=label, ids=names, specimen=specimen)
     assert [one.recording_id for one in kept] == [str(i) for i in expected]

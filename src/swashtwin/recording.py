@@ -151,6 +151,7 @@ def select(
         Nothing is left.
     """
     wanted = None if ids is None else {str(name) for name in ids}
+    recordings = list(recordings)
     kept = [
         recording
         for recording in recordings
@@ -159,5 +160,8 @@ def select(
         and (specimen is None or recording.specimen == specimen)
     ]
     if not kept:
-        raise DataError(f"no recording with label={label!r}, specimen={specimen!r} among the given ids.")
+        asked = {"label": label, "specimen": specimen}
+        words = " and ".join(f"the {name} {value!r}" for name, value in asked.items() if value is not None)
+        specimens = ", ".join(sorted({str(recording.specimen) for recording in recordings})) or "none"
+        raise DataError(f"no recording has {words or 'such an id'}; the specimens are {specimens}.")
     return kept

@@ -111,7 +111,7 @@ def _of_many(path: Path, facts: dict[str, object]) -> bool:
 
 def rig(
     out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
-    seed: Seed,
+    seed: Seed = 0,
     size: Annotated[RigSizeName, typer.Option(help="How much is recorded.")] = RigSizeName.small,
     file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
     as_json: Json = False,

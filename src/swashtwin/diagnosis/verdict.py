@@ -119,8 +119,9 @@ def settled_on(
     layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.length)
     if difference := classifier.layout.difference(layout):
         raise DataError(
-            f"{recording.recording_id} does not fit the classifier: {difference}; resample it, or pick its channels "
-            "with recording.picked(...)."
+            f"{recording.recording_id} does not fit the classifier (what that was taught against what this has): "
+            f"{difference}; say what the channels of a file are with --names, take some of them with --channels "
+            "(recording.picked(...) in Python), or resample it."
         )
     parts = partial(
         window_batches,

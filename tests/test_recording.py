@@ -121,7 +121,7 @@ def test_a_selection_meets_every_condition_and_leaves_out_nothing_that_does(
         if label in (None, one_label) and specimen in (None, one_specimen) and (ids is None or i in ids)
     ]
     if not expected:
-        with pytest.raises(DataError, match="^no recording has .*; the specimens are ") as refusal:
+        with pytest.raises(DataError, match=r"^no recording has .*; the specimens are ") as refusal:
             select(iter(recordings), label=label, ids=names, specimen=specimen)
         told = str(refusal.value)
         assert all(repr(one) in told for one in (label, specimen) if one is not None)

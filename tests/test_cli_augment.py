@@ -63,6 +63,20 @@ def test_held_out_recordings_are_compared_with_where_they_are_given(index: Path,
     assert "swashtwin train" in said
 
 
+def test_a_pressure_is_not_given_to_windows_that_state_none(tmp_path: Path) -> None:
+    signals = [stream(0, str(number)).normal(size=(2, 2000)) for number in range(2)]
+    recordings = [
+        Recording(one, 3000.0, f"p{place}", channels=("x", "y"), label="piston") for place, one in enumerate(signals)
+    ]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    index, out = write_index(recordings, files, tmp_path), tmp_path / "cell.safetensors"
+    told = one_line(run("augment", index, "--method", "jitter", *FACTS, "--out", out, code=3))
+    assert "states its pressure" in told
+    assert not out.exists()
+    run("augment", index, "--method", "jitter", *FACTS[:2], *FACTS[4:], "--out", out)
+    assert out.is_file()
+
+
 def test_what_cannot_be_filled_is_said_in_a_line(index: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "cell.safetensors")
     assert "--method" in run("augment", index, "--method", "gan", *FACTS, *out, code=2).stderr

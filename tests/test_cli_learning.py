@@ -49,6 +49,19 @@ def test_train_refuses_what_is_no_setting_of_the_network(folder: Path) -> None:
     assert "Did you mean 'bilstm'" in one_line(run("train", folder, "--network", "bi_lstm", "--length", 100, code=3))
 
 
+@pytest.mark.parametrize("word", ["n_channels", "n_classes", "name"])
+def test_what_the_recordings_or_another_option_say_is_no_setting(folder: Path, word: str) -> None:
+    told = run("train", folder, "--setting", f"{word}=3", "--length", 100, code=2).stderr
+    assert f"{word} is no setting" in " ".join(told.split())
+
+
+@pytest.mark.parametrize("setting", ["frame=0.5", "frame=1", "n_bands=2.5"])
+def test_a_setting_that_cannot_be_is_one_line_and_no_bug(folder: Path, setting: str) -> None:
+    told = one_line(run("train", folder, "--setting", setting, "--length", 100, code=3))
+    assert setting.split("=")[0] in told
+    assert "bug" not in told
+
+
 def test_a_setting_is_a_number_a_truth_or_several_numbers() -> None:
     texts = ["patch=8", "dropout=0.2", "causal=false", "hidden=256,128"]
     assert settings_of(texts, "--setting") == {"patch": 8, "dropout": 0.2, "causal": False, "hidden": (256, 128)}

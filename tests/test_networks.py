@@ -65,6 +65,8 @@ def test_an_unknown_network_or_setting_is_refused_and_the_nearest_offered():
         build_network("BiTNC", 1, 5)
     with pytest.raises(InputError, match="kernels"):
         build_network("bitcn", 1, 5, kernels=3)
+    with pytest.raises(InputError, match=r"no setting 'kernal_size'.*Did you mean kernel_size"):
+        build_network("bitcn_ordinary", 1, 5, kernal_size=3)
 
 
 @pytest.mark.parametrize(
@@ -254,6 +256,30 @@ def test_a_graph_of_sensors_listens_by_its_adjacency_and_knows_which_sensor_is_w
 def test_a_network_refuses_settings_that_cannot_be(name, settings, words):
     with pytest.raises(InputError, match=words):
         build_network(name, 1, 2, **settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "words"),
+    [
+        ("spectral_bitcn", {"frame": 0.5}, r"frame \(0.5\) must be a whole number"),
+        ("spectral_bitcn", {"n_bands": 2.5}, r"n_bands \(2.5\) must be a whole number"),
+        ("spectral_bitcn", {"frame": 1}, r"frame \(1\) must be at least 8"),
+        ("spectral_bitcn", {"noise": float("nan")}, r"noise \(nan\) must be a number"),
+        ("bitcn_forward", {"causal": 3}, r"causal \(3\) must be true or false"),
+        ("bitcn", {"dilations": (1, 0.5)}, r"dilations \(0.5\) must be a whole number"),
+        ("lstm", {"hidden": (8, 8)}, r"hidden \(\(8, 8\)\) must be a whole number"),
+        ("mlp", {"hidden": (True,)}, r"hidden \(True\) must be a whole number"),
+    ],
+)
+def test_a_value_of_another_kind_than_the_default_is_refused_before_anything_is_built(name, settings, words):
+    with pytest.raises(InputError, match=words):
+        build_network(name, 1, 2, **settings)
+
+
+def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():
+    assert build_network("bitcn", 1, 2, channels=8, dilations=2).settings["channels"] == (8,)
+    assert build_network("spectral_bitcn", 1, 2, parts="lines").settings["parts"] == ("lines",)
+    assert build_network("resnet1d", 1, 2, channels=[np.int64(4)]).settings["channels"] == (4,)
 
 
 def test_each_ablation_takes_away_its_part_and_no_other():

@@ -56,6 +56,12 @@ def augment(
     at = math.nan if pressure is None else parse(pressure, "Pa", name="pressure")
     if pressure is None and not math.isnan(float(train.discharge_pressure.max(initial=-math.inf))):
         raise InputError('the recordings state their pressures; say which cell is to be filled: --pressure "15 MPa".')
+    stated = train.discharge_pressure[train.label == label]
+    if pressure is not None and len(stated) and all(map(math.isnan, stated.tolist())):
+        raise InputError(
+            f"no recording of {label} states its pressure, so none is known to be at {pressure}; leave out --pressure "
+            f"or state pressures in {source}."
+        )
     own = in_cell(train, label, at)
     compared, role = train.subset(own), "training windows of the cell"
     if held_out is not None:

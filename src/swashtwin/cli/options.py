@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,19 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+
+def as_folder(path: Path | None) -> Path | None:
+    """The same path, refused before any work where no folder can be there or nothing can be written into it."""
+    if path is not None:
+        there = next(one for one in (path.absolute(), *path.absolute().parents) if one.exists())
+        if not there.is_dir():
+            raise typer.BadParameter(f"{there} is a file; name a folder.")
+        if not os.access(there, os.W_OK):
+            raise typer.BadParameter(f"{there} cannot be written to; name a folder elsewhere.")
+    return path
+
+
+ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Addresses every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Processes that work side by side.")]
@@ -132,10 +146,20 @@ def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:
     return pairs
 
 
+_OF_THE_WINDOWS = {
+    "name": "the network is named by --network",
+    "n_channels": "the recordings say how many channels there are",
+    "n_classes": "the recordings say how many classes there are",
+}
+"""What looks like a setting of a network and is none, and what says it instead."""
+
+
 def settings_of(texts: list[str] | None, option: str) -> dict[str, Any]:
     """``name=value`` texts, each value a number, true or false, or several numbers with commas between them."""
     settings = {}
     for name, text in pairs_of(texts, option).items():
+        if name in _OF_THE_WINDOWS:
+            raise typer.BadParameter(f"{name} is no setting: {_OF_THE_WINDOWS[name]}.", param_hint=option)
         try:
             values = json.loads(f"[{text}]")
         except ValueError:

@@ -13,6 +13,7 @@ from swashtwin.networks.network import Network
 from swashtwin.networks.recurrent import LSTM, BiGRU, BiLSTM
 from swashtwin.networks.resnet1d import ResNet1d
 from swashtwin.networks.sensor_graph import SensorGraph
+from swashtwin.networks.settings import checked_settings
 from swashtwin.networks.spectral_bitcn import SpectralBiTCN
 from swashtwin.networks.tcn import TCN
 from swashtwin.networks.wdcnn import WDCNN
@@ -31,13 +32,11 @@ def build_network(name: str, n_channels: int, n_classes: int, **settings: Any) -
     Raises
     ------
     InputError
-        No network has this name (the nearest is offered), or none of its settings is called so.
+        No network or none of its settings is called so (the nearest is offered), or a setting cannot be.
     """
     if name not in NETWORKS:
         near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
-    try:
-        return NETWORKS[name](n_channels=n_channels, n_classes=n_classes, **settings)
-    except TypeError as cause:
-        raise InputError(f"network {name} cannot be built with {', '.join(settings)}: {cause}.") from cause
+    kind = NETWORKS[name]
+    return kind(n_channels=n_channels, n_classes=n_classes, **checked_settings(kind, settings))

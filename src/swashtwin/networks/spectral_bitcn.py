@@ -15,6 +15,9 @@ from swashtwin.networks.representation import envelope_levels, line_levels, shor
 PARTS = ("frames", "lines", "envelope")
 """What the network is given of a window, one by one: what `parts` may leave out."""
 
+_SHORTEST_FRAME = 8
+"""Readings of a frame that has a spectrum to speak of; one of a single reading says nothing at all."""
+
 _LINES, _LINE_SHARE, _LINE_BANDS = 200, 200 / 1024, 32
 _ENVELOPE_LINES, _ENVELOPE_SHARE, _ENVELOPE_FROM = 64, 64 / 1024, (0.0, 1000 / 12800)
 
@@ -98,6 +101,8 @@ class SpectralBiTCN(Network):
             raise InputError(f"{self.name}: parts ({', '.join(parts) or 'none'}) are some of {', '.join(PARTS)}.")
         if noise < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) must not be negative.")
+        if frame < _SHORTEST_FRAME:
+            raise InputError(f"{self.name}: frame ({frame}) must be at least {_SHORTEST_FRAME} readings.")
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,

@@ -56,6 +56,30 @@ def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> Non
     assert "no finished run" in one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
 
 
+def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
+    told = one_line(run("report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
+    assert "does not exist" in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("study", "case1", "."), ("study", "tune", "."), ("study", "conditions", "."),
+        ("study", "public", "--data", "."),
+        ("study", "calibration"), ("study", "misspecification"), ("demo",), ("report", "."),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("below", ["", "deeper"])
+def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
+    words: tuple[str, ...], below: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").write_text("kept")
+    told = run(*words, "--out", Path("taken") / below, code=2).stderr
+    assert "is a file" in " ".join(told.replace("│", " ").split())
+    assert (tmp_path / "taken").read_text() == "kept"
+
+
 @pytest.mark.parametrize(
     ("words", "code"),
     [

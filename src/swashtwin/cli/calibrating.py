@@ -28,6 +28,7 @@ from swashtwin.cli.options import (
     Speed,
     Step,
     Temperature,
+    as_folder,
     condition_of,
     fault_of,
     given,
@@ -121,7 +122,10 @@ def calibrate(
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
     report: Annotated[
-        Path | None, typer.Option(help="Folder for a page with figures, and what the recordings can tell at all.")
+        Path | None,
+        typer.Option(
+            help="Folder for a page with figures, and what the recordings can tell at all.", callback=as_folder
+        ),
     ] = None,
     seed: Seed = 0,
     as_json: Json = False,

@@ -1,12 +1,11 @@
 """The study of calibration methods: study calibration."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Jobs, Json, list_of
+from swashtwin.cli.options import Jobs, Json, ReportFolder, list_of
 from swashtwin.cli.studying import tell_study, this_command
 
 
@@ -19,7 +18,7 @@ def calibration(
         bool, typer.Option("--thick-film", help="Pumps whose slipper films are thick enough for K_sw to show.")
     ] = False,
     methods: Annotated[str | None, typer.Option(help="Ways to calibrate, with commas; all by default.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:

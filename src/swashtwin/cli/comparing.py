@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, say, table, tell
-from swashtwin.cli.options import Json
+from swashtwin.cli.options import Json, as_folder
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Difference
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 def compare(
     first: Annotated[Path, typer.Argument(help="Saved calibration (swashtwin calibrate).")],
     second: Annotated[Path, typer.Argument(help="Another.")],
-    report: Annotated[Path | None, typer.Option(help="Folder for a page with both and their differences.")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Folder for a page with both and their differences.", callback=as_folder)
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Say which values of two calibrations differ by more than they are uncertain, and what else differs."""

@@ -1,19 +1,18 @@
 """The study of conditions that nobody trained on: study conditions."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Index, Jobs, Json, list_of
+from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, list_of
 from swashtwin.cli.studying import tell_study, this_command
 
 
 def conditions(
     source: Index,
     seeds: Annotated[str, typer.Option(help='Seeds of weights, trees and folds: "0,1,2".')] = "0",
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:

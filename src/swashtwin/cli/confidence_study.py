@@ -1,19 +1,18 @@
 """The study of confidence: study confidence."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Jobs, Json, list_of
+from swashtwin.cli.options import Jobs, Json, ReportFolder, list_of
 from swashtwin.cli.studying import tell_study, this_command
 
 
 def confidence(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4".')] = "2,3,4",
     error_rate: Annotated[float, typer.Option(help="Asked of prediction sets and of calling unknown.")] = 0.1,
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:

@@ -8,7 +8,7 @@ import typer
 
 from swashtwin.cli.console import progress, say, tell
 from swashtwin.cli.exits import BAD_DATA
-from swashtwin.cli.options import Jobs, Json, Length, Seed, list_of, pairs_of
+from swashtwin.cli.options import Jobs, Json, Length, ReportFolder, Seed, list_of, pairs_of
 from swashtwin.cli.studying import tell_study, this_command
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def leakage(
     seeds: Annotated[str, typer.Option(help='Seeds of folds and trees: "0,1,2,3,4".')] = "0,1,2,3,4",
     folds: Annotated[int, typer.Option(min=2, help="Folds at most.")] = 5,
     trees: Annotated[int, typer.Option(min=1, help="Trees.")] = 200,
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:

@@ -10,7 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, progress
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Json, list_of
+from swashtwin.cli.options import Json, as_folder, list_of
 from swashtwin.cli.studying import StudySize, tell_study, this_command
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ Size = Annotated[
 ]
 Seeds = Annotated[str, typer.Option(help='Seeds of split, weights and synthesis, with --rig of fleets: "0,1,2".')]
 Out = Annotated[
-    Path | None, typer.Option(help="Folder of the runs, which a re-run takes up, and of STUDY/report.html.")
+    Path | None,
+    typer.Option(help="Folder of the runs, which a re-run takes up, and of STUDY/report.html.", callback=as_folder),
 ]
 TaskJobs = Annotated[int, typer.Option("--jobs", min=1, help="Tasks that run side by side, each on one thread.")]
 BackendName = Annotated[Backend, typer.Option(help="What carries tasks out; the numbers are the same.")]

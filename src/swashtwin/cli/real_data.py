@@ -6,19 +6,18 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Jobs, Json, list_of
+from swashtwin.cli.options import Jobs, Json, ReportFolder, list_of
 from swashtwin.cli.studying import tell_study, this_command
 
 Data = Annotated[Path, typer.Option(help="Folder that holds the public sets, each in a folder of its own name.")]
 Seeds = Annotated[str, typer.Option(help='Seeds of draws, inner folds and random splits: "0,1,2".')]
-Out = Annotated[Path | None, typer.Option(help="Folder for report.html.")]
 
 
 def public(
     data: Data,
     seeds: Seeds = "0,1,2,3,4",
     sets: Annotated[str, typer.Option(help='Which sets: "cwru,pump_cavitation"; all that are there by default.')] = "",
-    out: Out = None,
+    out: ReportFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
@@ -37,7 +36,9 @@ def public(
     tell_study(study, out, as_json)
 
 
-def scarce(data: Data, seeds: Seeds = "0,1,2,3,4", out: Out = None, jobs: Jobs = 2, as_json: Json = False) -> None:
+def scarce(
+    data: Data, seeds: Seeds = "0,1,2,3,4", out: ReportFolder = None, jobs: Jobs = 2, as_json: Json = False
+) -> None:
     """A scarce cell of a real pump's recordings: filling it from data alone against leaving it."""
     from swashtwin.studies.public import run_scarce
 

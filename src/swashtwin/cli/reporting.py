@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli.console import say, table, tell
-from swashtwin.cli.options import Json
+from swashtwin.cli.options import Json, as_folder
 
 
 def report(
     folder: Annotated[Path, typer.Argument(help="Folder that studies wrote their runs to (their --out).")],
-    out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.")],
+    out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.", callback=as_folder)],
     as_json: Json = False,
 ) -> None:
     """Gather every finished run of a folder into one page: tables and figures, the paper's figures beside ours."""

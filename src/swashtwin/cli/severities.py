@@ -14,6 +14,7 @@ from swashtwin.cli.options import (
     Index,
     Jobs,
     Json,
+    ReportFolder,
     fault_of,
     list_of,
     pairs_of,
@@ -120,7 +121,7 @@ def _show(found: "SeverityTrend", healthy: int) -> None:
 
 def study_severity(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
@@ -135,7 +136,7 @@ def study_severity(
 
 def study_fault_map(
     seeds: Annotated[str, typer.Option(help='Fleets of the virtual rig: "2,3,4,5,6".')] = "2,3",
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:

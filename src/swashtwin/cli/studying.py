@@ -10,7 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Jobs, Json, Seed, list_of
+from swashtwin.cli.options import Jobs, Json, ReportFolder, Seed, as_folder, list_of
 from swashtwin.files import whole_folder
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ class StudySize(StrEnum):
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the rig and the report.")] = Path("swashtwin-demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the rig and the report.", callback=as_folder)] = Path(
+        "swashtwin-demo"
+    ),
     seed: Seed = 0,
     jobs: Jobs = 2,
     as_json: Json = False,
@@ -105,7 +107,7 @@ def misspecification(
         list[Background] | None,
         typer.Option(help="own: the twin's own recordings, where all else is right; rig: the virtual rig. Repeatable."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:

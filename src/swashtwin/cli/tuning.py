@@ -7,14 +7,19 @@ import typer
 
 from swashtwin.cli.console import progress
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Index, Json, Seed
+from swashtwin.cli.options import Index, Json, Seed, as_folder
 from swashtwin.cli.paper_studies import Address, Backend, BackendName, Device, DeviceName, Size, TaskJobs
 from swashtwin.cli.studying import StudySize, tell_study, this_command
 
 
 def tune(
     source: Index,
-    out: Annotated[Path, typer.Option(help="Folder of the journal, which a re-run takes up, and of tune/report.html.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder of the journal, which a re-run takes up, and of tune/report.html.", callback=as_folder
+        ),
+    ],
     model: Annotated[str, typer.Option(help="Network whose settings are searched.")] = "spectral_bitcn",
     trials: Annotated[int, typer.Option(min=1, help="Settings to try in all, those of earlier runs included.")] = 20,
     size: Size = StudySize.quick,

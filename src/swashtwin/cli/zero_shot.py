@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Jobs, Json, list_of
+from swashtwin.cli.options import Jobs, Json, ReportFolder, list_of
 from swashtwin.cli.studying import StudySize, tell_study, this_command
 
 
@@ -17,7 +17,7 @@ def zero_shot(
         StudySize, typer.Option(help="Settings: quick, or as many windows as there are.")
     ] = StudySize.quick,
     seeds: Annotated[str, typer.Option(help='Seeds of fleets, split, twins, faults and weights: "2,3,4".')] = "0",
-    out: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:

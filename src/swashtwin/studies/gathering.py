@@ -21,10 +21,12 @@ def gathered(folder: Path) -> list[StudyResult]:
     Raises
     ------
     DataError
-        There is no finished run.
+        There is no such folder, or no finished run in it.
     ArtifactError
         A run is damaged.
     """
+    if not Path(folder).is_dir():
+        raise DataError(f"{folder} does not exist, or is no folder; give the --out of a swashtwin study.")
     paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
     runs = [load_run(path.parent) for path in paths]
     if not runs:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from swashtwin.augmentation import Filler, TwinFiller, Variation, synthesis, synthesize
+from swashtwin.augmentation.background import background_noise
 from swashtwin.augmentation.synchronous import without_synchronous
 from swashtwin.baselines import fit_extra_trees
 from swashtwin.calibration import Nuisances, Posterior, search_space
@@ -93,6 +94,15 @@ def test_the_background_has_the_level_of_the_measured_noise(twin: Twin, measured
     at_15 = measured.discharge_pressure == MPa(15)
     normal = measured.subset(at_15 & (measured.label == "normal"))
     np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
+
+
+def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(twin: Twin, measured: WindowSet) -> None:
+    noise = 0.01 * stream(0, "noise").normal(size=(1, measured.signal.shape[1], 2048))
+    line = 100 * np.sin(2 * np.pi * 100.5 * np.arange(2048) / 2048)
+    loud = replace(measured.subset(np.array([0])), signal=(noise + line).astype(np.float32))
+    drawn = background_noise(loud, twin, "spectrum").drawn(stream(0, "drawn"))
+    far = [np.abs(np.fft.rfft(one, axis=-1))[..., 400:-1] for one in (drawn, noise[0])]
+    assert np.sqrt(np.mean(far[0] ** 2)) < 1.5 * np.sqrt(np.mean(far[1] ** 2))
 
 
 def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:

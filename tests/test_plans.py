@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin.augmentation import FILLERS
+from swashtwin.augmentation import FILLERS, discriminative_score
 from swashtwin.baselines import BASELINES
 from swashtwin.calibration import GaussNewton
 from swashtwin.errors import InputError
@@ -188,6 +188,14 @@ def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> No
         filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
         assert at_none == {"measured", "class_weights"}
         assert {*FILLERS, "nominal", "calibrated", "posterior", "residual", "every_class"} == filled
+
+
+def test_a_study_tells_windows_apart_as_augmentation_does(material: Material) -> None:
+    filling = Filling("jitter", count=4)
+    made, values = filled_cells(material, filling)
+    test = material.tests[material.scenario.levels[0]]
+    held_out = test.subset(np.isin(test.label, material.scenario.scarce))
+    assert values["discriminator"] == discriminative_score(held_out, made, seed=material.seed)
 
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])

@@ -7,14 +7,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.metrics import roc_auc_score
-from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
-from swashtwin.augmentation import DEFAULT_VARIATION, FILLERS, Background, Filler, TwinFiller
+from swashtwin.augmentation import DEFAULT_VARIATION, FILLERS, Background, Filler, TwinFiller, discriminative_score
 from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
-from swashtwin.features import extract_features
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import add_noise
 from swashtwin.studies.material import Material, again_cut
@@ -31,8 +27,6 @@ CALIBRATED_TWINS = TWINS[1:]
 FURTHER = {"discriminator": "AUROC measured/synthetic"}
 """Headings of what is known of synthetic windows themselves."""
 
-
-FOLDS = 5
 
 TRAINING_SNRS = (0.0, 25.0)
 """Range of the ratios of noise in training [dB], a little wider than the tests'."""
@@ -107,24 +101,13 @@ def told_apart(material: Material, made: WindowSet) -> float:
     """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the fingerprint trap.
 
     0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured windows are those of
-    the nearer test, which no filler saw, and no recording is on both sides of a fold; nothing is chosen by it.
+    the nearer test, which no filler saw; nothing is chosen by it.
     """
     test, scarce = material.tests[material.scenario.levels[0]], material.scenario.scarce
     measured, made = test.subset(np.isin(test.label, scarce)), made.subset(np.isin(made.label, scarce))
-    folds = min(FOLDS, len(set(measured.recording_id.tolist())), len(made))
-    if folds < 2:
+    if len(set(measured.recording_id.tolist())) < 2 or len(made) < 2:
         return math.nan
-    both = measured + made
-    seed = derive_seed(material.seed, "discriminator") % 2**32
-    probability = cross_val_predict(
-        ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1),
-        extract_features(both).values,
-        both.synthetic,
-        groups=both.recording_id,
-        cv=StratifiedGroupKFold(folds, shuffle=True, random_state=seed),
-        method="predict_proba",
-    )
-    return float(roc_auc_score(both.synthetic, probability[:, 1]))
+    return discriminative_score(measured, made, seed=material.seed)
 
 
 def synthetic_windows_of(material: Material, filling: Filling) -> WindowSet:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from swashtwin.augmentation.filler import CELL_WIDTH
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier, Scores, evaluate
 from swashtwin.recording import Recording
@@ -18,7 +19,7 @@ from swashtwin.studies.fillings import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
 from swashtwin.studies.material import Material, again_cut, cells_of
 from swashtwin.studies.models import Model, train_model
 from swashtwin.studies.runs import Embedding, Outcome, Run, Task
-from swashtwin.studies.scenario import NEAR, Scenario
+from swashtwin.studies.scenario import Scenario
 from swashtwin.training import FittedClassifier
 from swashtwin.version import VERSION
 from swashtwin.windows import WindowSet
@@ -220,7 +221,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
         for cell in scores.cells
         if cell.label in scenario.scarce
         and cell.discharge_pressure is not None
-        and abs(cell.discharge_pressure / scenario.pressure - 1) < NEAR
+        and abs(cell.discharge_pressure / scenario.pressure - 1) < CELL_WIDTH
     ]
     return float(np.mean(cells)) if cells else math.nan
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.augmentation.filler import CELL_WIDTH
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
 from swashtwin.errors import DataError, InputError
 from swashtwin.faults import Fault, SwashPlateDefect
@@ -29,9 +30,6 @@ MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
 )
 """Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A class of two kinds takes
 turns."""
-
-NEAR = 0.06
-"""How far two discharge pressures may be apart, relative, that count as one."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class Scenario:
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
         condition = recording.condition
-        return condition is not None and abs(condition.discharge_pressure / self.pressure - 1) < NEAR
+        return condition is not None and abs(condition.discharge_pressure / self.pressure - 1) < CELL_WIDTH
 
     def is_scarce(self, recording: Recording) -> bool:
         """Whether a recording lies in a scarce cell."""

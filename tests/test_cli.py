@@ -300,7 +300,7 @@ def test_bad_input_ends_with_one_line_and_code_3(
     "words",
     [
         ("trian",),
-        ("rig", "somewhere"),
+        ("rig",),
         ("calibrate", "x", *AT_15, "--method", "guess"),
         ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--epochs", "5"),
         ("study", "case1", "x", "--seeds", "a,b"),

@@ -236,7 +236,20 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     folder = tmp_path / "rig"
     files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
     write_index(recordings, files, folder)
-    shape = ("--epochs", 12, "--length", 80, "--stride", 2, "--channels", "8,12", "--kernel-size", 3)
+    shape = (
+        "--network",
+        "bitcn",
+        "--epochs",
+        12,
+        "--length",
+        80,
+        "--stride",
+        2,
+        "--channels",
+        "8,12",
+        "--kernel-size",
+        3,
+    )
     options = ("--validation-fraction", 0.5, "--learning-rate", 3e-3, "--out", tmp_path / "m.safetensors", *shape)
     told = run_json("train", folder, *options)
     assert not set(told["validation"]) & set(told["held_out"])

@@ -20,7 +20,7 @@ from swashtwin.studies.fillings import Filling
 from swashtwin.studies.gathering import gathered
 from swashtwin.studies.material import calibration_tasks, prepare
 from swashtwin.studies.models import DEFAULT
-from swashtwin.studies.runs import load_run, load_runs, save_run
+from swashtwin.studies.runs import Run, load_run, load_runs, save_run
 from swashtwin.studies.scenario import Scenario, split_scenario
 from swashtwin.training import TrainingSettings
 
@@ -82,12 +82,14 @@ def test_one_recording_of_one_pump_fills_the_scarce_cell(recordings: list[Record
     assert len(set(scarce.recording_id)) == 1
 
 
-def test_references_are_healthy_of_every_pump_and_never_tested(recordings: list[Recording]) -> None:
+def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(recordings: list[Recording]) -> None:
     material = prepare(recordings, TINY, 0, ())
-    assert set(material.references.label) == {"normal"}
-    assert set(material.references.specimen) == {"A", "B", "C"}
+    references = [one for one in recordings if one.recording_id in material.split.references]
+    assert references
+    assert {one.label for one in references} == {"normal"}
+    assert not {one.specimen for one in references} & set(material.measured.specimen)
     tested = {name for test in material.tests.values() for name in test.recording_id.tolist()}
-    assert not tested & set(material.references.recording_id.tolist())
+    assert not tested & material.split.references
     assert set(material.roles()["reference"]) <= set(material.manifest)
 
 
@@ -257,6 +259,31 @@ def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tm
     (study,) = gathered(tmp_path)
     assert {run.task.key for run in study.runs} == {run.task.key for run in measured}
     assert "4 runs of other settings" in study.notes[-1]
+
+
+def test_runs_of_other_recordings_in_the_folder_do_not_mix(result: StudyResult, tmp_path: Path) -> None:
+    others = [replace(run, origin="elsewhere", task=replace(run.task, data="other")) for run in result.runs]
+    for number, run in enumerate((*others, *result.runs[:2])):
+        os.utime(save_run(run, tmp_path) / "result.json", (number, number))
+    (study,) = gathered(tmp_path)
+    assert {run.task.data for run in study.runs} == {result.runs[0].task.data}
+    assert len(study.runs) == 2
+    assert f"{len(others)} runs of other settings or recordings" in study.notes[-1]
+
+
+def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> None:
+    def varied(run: Run, value: str) -> Run:
+        factors = {**run.task.factors, "pumps": value}
+        roles = {**run.roles, "train": [value]}
+        cells = {**run.cells, "L2": {"normal @ 15 MPa": int(value)}}
+        return replace(run, task=replace(run.task, factors=factors), roles=roles, cells=cells)
+
+    runs = [varied(run, value) for run in result.runs for value in ("1", "2")]
+    told = replace(result, runs=tuple(runs)).to_dict()
+    assert set(told["splits"]) == set(told["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
+    assert told["splits"]["0, 2"]["train"] == ["2"]
+    assert told["cells"]["L2"] != told["cells"]["L2, 2"]
+    assert [name for name in told["cells"] if name.startswith("L4")] == ["L4"]
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:

@@ -11,94 +11,23 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from made_runs import ORIGIN, run, scored
 
 from swashtwin.calibration import Calibration, GaussNewton, calibrate
 from swashtwin.condition import OperatingCondition
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.errors import InputError
-from swashtwin.evaluation import LEVELS, Scores, evaluate
-from swashtwin.faults import CLASSES, SwashPlateDefect
-from swashtwin.recording import Recording
+from swashtwin.evaluation import LEVELS
+from swashtwin.faults import SwashPlateDefect
 from swashtwin.report import write_report
 from swashtwin.report.calibration_part import calibration_answer
-from swashtwin.report.study_answer import study_answer
 from swashtwin.report.study_part import paper_words
 from swashtwin.report.writing import part_of
 from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.seeding import stream
-from swashtwin.studies import Embedding, Outcome, Run, StudyResult, Task, plan_of
+from swashtwin.studies import StudyResult, plan_of
 from swashtwin.studies.carrying import assembled
-from swashtwin.studies.models import models_of
-from swashtwin.training import Epoch
 from swashtwin.twin import Twin
 from swashtwin.units import MPa, mm, rpm
-from swashtwin.windows import WindowSet, cut_windows
-
-ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
-
-
-class Guesser:
-    """Classifier that is right with a set probability."""
-
-    classes = CLASSES
-    manifest = ("trained on",)
-
-    def __init__(self, skill: float, seed: int) -> None:
-        self.skill, self.seed = skill, seed
-
-    def predict_proba(self, windows: WindowSet) -> np.ndarray:
-        draw = stream(self.seed, "guess", self.skill)
-        right = draw.random(len(windows)) < self.skill
-        other = (windows.target + draw.integers(1, len(CLASSES), len(windows))) % len(CLASSES)
-        return np.eye(len(CLASSES))[np.where(right, windows.target, other)] * 0.9 + 0.02
-
-
-def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
-    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-    recordings = [
-        Recording(stream(i, label).normal(size=(1, 400)), 1000.0, f"{label} {i}", label=label, condition=condition)
-        for label in labels
-        for i in range(3)
-    ]
-    return cut_windows(recordings, length=80, classes=CLASSES)
-
-
-def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[str, ...] = CLASSES) -> Scores:
-    return evaluate(Guesser(skill, seed), windows(labels), level=level)
-
-
-def run(
-    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", levels: tuple[str, ...] = ("L2", "L4")
-) -> Run:
-    factors = {"classifier": classifier, "training_set": name}
-    scores = {level: scored(skill, seed, level) for level in levels}
-    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6)) if classifier == "spectral_bitcn" else ()
-    settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
-    return Run(
-        task=Task("case1", "quick", seed, factors, settings, "data"),
-        outcomes=tuple(
-            Outcome({**factors, "level": level}, seed, one, one.recall["swash_plate"]) for level, one in scores.items()
-        ),
-        history=curve,
-        values={},
-        roles={"train": ["trained on"], **{level: ["tested on"] for level in levels}},
-        fingerprints={"train": "0" * 64},
-        cells={"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
-        calibrations=(),
-        origin=ORIGIN,
-        wall_s=1.0,
-        cpu_s=1.0,
-        device="cpu",
-        version="0.1",
-        command="swashtwin study case1 --seeds 0,1",
-        embedding=embedding(name) if classifier == "spectral_bitcn" else None,
-    )
-
-
-def embedding(name: str) -> Embedding:
-    label = np.repeat(CLASSES, 8)
-    features = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
-    return Embedding(name, features, label, np.tile(np.repeat(["L2", "L4"], 4), 5))
 
 
 @pytest.fixture(scope="module")
@@ -307,76 +236,6 @@ def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, na
 
 def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):
     assert page.count("was calibrated at 10 MPa and simulated at 15 MPa") == 1
-
-
-def fixed(accuracies: dict[str, tuple[float, ...]], study: StudyResult, rival: float = 0.0) -> tuple[str, ...]:
-    """Answer of a study with these accuracies at L2, one for each seed."""
-    seeds = tuple(range(len(next(iter(accuracies.values())))))
-
-    def made(name: str, seed: int, accuracy: float, classifier: str) -> Run:
-        base = run(name, seed, 0.5, classifier, ("L2",))
-        one = base.outcomes[0]
-        return replace(base, outcomes=(replace(one, scores=replace(one.scores, accuracy=accuracy)),))
-
-    runs = [made(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
-    runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
-    return study_answer(assembled(plan_of("case1", "quick"), runs))
-
-
-def test_the_answer_gives_the_difference_paired_by_seed(study):
-    lead, details, _ = fixed({"measured": (0.5, 0.6), "nominal": (0.6, 0.7), "calibrated": (0.7, 0.84)}, study)
-    assert "at L2 calibrated beat measured only by 22.0 ± 2.8 points (over the seed spread)" in lead
-    assert "accuracy 0.550 (measured only), 0.650 (with nominal twin) and 0.770 (with calibrated twin)" in details
-    assert "Calibrated beat nominal by 12.0 ± 2.8 points" in details
-    assert "each step exceeds the seed spread" in details
-
-
-def test_the_answer_says_when_a_difference_drowns_in_the_seeds(study):
-    lead, details, _ = fixed({"measured": (0.5, 0.6), "nominal": (0.51, 0.61), "calibrated": (0.7, 0.5)}, study)
-    assert "calibrated beat measured only by 5.0 ± 21.2 points (within the seed spread)" in lead
-    assert "not every step exceeds the seed spread" in details
-
-
-def test_the_answer_says_plainly_when_the_papers_order_is_not_found(study):
-    lead, details, _ = fixed({"measured": (0.8, 0.8), "nominal": (0.7, 0.7), "calibrated": (0.6, 0.6)}, study)
-    assert "calibrated fell behind measured only by 20.0 ± 0.0 points" in lead
-    assert "was NOT found: it is calibrated < nominal < measured" in details
-    equal = fixed({"measured": (0.8, 0.8), "nominal": (0.8, 0.8), "calibrated": (0.9, 0.9)}, study)[1]
-    assert "was NOT found: it is measured = nominal < calibrated" in equal
-
-
-def test_one_seed_settles_nothing(study):
-    lead, details, _ = fixed({"measured": (0.5,), "nominal": (0.6,), "calibrated": (0.7,)}, study)
-    assert "by 20.0 points (one seed: nobody can say whether that is chance)" in lead
-    assert "not every step exceeds" in details
-
-
-def test_a_rival_that_does_better_is_told_at_once(study):
-    accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
-    assert (
-        "BiTCN on levels (ours) was beaten at L2 by extra trees (0.900 against 0.700)"
-        in fixed(accuracies, study, rival=0.9)[0]
-    )
-    assert "beaten" not in fixed(accuracies, study, rival=0.6)[0]
-
-
-def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals():
-    skills = {"tcn": {"measured": 0.4, "calibrated": 0.6}, "lstm": {"measured": 0.9, "calibrated": 0.8}}
-    runs = []
-    for place, (classifier, accuracies) in enumerate(skills.items()):
-        for name, accuracy in accuracies.items():
-            base = run(name, 0, 0.5, classifier, ("L2",))
-            one = base.outcomes[0]
-            scores = replace(one.scores, accuracy=accuracy)
-            task = replace(base.task, place=place)
-            runs.append(replace(base, task=task, outcomes=(replace(one, scores=scores),)))
-    plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
-    found = assembled(plan, runs)
-    assert {one.classifier for one in found.outcomes} == {"tcn"}
-    lead, details, _ = study_answer(found)
-    assert "at L2 calibrated beat measured only by 20.0 points" in lead
-    assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
-    assert "(0.900 against 0.600)" in lead
 
 
 def test_a_calibration_that_made_a_fit_worse_says_so(calibration):

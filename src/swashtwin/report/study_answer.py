@@ -8,6 +8,7 @@ import numpy as np
 
 from swashtwin.evaluation import LEVELS
 from swashtwin.report.wording import classifier_words, plural, score, training_set_words
+from swashtwin.studies.contrasts import Contrast
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Outcome
 
@@ -34,7 +35,7 @@ def study_answer(study: StudyResult) -> tuple[str, ...]:
     how = (
         "All tests are on measured recordings that had no part in training or calibration. Means over "
         f"{plural(len(study.seeds), 'seed')}, each with its own split, weights and synthesis; points are of accuracy, "
-        "± one standard deviation of the difference, paired by seed."
+        "paired by seed."
     )
     return (" ".join(lead), *(_at_level(study, level) for level in levels), how)
 
@@ -57,28 +58,29 @@ def _told(means: dict[str, float]) -> str:
 
 
 def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
-    """By how much `first` is above `second`, paired by seed, and whether that is more than the seeds scatter."""
-    points = _differences(study, level, first, second)
-    mean, other = float(points.mean()), "measured only" if second == "measured" else second
-    if abs(mean) < 0.05:
+    """By how much `first` is above `second`, paired by seed, and whether its interval leaves that to chance."""
+    found, other = _contrast(study, level, first, second), "measured only" if second == "measured" else second
+    mean = 100 * found.mean
+    if abs(mean) < 0.05 and not found.is_clear:
         return f"scored the same as {other}"
-    verb = "beat" if mean > 0 else "fell behind"
-    if points.size < 2:
+    if found.pairs < 2:
+        verb = "scored higher than" if mean > 0 else "scored lower than"
         return f"{verb} {other} by {abs(mean):.1f} points (one seed: nobody can say whether that is chance)"
-    spread = float(points.std(ddof=1))
-    verdict = "over" if abs(mean) > spread else "within"
-    return f"{verb} {other} by {abs(mean):.1f} ± {spread:.1f} points ({verdict} the seed spread)"
+    interval = " to ".join(f"{100 * value:+.1f}" for value in found.interval)
+    if found.is_clear:
+        verb = "beat" if mean > 0 else "fell behind"
+        return f"{verb} {other} by {abs(mean):.1f} points (95 % interval {interval})"
+    return f"differed from {other} by {mean:+.1f} points, which may be chance (95 % interval {interval})"
 
 
-def _differences(study: StudyResult, level: str, first: str, second: str) -> np.ndarray:
-    """Differences of accuracy [points] under each seed that both have."""
-    by_seed = {(one.training_set, one.seed): one.scores.accuracy for one in study.outcomes if one.level == level}
-    seeds = [seed for name, seed in by_seed if name == first and (second, seed) in by_seed]
-    return 100 * np.array([by_seed[first, seed] - by_seed[second, seed] for seed in seeds])
+def _contrast(study: StudyResult, level: str, first: str, second: str) -> Contrast:
+    """How much the study's own classifier gains by one training set over another."""
+    rows = [{"classifier": study.own, "training_set": name, "level": level} for name in (first, second)]
+    return study.contrast(*rows)
 
 
 def _order(study: StudyResult, level: str, mean: dict[str, float]) -> str:
-    """Whether the means rise as the paper's do, and whether each step exceeds the seeds' scatter."""
+    """Whether the means rise as the paper's do, and whether each step is more than chance."""
     found = sorted(EXPECTED, key=lambda name: mean[name])
     signs = ["=" if mean[a] == mean[b] else "<" for a, b in pairwise(found)]
     paper = "measured only < nominal < calibrated"
@@ -86,13 +88,9 @@ def _order(study: StudyResult, level: str, mean: dict[str, float]) -> str:
         return (
             f"The paper's order, {paper}, was NOT found: it is {found[0]} {signs[0]} {found[1]} {signs[1]} {found[2]}."
         )
-    if all(_exceeds(_differences(study, level, b, a)) for a, b in pairwise(EXPECTED)):
-        return f"The order is the paper's, {paper}, and each step exceeds the seed spread."
-    return f"The means are in the paper's order, {paper}, but not every step exceeds the seed spread."
-
-
-def _exceeds(points: np.ndarray) -> bool:
-    return points.size > 1 and bool(abs(points.mean()) > points.std(ddof=1))
+    if all(_contrast(study, level, b, a).is_clear for a, b in pairwise(EXPECTED)):
+        return f"The order is the paper's, {paper}, and each step's interval excludes zero."
+    return f"The means are in the paper's order, {paper}, but not every step's interval excludes zero."
 
 
 def _better_rivals(study: StudyResult, levels: Sequence[str], name: str) -> list[str]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from swashtwin.evaluation import LEVELS
 from swashtwin.report.calibration_part import calibration_blocks, comparison_table, verdict_counts
 from swashtwin.report.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
 from swashtwin.report.drawing import Drawing
@@ -287,7 +288,7 @@ def _cells_table(study: StudyResult) -> Table:
     ]
     total = [sum(count for name, count in cells.items() if " @ " in name) for cells in study.cells.values()]
     rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
-    header = [training_set_words(name) if name not in ("L2", "L4") else f"test {name}" for name in study.cells]
+    header = [f"test {name}" if name.split(", ")[0] in LEVELS else training_set_words(name) for name in study.cells]
     return Table(
         f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}. Training sets with "
         "a twin hold the measured ones and the synthetic ones.",

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence, Set
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from swashtwin.errors import DataError
 from swashtwin.studies.carrying import assembled, first_calibrations
@@ -15,8 +17,8 @@ from swashtwin.studies.runs import Run, load_run
 def gathered(folder: Path) -> list[StudyResult]:
     """Every study whose runs lie below a folder, in the order of `PLANS`, each size by itself.
 
-    A row takes the settings of its latest run; runs of other settings or other recordings under the same row and seed
-    are left out, and a note says how many.
+    The latest run of a study says which recordings it is about, under each seed the latest one of these, and so do
+    scenario and settings of each row; runs of others are left out, and a note says how many.
 
     Raises
     ------
@@ -57,7 +59,23 @@ def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
 
 
 def _latest(runs: Sequence[Run]) -> list[Run]:
-    """Of each row the runs of its latest settings, one for each seed; `runs` are in the order of time."""
-    settings = {tuple(run.task.factors.items()): run.task.settings for run in runs}
-    same = [run for run in runs if run.task.settings == settings[tuple(run.task.factors.items())]]
-    return list({(tuple(run.task.factors.items()), run.task.seed): run for run in same}.values())
+    """Runs of the latest recordings and settings, one for each row and seed; `runs` are in the order of time."""
+    own = [run for run in runs if run.origin == runs[-1].origin]
+    seed, data, settings = (attrgetter(f"task.{name}") for name in ("seed", "data", "settings"))
+    for agreeing, taken in ((_place, _asked), (_row, settings), (seed, data)):
+        latest = {agreeing(run): taken(run) for run in own}
+        own = [run for run in own if taken(run) == latest[agreeing(run)]]
+    return list({(_row(run), run.task.seed): run for run in own}.values())
+
+
+def _row(run: Run) -> tuple[tuple[str, str], ...]:
+    return tuple(run.task.factors.items())
+
+
+def _place(run: Run) -> tuple[tuple[str, str], ...]:
+    """What a study varies besides training set and classifier."""
+    return tuple(one for one in _row(run) if one[0] not in ("classifier", "training_set"))
+
+
+def _asked(run: Run) -> tuple[Any, Any]:
+    return run.task.settings["scenario"], run.task.settings["tests"]

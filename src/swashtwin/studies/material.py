@@ -69,9 +69,6 @@ class Material:
     scenario: Scenario
     measured: WindowSet
     """Measured training windows, the few of the scarce cells among them."""
-    references: WindowSet
-    """Healthy windows of every specimen, to compare with: of the training specimens those they train on, of the
-    specimens held out those of recordings set aside for it. No test holds them."""
     tests: Mapping[str, WindowSet]
     """Measured test windows by level, every class alike."""
     test_recordings: Mapping[str, tuple[Recording, ...]]
@@ -86,7 +83,7 @@ class Material:
 
     @property
     def manifest(self) -> tuple[str, ...]:
-        """Recordings that had a part without standing in the training set: calibration and references."""
+        """Recordings that no test may hold besides those of the training set: calibration's, and the references."""
         return tuple(sorted({*self.calibrated_on, *self.split.references}))
 
     def roles(self) -> dict[str, list[str]]:
@@ -144,20 +141,15 @@ def prepare(
     split = split_scenario(recordings, scenario, seed)
     by_id = {r.recording_id: r for r in recordings}
 
-    def taken(ids: Iterable[str], like: WindowSet | None = None) -> WindowSet:
-        return cut_evenly([by_id[i] for i in sorted(ids)], length=scenario.length, count=scenario.windows, like=like)
-
-    measured = taken(split.train)
+    train = [by_id[name] for name in sorted(split.train)]
+    measured = cut_evenly(train, length=scenario.length, count=scenario.windows)
     for ids in split.scarce.values():
         measured = measured + _few(recordings, ids, scenario, measured)
-    healthy = measured.subset(measured.label == "normal")
-    references = healthy + taken(split.references, healthy) if split.references else healthy
     tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
     return Material(
         seed=seed,
         scenario=scenario,
         measured=measured,
-        references=references,
         tests={level: cut_test(own, scenario, measured) for level, own in tests.items()},
         test_recordings={level: tuple(own) for level, own in tests.items()} if noisy_tests else {},
         train_recordings=tuple(by_id[i] for i in sorted(set(measured.recording_id.tolist()))) if noisy_training else (),

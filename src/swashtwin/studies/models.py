@@ -114,7 +114,6 @@ def train_model(
     model: Model,
     train: WindowSet,
     *,
-    references: WindowSet,
     seed: int,
     manifest: Iterable[str] = (),
     device: str = "cpu",
@@ -124,9 +123,8 @@ def train_model(
     Parameters
     ----------
     train : training windows, measured and synthetic.
-    references : healthy windows of every specimen that may be compared with; no model here does so yet.
     seed : seed of weights, order and trees.
-    manifest : recordings that had a part without standing in `train`; the references' are among them.
+    manifest : recordings that had a part without standing in `train`.
     device : where a network is trained; baselines take the CPU.
     """
     if not model.is_network:

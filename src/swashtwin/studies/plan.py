@@ -151,7 +151,6 @@ def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, 
     classifier = train_model(
         model,
         train,
-        references=material.references,
         seed=task.seed,
         manifest=material.manifest,
         device=facts.device,

@@ -97,11 +97,22 @@ class StudyResult(StudyTable):
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:
-        """Windows by class and pressure in each training set and test set, first seed."""
+        """Windows by class and pressure in each training set and test set, first seed; a test set that what the study
+        varies does not change is told once."""
         first = [run for run in self.runs if run.task.seed == self.seeds[0]]
         trained = {trained_on(run): dict(run.cells["train"]) for run in first}
-        tested = {name: dict(cells) for run in first for name, cells in run.cells.items() if name != "train"}
-        return {**trained, **tested}
+        tested: dict[str, dict[str, int]] = {}
+        for run in first:
+            for name in run.cells.keys() - {"train"}:
+                own = dict(run.cells[name])
+                if tested.setdefault(name, own) != own:
+                    tested[", ".join([name, *_varied(run)])] = own
+        return {**trained, **dict(sorted(tested.items()))}
+
+    def contrast(self, first: Mapping[str, str], second: Mapping[str, str]) -> Contrast:
+        """How much the row of some factors is above the row of others, whether or not the study sets out to compare
+        them; its p-value is not corrected for others, and therefore left out."""
+        return _contrast(self.trials, tuple(first.items()), tuple(second.items()), _test_shares(self.runs))[0]
 
     def rows(self, *, rivals: bool = False) -> list[dict[str, Any]]:
         """One row for each set of factors; those of the rivals beside the study's own on demand."""
@@ -109,14 +120,14 @@ class StudyResult(StudyTable):
 
     def to_dict(self) -> dict[str, Any]:
         """The study's JSON."""
-        splits: dict[str, Any] = {}
+        splits: dict[str, dict[str, Any]] = {}
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
-            seed = str(run.task.seed)
-            splits[seed] = dict(run.roles)
-            own = {trained_on(run) if name == "train" else name: value
-                   for name, value in run.fingerprints.items()}  # fmt: skip
-            fingerprints[seed] = {**fingerprints.get(seed, {}), **own}
+            place = ", ".join([str(run.task.seed), *_varied(run)])
+            splits[place] = dict(run.roles)
+            names = {name: trained_on(run) if name == "train" else name for name in run.fingerprints}
+            own = {names[name]: value for name, value in run.fingerprints.items()}
+            fingerprints[place] = {**fingerprints.get(place, {}), **own}
         return {
             **super().to_dict(),
             "size": self.size,
@@ -141,6 +152,11 @@ class StudyResult(StudyTable):
 def trained_on(run: Run) -> str:
     """Name of a run's training set, with whatever else than the classifier names the run."""
     return ", ".join(value for name, value in run.task.factors.items() if name != "classifier")
+
+
+def _varied(run: Run) -> list[str]:
+    """What a study varies besides training set and classifier."""
+    return [value for name, value in run.task.factors.items() if name not in ("classifier", "training_set")]
 
 
 def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
@@ -181,7 +197,7 @@ def contrasts_of(
     compared : factor and the value that all its others are compared with, all else alike, or several values, each with
         those that it is compared with. A row of no synthetic window is compared with those of every number of them.
     """
-    shares = {} if len({run.task.data for run in runs}) > 1 else _test_shares(runs)
+    shares = _test_shares(runs)
     rows = list(dict.fromkeys(_row(trial) for trial in trials))
     found: list[Contrast] = []
     for factor, wanted, others in _families(rows, compared):
@@ -236,6 +252,9 @@ def _contrast(
 
 
 def _test_shares(runs: Sequence[Run]) -> dict[str, float]:
+    """Test recordings over training recordings of each level; empty where each seed has recordings of its own."""
+    if len({run.task.data for run in runs}) > 1:
+        return {}
     roles = runs[0].roles
     return {level: len(ids) / max(1, len(roles["train"])) for level, ids in roles.items()}
 

@@ -124,8 +124,9 @@ class ScenarioSplit:
     scarce: Mapping[str, tuple[str, ...]]
     """Of each scarce class, the recordings that may lend its few windows, in the order in which they are asked."""
     references: frozenset[str]
-    """Healthy recordings of the specimens held out: what such a machine has from its first days. Never tested on, so
-    that classifiers that compare with them and those that do not are tested on the same windows."""
+    """Healthy recordings of the specimens held out: what such a machine has from its first days. Set aside and never
+    tested on, so that a classifier that compares with them is tested on the same windows as one that does not. None of
+    the studies' does: it gained nothing on the fleets that it was tried on (docs/networks.md)."""
     tests: Mapping[str, frozenset[str]]
     """Recordings of each test, by its level."""
 

@@ -1,0 +1,86 @@
+"""A study's answer says how far its seeds let anybody believe it."""
+
+from dataclasses import replace
+
+from made_runs import run
+
+from swashtwin.report.study_answer import study_answer
+from swashtwin.studies import Run, plan_of
+from swashtwin.studies.carrying import assembled
+from swashtwin.studies.models import models_of
+
+
+def fixed(accuracies: dict[str, tuple[float, ...]], rival: float = 0.0) -> tuple[str, ...]:
+    """Answer of a study with these accuracies at L2, one for each seed."""
+    seeds = tuple(range(len(next(iter(accuracies.values())))))
+
+    def made(name: str, seed: int, accuracy: float, classifier: str) -> Run:
+        base = run(name, seed, 0.5, classifier, ("L2",))
+        one = base.outcomes[0]
+        return replace(base, outcomes=(replace(one, scores=replace(one.scores, accuracy=accuracy)),))
+
+    runs = [made(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
+    runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
+    return study_answer(assembled(plan_of("case1", "quick"), runs))
+
+
+def test_the_answer_gives_the_difference_paired_by_seed():
+    measured, nominal, calibrated = (0.5, 0.6, 0.55), (0.6, 0.7, 0.65), (0.71, 0.82, 0.78)
+    lead, details, _ = fixed({"measured": measured, "nominal": nominal, "calibrated": calibrated})
+    assert "at L2 calibrated beat measured only by 22.0 points (95 % interval +17.0 to +27.0)" in lead
+    assert "accuracy 0.550 (measured only), 0.650 (with nominal twin) and 0.770 (with calibrated twin)" in details
+    assert "Calibrated beat nominal by 12.0 points (95 % interval +7.0 to +17.0)" in details
+    assert "each step's interval excludes zero" in details
+
+
+def test_the_answer_says_when_a_difference_drowns_in_the_seeds():
+    lead, details, _ = fixed({"measured": (0.5, 0.6), "nominal": (0.51, 0.61), "calibrated": (0.7, 0.5)})
+    assert "calibrated differed from measured only by +5.0 points, which may be chance (95 % interval -325.1" in lead
+    assert "not every step's interval excludes zero" in details
+
+
+def test_two_seeds_that_agree_are_not_yet_certain():
+    lead, *_ = fixed({"measured": (0.5, 0.6), "calibrated": (0.6, 0.72)})
+    assert "calibrated differed from measured only by +11.0 points, which may be chance" in lead
+
+
+def test_the_answer_says_plainly_when_the_papers_order_is_not_found():
+    lead, details, _ = fixed({"measured": (0.8, 0.8), "nominal": (0.7, 0.7), "calibrated": (0.6, 0.6)})
+    assert "calibrated fell behind measured only by 20.0 points" in lead
+    assert "was NOT found: it is calibrated < nominal < measured" in details
+    equal = fixed({"measured": (0.8, 0.8), "nominal": (0.8, 0.8), "calibrated": (0.9, 0.9)})[1]
+    assert "was NOT found: it is measured = nominal < calibrated" in equal
+
+
+def test_one_seed_settles_nothing():
+    lead, details, _ = fixed({"measured": (0.5,), "nominal": (0.6,), "calibrated": (0.7,)})
+    assert "scored higher than measured only by 20.0 points (one seed: nobody can say whether that is chance)" in lead
+    assert "not every step's interval" in details
+
+
+def test_a_rival_that_does_better_is_told_at_once():
+    accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
+    assert (
+        "BiTCN on levels (ours) was beaten at L2 by extra trees (0.900 against 0.700)"
+        in fixed(accuracies, rival=0.9)[0]
+    )
+    assert "beaten" not in fixed(accuracies, rival=0.6)[0]
+
+
+def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals():
+    skills = {"tcn": {"measured": 0.4, "calibrated": 0.6}, "lstm": {"measured": 0.9, "calibrated": 0.8}}
+    runs = []
+    for place, (classifier, accuracies) in enumerate(skills.items()):
+        for name, accuracy in accuracies.items():
+            base = run(name, 0, 0.5, classifier, ("L2",))
+            one = base.outcomes[0]
+            scores = replace(one.scores, accuracy=accuracy)
+            task = replace(base.task, place=place)
+            runs.append(replace(base, task=task, outcomes=(replace(one, scores=scores),)))
+    plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
+    found = assembled(plan, runs)
+    assert {one.classifier for one in found.outcomes} == {"tcn"}
+    lead, details, _ = study_answer(found)
+    assert "at L2 calibrated scored higher than measured only by 20.0 points" in lead
+    assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
+    assert "(0.900 against 0.600)" in lead

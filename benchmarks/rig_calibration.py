@@ -20,7 +20,7 @@ from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
 from swashtwin.rig import SIZES, rig_recordings
 from swashtwin.rig.fleet import RECESS
-from swashtwin.studies.result import spread
+from swashtwin.studies.table import spread
 from swashtwin.twin import Twin
 from swashtwin.units import MPa
 

@@ -1,0 +1,99 @@
+"""What Case I's scores on the virtual rig lack: would more recordings, or more pumps, be enough?
+
+    python benchmarks/more_recordings.py --fleets 3 --json
+
+The study's default network learns from Case I's measured windows at paper size, and from those with further measured
+recordings at 15 MPa beside them, all classes alike: of the training pumps, of other pumps of the same fleet, of both.
+The tests are the study's, and no test recording is among what is added. The rows with more stand for nothing that
+anybody has; they tell errors that come from few recordings from errors that no number of them would mend. Figures on
+the virtual rig say nothing about a real pump (docs/rig.md).
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+
+import torch
+from joblib import Parallel, delayed
+
+from swashtwin.evaluation import evaluate
+from swashtwin.recording import Recording
+from swashtwin.rig import SIZES, RigSize, rig_recordings
+from swashtwin.studies.cases import SCENARIOS
+from swashtwin.studies.cells import cut_evenly
+from swashtwin.studies.material import Material, prepare
+from swashtwin.studies.models import DEFAULT, MODELS, train_model
+from swashtwin.studies.table import spread
+from swashtwin.windows import WindowSet
+
+SCENARIO = SCENARIOS["paper"]
+MORE_REPEATS, MORE_PUMPS = 12, 20
+ROWS = {"as measured": (), "12 more of each": ("repeats",), "20 more pumps": ("pumps",), "both": ("repeats", "pumps")}
+METRICS = ("accuracy", "recording_accuracy")
+
+
+def further(seed: int, size: RigSize) -> Iterator[Recording]:
+    """Recordings of a larger fleet of the same seed at the tested pressure, those of the paper-sized one left out."""
+    known = SIZES["paper"]
+    for one, run in rig_recordings(seed, size):
+        repeat = int(one.recording_id.rpartition("_")[2])
+        place = ord(run.specimen.name) - ord("A")
+        if SCENARIO.is_near(one) and not (place < known.specimens and repeat <= known.repeats):
+            yield one
+
+
+def cut(recordings: Iterator[Recording], like: WindowSet) -> WindowSet:
+    """As many windows of each as the study takes; the recordings themselves are not kept."""
+    made = like.subset(like.synthetic)
+    for one in recordings:
+        made = made + cut_evenly([one], length=SCENARIO.length, count=SCENARIO.windows, like=like)
+    return made
+
+
+def of_fleet(seed: int) -> dict[str, dict[str, dict[str, float]]]:
+    """Scores by row and level of the study on one fleet."""
+    torch.set_num_threads(1)
+    known = SIZES["paper"]
+    material: Material = prepare([one for one, _ in rig_recordings(seed, known)], SCENARIO, seed, ())
+    measured = material.measured
+    own = set(measured.specimen.tolist())
+    repeats = RigSize(known.specimens, known.repeats + MORE_REPEATS)
+    more = {
+        "repeats": cut((r for r in further(seed, repeats) if r.specimen in own), measured),
+        "pumps": cut(further(seed, RigSize(known.specimens + MORE_PUMPS, known.repeats)), measured),
+    }
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for row, added in ROWS.items():
+        train = measured
+        for name in added:
+            train = train + more[name]
+        classifier = train_model(MODELS["paper"][DEFAULT], train, seed=seed, manifest=material.manifest)
+        scores = {level: evaluate(classifier, test, level=level) for level, test in material.tests.items()}
+        found[row] = {level: {name: getattr(one, name) for name in METRICS} for level, one in scores.items()}
+    return found
+
+
+def main() -> None:
+    """Print a table, or one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fleets", type=int, default=3, help="seeds 0... of the rig")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    asked = parser.parse_args()
+    fleets = Parallel(n_jobs=asked.jobs)(delayed(of_fleet)(seed) for seed in range(asked.fleets))
+    rows = [
+        {"trained on": row, "level": level}
+        | {name: spread([one[row][level][name] for one in fleets]) for name in METRICS}
+        for row in ROWS
+        for level in SCENARIO.levels
+    ]
+    if asked.json:
+        print(json.dumps({"rows": rows, "fleets": asked.fleets}))
+        return
+    for row in rows:
+        told = ", ".join(f"{name} {row[name]['mean']:.3f}" for name in METRICS)
+        print(f"{row['trained on']:16s} {row['level']}: {told}")
+
+
+if __name__ == "__main__":
+    main()

@@ -10,7 +10,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from swashtwin.report.drawing import Drawing, drawn, panels, table
 from swashtwin.report.style import series_colors, styled
-from swashtwin.report.wording import classifier_words, plural, training_set_words, words
+from swashtwin.report.wording import plural, words
+from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 
 NAMING = ("classifier", "training_set", "level")

@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from swashtwin.evaluation import LEVELS
-from swashtwin.report.wording import classifier_words, plural, score, training_set_words
+from swashtwin.report.wording import plural, score
 from swashtwin.studies.contrasts import Contrast
+from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Outcome
 

@@ -14,7 +14,8 @@ from swashtwin.evaluation import LEVELS
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, name_decades, panels, table
 from swashtwin.report.style import LEVEL_MARKERS, class_colors, series_colors, styled, training_set_colors
-from swashtwin.report.wording import classifier_words, plural, training_set_words, words
+from swashtwin.report.wording import plural, words
+from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Embedding, Outcome
 

@@ -33,16 +33,8 @@ from swashtwin.report.study_figures import (
     scarce_drawing,
     training_drawing,
 )
-from swashtwin.report.wording import (
-    classifier_words,
-    facts,
-    flattened,
-    number,
-    plural,
-    score,
-    training_set_words,
-    words,
-)
+from swashtwin.report.wording import facts, flattened, number, plural, score, words
+from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Outcome
 
@@ -153,7 +145,11 @@ def contrast_table(study: StudyResult) -> Table:
     for one in study.contrasts:
         factor = next(name for name in one.first if one.first[name] != one.second[name])
         named = training_set_words if factor == "training_set" else classifier_words
-        held = [words(value) for name, value in one.first.items() if name != factor]
+        held = [
+            classifier_words(value) if name == "classifier" else words(value)
+            for name, value in one.first.items()
+            if name != factor
+        ]
         low, high = one.interval
         interval = f"{100 * low:+.1f} to {100 * high:+.1f}" if low == low else "—"
         why = "" if low == low else "one seed"
@@ -211,7 +207,7 @@ def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
     finite = [value for value in spread["values"] if value is not None]
     if not finite:
         return Cell("—", reason or "not defined for this test set")
-    text = score(spread["mean"]) + (f" ± {score(spread['std'])}" if spread["std"] is not None else "")
+    text = score(spread["mean"]) + (f" ±\u00a0{score(spread['std'])}" if spread["std"] is not None else "")
     if len(finite) < len(spread["values"]):
         text += f" ({len(finite)} of {len(spread['values'])} seeds)"
     return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(score, finite)))

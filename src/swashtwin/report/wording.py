@@ -8,51 +8,12 @@ from swashtwin.report.page import Cell, Table
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-TRAINING_SETS = {
-    "measured": "measured only",
-    "nominal": "with nominal twin",
-    "calibrated": "with calibrated twin",
-    "posterior": "with draws of calibrated twins",
-    "residual": "with calibrated twin over measured residuals",
-    "every_class": "with calibrated twin, every class",
-    "calibrated_noise": "with calibrated twin, trained with noise",
-    "class_weights": "class weights",
-}
-"""What each training set is called on the page."""
-
 INTERFACES = {
     "slipper_swash": "slipper/swash plate",
     "block_valve": "cylinder block/valve plate",
     "piston_bore": "piston/bore",
 }
 """What each interface is called on the page."""
-
-CLASSIFIERS = {
-    "spectral_bitcn": "BiTCN on levels (ours)",
-    "spectral_ordinary": "A: ordinary convolution (ours)",
-    "spectral_no_attention": "B: no squeeze-and-excitation (ours)",
-    "spectral_forward": "C: forward branch only (ours)",
-    "spectral_no_frames": "without short-time spectra",
-    "spectral_no_lines": "without lines of the window",
-    "spectral_no_envelope": "without envelopes",
-    "spectral_frames_only": "short-time spectra only",
-    "spectral_no_noise": "without noise on the levels",
-    "bitcn": "BiTCN",
-    "bitcn_paper": "BiTCN, the paper's recipe",
-    "bitcn_ordinary": "A: ordinary convolution",
-    "bitcn_no_attention": "B: no squeeze-and-excitation",
-    "bitcn_forward": "C: forward branch only",
-    "tcn": "TCN",
-    "lstm": "LSTM",
-    "bilstm": "BiLSTM",
-    "bigru": "BiGRU",
-    "wdcnn": "WDCNN",
-    "cnn_lstm": "CNN-LSTM",
-    "mlp": "MLP",
-    "resnet1d": "ResNet1d",
-    "extra_trees": "extra trees",
-}
-"""What classifiers are called on the page; others by their own name."""
 
 
 def number(value: float | None) -> str:
@@ -129,16 +90,6 @@ def parameter_words(name: str) -> str:
     """
     interface, quantity = name.split(".")
     return f"{INTERFACES[interface]} {quantity}"
-
-
-def training_set_words(name: str) -> str:
-    """Name of a training set in words."""
-    return TRAINING_SETS.get(name, words(name))
-
-
-def classifier_words(name: str) -> str:
-    """Name of a classifier in words."""
-    return CLASSIFIERS.get(name, words(name))
 
 
 def plural(count: int, singular: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from swashtwin.studies.contrasts import Contrast
+from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 
 MOST_CONTRASTS = 4
@@ -23,27 +24,32 @@ def _told(study: StudyResult, level: str, snr: str) -> str:
     text = f"{where}: highest accuracy {best['accuracy']['mean']:.3f} ({_named(study, best)})"
     own = [one for one in study.contrasts if (one.first["level"], one.first.get("snr", "")) == (level, snr)]
     told = [_contrast_words(one, own) for one in own[:MOST_CONTRASTS]]
-    return f"{text}. {' '.join(told)}".strip().replace("_", " ")
+    return f"{text}. {' '.join(told)}".strip()
 
 
 def _named(study: StudyResult, row: Mapping[str, object]) -> str:
-    return ", ".join(str(row[name]) for name in study.factors if name not in ("level", "snr"))
+    return ", ".join(_words(name, str(row[name])) for name in study.factors if name not in ("level", "snr"))
+
+
+def _words(factor: str, value: str) -> str:
+    """A factor's value in words."""
+    if factor == "classifier":
+        return classifier_words(value)
+    return training_set_words(value) if factor == "training_set" else value
 
 
 def _contrast_words(one: Contrast, others: Sequence[Contrast]) -> str:
     """A difference in points, with its interval, and which factor makes it."""
     factor = next(name for name in one.first if one.first[name] != one.second[name])
     held = [
-        one.first[name]
+        _words(name, one.first[name])
         for name in one.first
         if name not in (factor, "level", "snr") and len({other.first[name] for other in others}) > 1
     ]
     where = f" ({', '.join(held)})" if held else ""
     low, high = (100 * value for value in one.interval)
+    first, second = (_words(factor, row[factor]) for row in (one.first, one.second))
     if low != low:
-        return f"{one.first[factor]} less {one.second[factor]}{where}: {100 * one.mean:+.1f} points, one seed."
+        return f"{first} less {second}{where}: {100 * one.mean:+.1f} points, one seed."
     clear = "" if one.is_clear else ", which may be chance"
-    return (
-        f"{one.first[factor]} less {one.second[factor]}{where}: {100 * one.mean:+.1f} points "
-        f"({low:+.1f} to {high:+.1f}){clear}."
-    )
+    return f"{first} less {second}{where}: {100 * one.mean:+.1f} points ({low:+.1f} to {high:+.1f}){clear}."

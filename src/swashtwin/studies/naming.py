@@ -1,0 +1,64 @@
+"""What classifiers and training sets are called where a person reads of them."""
+
+TRAINING_SETS = {
+    "measured": "measured only",
+    "nominal": "with nominal twin",
+    "calibrated": "with calibrated twin",
+    "posterior": "with draws of calibrated twins",
+    "residual": "with calibrated twin over measured residuals",
+    "every_class": "with calibrated twin, every class",
+    "calibrated_noise": "with calibrated twin, trained with noise",
+    "class_weights": "class weights",
+}
+"""What each training set is called in sentences, tables and figures."""
+
+CLASSIFIERS = {
+    "spectral_bitcn": "BiTCN on levels (ours)",
+    "spectral_ordinary": "A: ordinary convolution (ours)",
+    "spectral_no_attention": "B: no squeeze-and-excitation (ours)",
+    "spectral_forward": "C: forward branch only (ours)",
+    "spectral_no_frames": "without short-time spectra",
+    "spectral_no_lines": "without lines of the window",
+    "spectral_no_envelope": "without envelopes",
+    "spectral_frames_only": "short-time spectra only",
+    "spectral_no_noise": "without noise on the levels",
+    "bitcn": "BiTCN",
+    "bitcn_paper": "BiTCN, the paper's recipe",
+    "bitcn_ordinary": "A: ordinary convolution",
+    "bitcn_no_attention": "B: no squeeze-and-excitation",
+    "bitcn_forward": "C: forward branch only",
+    "tcn": "TCN",
+    "lstm": "LSTM",
+    "bilstm": "BiLSTM",
+    "bigru": "BiGRU",
+    "wdcnn": "WDCNN",
+    "cnn_lstm": "CNN-LSTM",
+    "mlp": "MLP",
+    "resnet1d": "ResNet1d",
+    "extra_trees": "extra trees",
+    "svm": "SVM",
+    "minirocket": "MiniRocket",
+    "multirocket": "MultiRocket",
+    "hydra": "Hydra",
+    "autoencoder": "sparse autoencoder",
+    "sensor_graph": "graph over sensors",
+    "logistic": "logistic regression",
+    "ridge": "ridge classifier",
+}
+"""What classifiers are called in sentences, tables and figures; others by their own name."""
+
+
+def training_set_words(name: str) -> str:
+    """Name of a training set in words."""
+    return TRAINING_SETS.get(name, name.replace("_", " "))
+
+
+def classifier_words(name: str) -> str:
+    """Name of a classifier in words.
+
+    Examples
+    --------
+    >>> classifier_words("spectral_bitcn"), classifier_words("random_forest")
+    ('BiTCN on levels (ours)', 'random forest')
+    """
+    return CLASSIFIERS.get(name, name.replace("_", " "))

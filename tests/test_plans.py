@@ -135,7 +135,7 @@ def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
     none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
     none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
     runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
-    return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared)}
+    return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared, plan.bare)}
 
 
 def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_ours_with_ours() -> None:
@@ -152,6 +152,17 @@ def test_a_filling_of_any_number_of_windows_is_contrasted_with_none() -> None:
     assert of_measured == {(budget, "0") for budget in budgets}
     assert {("calibrated", "measured"), ("calibrated", "nominal")} <= contrasted(plan, "training_set")
     assert {first == second for first, second in contrasted(plan, "synthetic") - of_measured} == {True}
+
+
+def test_each_way_to_calibrate_is_contrasted_with_the_other_and_with_none() -> None:
+    plan = plan_of("calibrators", "quick")
+    rows = {(task.factors["training_set"], task.factors["calibrator"]) for task in plan.tasks(0, "data")}
+    ways = ("ipinn", "gauss_newton")
+    assert rows == {("measured", "none"), *((name, way) for name in ("calibrated", "every_class") for way in ways)}
+    assert ("gauss_newton", "ipinn") in contrasted(plan, "calibrator")
+    assert {("calibrated", "measured"), ("every_class", "measured")} <= contrasted(plan, "training_set")
+    assert plan.scenario_of("ipinn") == plan_of("case1", "quick").scenario
+    assert plan.scenario_of("gauss_newton").described() != plan.scenario_of("ipinn").described()
 
 
 def test_fewer_pumps_train_and_the_same_are_held_out() -> None:

@@ -72,6 +72,7 @@ STUDIES = {
     "ablation": "BiTCN without one of its parts, on Case I's calibrated training set.",
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
     "augmentation": "Whatever can fill the scarce cell of Case I, by the number of synthetic windows.",
+    "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and what each teaches in Case I.",
     "few-shot": "From no measured window of the scarce cell to 200, with and without twins.",
     "unseen-pressure": "No fault was ever measured at the test's pressure: filled by twins, and not.",
     "unseen-specimen": "How many pumps one has to know to tell the faults of another.",

@@ -247,7 +247,7 @@ def assembled(
         runs=tuple(ordered),
         own=own,
         rival_names=tuple(name for name in found if name != own) if plan.rivals else (),
-        contrasts=contrasts_of(trials, ordered, plan.compared),
+        contrasts=contrasts_of(trials, ordered, plan.compared, plan.bare),
         calibrations=tuple(calibrations),
     )
     return replace(told, answer=answer_of(told))

@@ -43,6 +43,9 @@ class Plan:
     """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
     """What differs from `scenario`, by the factor's value."""
+    bare: str | None = None
+    """Value of the varied factor under which what is filled by nothing stands, and stands alone; None where it stands
+    under each."""
     compared: Mapping[str, str | Mapping[str, Sequence[str]]] = field(default_factory=dict)
     """Factor and the value that all its others are compared with, or several values, each with those that it is
     compared with."""
@@ -89,7 +92,7 @@ class Plan:
                 place=place,
             )
             for place, (variant, filling, model) in enumerate(product(self.variants, self.fillings, self.models))
-            if self.varied != "synthetic" or (variant == "0") is (self.fillings[filling].by is None)
+            if self.bare is None or (variant == self.bare) is (self.fillings[filling].by is None)
         ]
 
     def of_training_sets(self, names: Sequence[str]) -> "Plan":

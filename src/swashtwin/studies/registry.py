@@ -10,7 +10,7 @@ from swashtwin.studies.carrying import run_plan
 from swashtwin.studies.cases import ablation, algorithms, case_one, case_two, noise
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.result import StudyResult
-from swashtwin.studies.scarcity import augmentation, few_shot, unseen_pressure, unseen_specimen
+from swashtwin.studies.scarcity import augmentation, calibrators, few_shot, unseen_pressure, unseen_specimen
 from swashtwin.studies.sources import Source
 
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
@@ -21,6 +21,7 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "ablation": ablation,
         "noise": noise,
         "augmentation": augmentation,
+        "calibrators": calibrators,
         "few-shot": few_shot,
         "unseen-pressure": unseen_pressure,
         "unseen-specimen": unseen_specimen,

@@ -188,22 +188,28 @@ def values_of(outcome: Outcome) -> dict[str, float]:
 
 
 def contrasts_of(
-    trials: Sequence[Trial], runs: Sequence[Run], compared: Mapping[str, str | Mapping[str, Sequence[str]]]
+    trials: Sequence[Trial],
+    runs: Sequence[Run],
+    compared: Mapping[str, str | Mapping[str, Sequence[str]]],
+    bare: str | None = None,
 ) -> tuple[Contrast, ...]:
     """Differences of accuracy between the row that holds a factor's compared value and those that hold another.
 
     Parameters
     ----------
     compared : factor and the value that all its others are compared with, all else alike, or several values, each with
-        those that it is compared with. A row of no synthetic window is compared with those of every number of them.
+        those that it is compared with.
+    bare : value of the varied factor for rows of no synthetic window, which are compared with those of every value.
     """
     shares = _test_shares(runs)
     rows = list(dict.fromkeys(_row(trial) for trial in trials))
     found: list[Contrast] = []
     for factor, wanted, others in _families(rows, compared):
         for key in (row for row in rows if dict(row).get(factor) == wanted):
-            own = [row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor)]
-            family = [_contrast(trials, key, other, shares) for other in own]
+            own = [
+                row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor, bare)
+            ]
+            family = [_contrast(trials, key, row, shares) for row in own]
             corrected = holm([signed_rank_p(points) for _, points in family])
             found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
     return tuple(found)
@@ -223,10 +229,11 @@ def _families(
             yield from ((factor, value, others) for value, others in wanted.items())
 
 
-def _alike(first: Mapping[str, str], second: Mapping[str, str], factor: str) -> bool:
-    """Whether rows differ in a factor only; what has no synthetic window belongs to every number of them."""
+def _alike(first: Mapping[str, str], second: Mapping[str, str], factor: str, bare: str | None) -> bool:
+    """Whether rows differ in a factor only; what has no synthetic window belongs to every value of what is varied."""
     return all(
-        first[name] == second[name] or (name == "synthetic" and "0" in (first[name], second[name]))
+        first[name] == second[name]
+        or (name not in ("classifier", "training_set", "level") and bare in (first[name], second[name]))
         for name in first
         if name != factor
     )

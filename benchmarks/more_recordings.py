@@ -3,7 +3,7 @@
     python benchmarks/more_recordings.py --fleets 3 --json
 
 The study's default network learns from Case I's measured windows at paper size, and from those with further measured
-recordings at 15 MPa beside them, all classes alike: of the training pumps, of other pumps of the same fleet, of both.
+recordings at 15 MPa beside them, all classes alike: of the training pumps, or of other pumps of the same fleet.
 The tests are the study's, and no test recording is among what is added. The rows with more stand for nothing that
 anybody has; they tell errors that come from few recordings from errors that no number of them would mend. Figures on
 the virtual rig say nothing about a real pump (docs/rig.md).
@@ -28,7 +28,7 @@ from swashtwin.windows import WindowSet
 
 SCENARIO = SCENARIOS["paper"]
 MORE_REPEATS, MORE_PUMPS = 12, 20
-ROWS = {"as measured": (), "12 more of each": ("repeats",), "20 more pumps": ("pumps",), "both": ("repeats", "pumps")}
+ROWS = {"as measured": (), "12 more of each": ("repeats",), "20 more pumps": ("pumps",)}
 METRICS = ("accuracy", "recording_accuracy")
 
 

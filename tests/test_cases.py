@@ -11,17 +11,20 @@ import pytest
 
 from swashtwin.augmentation import FILLERS, Jitter
 from swashtwin.calibration import GaussNewton
+from swashtwin.condition import OperatingCondition
 from swashtwin.errors import ArtifactError, DataError, InputError
+from swashtwin.faults import PistonWear
 from swashtwin.recording import Recording
 from swashtwin.report import write_report
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.studies import Fleets, Model, Plan, StudyResult, Workers, plan_of, run_plan
+from swashtwin.studies.cells import recordings_by_cell
 from swashtwin.studies.fillings import Filling
 from swashtwin.studies.gathering import gathered
 from swashtwin.studies.material import calibration_tasks, prepare
 from swashtwin.studies.models import DEFAULT
 from swashtwin.studies.runs import Run, load_run, load_runs, save_run
-from swashtwin.studies.scenario import Scenario, split_scenario
+from swashtwin.studies.scenario import MACHINED, Scenario, split_scenario
 from swashtwin.training import TrainingSettings
 
 SETS = ("measured", "nominal", "calibrated")
@@ -342,3 +345,69 @@ def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
     (tmp_path / "rig-small-0" / "half.h5").touch()
     with pytest.raises(DataError, match="delete it, and the same command"):
         Fleets(tmp_path).taken(0)
+
+
+def test_of_ones_own_recordings_only_the_latest_are_told(result: StudyResult, tmp_path: Path) -> None:
+    other = next(iter(result.runs))
+    other = replace(other, task=replace(other.task, data="other"))
+    for number, run in enumerate((*result.runs, other)):
+        os.utime(save_run(run, tmp_path) / "result.json", (number, number))
+    (study,) = gathered(tmp_path)
+    assert [run.task.data for run in study.runs] == ["other"]
+
+
+def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, tmp_path: Path) -> None:
+    for run in result.runs:
+        save_run(run, tmp_path)
+    old = tmp_path / "case1" / "old" / "result.json"
+    old.parent.mkdir()
+    old.write_text('{"format": "swashtwin run 1"}')
+    (study,) = gathered(tmp_path)
+    assert len(study.runs) == len(result.runs)
+    assert "1 runs of another version" in study.notes[-1]
+
+
+def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    def keys(study: str) -> dict[str, str]:
+        return {"-".join(task.factors.values()): task.key for task in plan_of(study, "paper").tasks(0, "data")}
+
+    before = {study: keys(study) for study in ("augmentation", "noise")}
+    other = {**MACHINED, "piston": (PistonWear(clearance=1e-4),)}
+    plan = plan_of("augmentation", "paper")
+    plan = replace(plan, scenario=replace(plan.scenario, faults=other))
+    changed = {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
+    differing = {name for name, key in before["augmentation"].items() if changed[name] != key}
+    assert differing == {name for name in changed if "every_class" in name}
+    monkeypatch.setattr("swashtwin.studies.fillings.TRAINING_SNRS", (5.0, 25.0))
+    assert {name for name, key in keys("noise").items() if before["noise"][name] != key} == {
+        name for name in before["noise"] if "calibrated_noise" in name
+    }
+
+
+def test_a_calibration_is_not_taken_for_one_of_recordings_that_say_something_else(recordings: list[Recording]) -> None:
+    def named(own: list[Recording]) -> list[str]:
+        return [task.key for task in calibration_tasks(own, TINY, 0)]
+
+    faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
+    assert not set(named(recordings)) & set(named(faster))
+
+
+def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:
+    def at(pressure: float) -> Recording:
+        condition = OperatingCondition(speed=90.0, discharge_pressure=pressure)
+        return Recording(np.zeros((1, 10)), 1.0, f"{pressure}", label="normal", condition=condition, specimen="A")
+
+    cells = recordings_by_cell([at(p) for p in (4.9e6, 5.1e6, 9.8e6, 10.2e6, 15.2e6, 14.7e6, 14.9e6)], "the study")
+    assert sorted(len(cell) for cell in cells) == [2, 2, 3]
+
+
+def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrated(recordings: list[Recording]) -> None:
+    kept = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
+    with pytest.raises(DataError, match="tests at 15 MPa"):
+        calibration_tasks(kept, tiny("case2").scenario, 0)
+
+
+def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
+    kept = [r for r in recordings if r.label != "valve_plate"]
+    material = prepare(kept, TINY, 0, ())
+    assert material.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

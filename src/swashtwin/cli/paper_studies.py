@@ -105,7 +105,8 @@ def command_of(study: str) -> Callable[..., None]:
 
         plan = plan_of(study, size.value)
         if models is not None:
-            plan = replace(plan, models=models_of(size.value, _names(models)))
+            asked = models_of(size.value, _names(models))
+            plan = replace(plan, models=asked, rivals=tuple(asked)[1:] if plan.rivals else ())
         if training_sets is not None:
             plan = plan.of_training_sets(_names(training_sets))
         workers = Workers(jobs, backend.value, address)

@@ -67,6 +67,8 @@ def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
     if found.pairs < 2:
         verb = "scored higher than" if mean > 0 else "scored lower than"
         return f"{verb} {other} by {abs(mean):.1f} points (one seed: nobody can say whether that is chance)"
+    if found.interval[0] == found.interval[1]:
+        return f"differed from {other} by {mean:+.1f} points under every seed (no spread to judge it by)"
     interval = " to ".join(f"{100 * value:+.1f}" for value in found.interval)
     if found.is_clear:
         verb = "beat" if mean > 0 else "fell behind"

@@ -43,7 +43,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
     sets = list(dict.fromkeys(one.training_set for one in study.outcomes))
     levels, marks = sorted({one.level for one in study.outcomes}), _marks(study)
     figure, axes = panels(len(metrics), 1, 0.8 + 2.5 * len(metrics), sharex=True)
-    rows = []
+    rows, step = [], 0.78 / max(3, len(sets))
     for place, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
         for i, level in enumerate(levels):
             for j, training_set in enumerate(sets):
@@ -52,7 +52,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
                         one
                         for one in (study.rivals if mark else study.outcomes)
                         if (one.level, one.training_set) == (level, training_set)
-                        and (one.classifier == mark or not mark)
+                        and one.classifier == (mark or study.own)
                     ]
                     rows += [
                         {
@@ -65,14 +65,14 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
                         }
                         for one in own
                     ]
-                    position = i + 0.26 * (j - (len(sets) - 1) / 2)
+                    position = i + step * (j - (len(sets) - 1) / 2)
                     color = training_set_colors(sets)[training_set]
-                    _column(place, position, own, value, color, marks.get(mark, ""))
+                    _column(place, position, 0.9 * step, own, value, color, marks.get(mark, ""))
         chance = metric == "accuracy"
         _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
     _bar_legend(axes[0, 0], study, sets)
     caption = (
-        f"Bars: mean of {classifier_words(study.outcomes[0].classifier)} over {plural(len(study.seeds), 'seed')}; "
+        f"Bars: mean of {classifier_words(study.own)} over {plural(len(study.seeds), 'seed')}; "
         "points: single seeds; whiskers: one standard deviation, cut at 0 and 1."
     )
     if study.rivals:
@@ -89,6 +89,7 @@ def _marks(study: StudyResult) -> dict[str, str]:
 def _column(
     place: Axes,
     position: float,
+    width: float,
     outcomes: Sequence[Outcome],
     value: Callable[[Outcome], float],
     color: str,
@@ -101,14 +102,14 @@ def _column(
         return
     mean = values.mean()
     if rival_mark:
-        place.plot(position + 0.09, mean, rival_mark, color="white", markeredgecolor="black", markersize=6, zorder=4)
+        place.plot(position + 0.35 * width, mean, rival_mark, color="white", mec="black", ms=6, zorder=4)
         return
-    place.bar(position, mean, width=0.23, color=color, alpha=0.85)
+    place.bar(position, mean, width=width, color=color, alpha=0.85)
     deviation = values.std(ddof=1) if values.size > 1 else 0.0
     if values.size > 1:
         whisker = [[min(deviation, mean)], [min(deviation, 1 - mean)]]
         place.errorbar(position, mean, yerr=whisker, color="black", capsize=3, linewidth=1.2, zorder=3)
-        aside = position - 0.06 + 0.02 * np.linspace(-1, 1, values.size)
+        aside = position - 0.25 * width + 0.08 * width * np.linspace(-1, 1, values.size)
         place.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3, clip_on=False)
     place.text(position, max(min(mean + deviation, 1), values.max()) + 0.04, f"{mean:.2f}", ha="center", fontsize=9)
 

@@ -75,7 +75,7 @@ def paper_words(study: StudyResult, key: dict[str, str]) -> str:
         return ""
     wanted, text = found[0]
     name = key["classifier"]
-    is_papers = name.startswith("bitcn") or ("classifier" in wanted and not name.startswith("spectral_"))
+    is_papers = name == "bitcn_paper" or ("classifier" in wanted and not name.startswith(("spectral_", "bitcn")))
     return text if is_papers else f"the paper's BiTCN: {text}"
 
 

@@ -35,7 +35,7 @@ def _words(factor: str, value: str) -> str:
     """A factor's value in words."""
     if factor == "classifier":
         return classifier_words(value)
-    return training_set_words(value) if factor == "training_set" else value
+    return training_set_words(value) if factor == "training_set" else value.replace("_", " ")
 
 
 def _contrast_words(one: Contrast, others: Sequence[Contrast]) -> str:

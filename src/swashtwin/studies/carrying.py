@@ -21,7 +21,7 @@ from swashtwin.studies.material import (
     prepare,
 )
 from swashtwin.studies.plan import Plan, RunFacts, carry_out
-from swashtwin.studies.result import METRICS, StudyResult, contrasts_of, trials_of
+from swashtwin.studies.result import METRICS, StudyResult, contrasts_of, trials_of, varied_of
 from swashtwin.studies.runs import Run, Task, load_run, save_run
 from swashtwin.studies.sources import Known, Source
 from swashtwin.studies.table import origin_of
@@ -34,6 +34,9 @@ Calibrated = list[tuple[CalibrationTask, Calibration]]
 TASKS_AHEAD = 4
 """Tasks for each process that are prepared together: fewer leave processes idle at the end of a batch, more take
 memory."""
+
+MOST_SEEDS = 2
+"""Seeds whose recordings are held at once, however few tasks each has; a fleet of the paper's size takes 0.9 GB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ def run_plan(
         raise InputError("a study needs a seed.")
     source, workers = data if isinstance(data, Source) else Known(data), workers or Workers()
     per_seed = len(plan.tasks(0, ""))
-    together = max(1, -(-TASKS_AHEAD * workers.jobs // per_seed))
+    together = min(MOST_SEEDS, max(1, -(-TASKS_AHEAD * workers.jobs // per_seed)))
     runs: list[Run] = []
     known: dict[str, Calibration] = {}
     with workers.started():
@@ -254,10 +257,18 @@ def assembled(
 
 
 def _settings(runs: Sequence[Run]) -> dict[str, Any]:
-    """Settings of all runs together: the scenario, and by name the training sets and the classifiers."""
+    """Settings of all runs together: the scenario, what differs from it by what a study varies, and by name the
+    training sets and the classifiers."""
     first = runs[0].task.settings
+    scenarios = {", ".join(varied_of(run)): run.task.settings["scenario"] for run in runs}
+    differing = {name for one in scenarios.values() for name in one if one[name] != first["scenario"].get(name)}
     return {
-        **first["scenario"],
+        **{name: value for name, value in first["scenario"].items() if name not in differing},
+        **(
+            {"variants": {name: {key: one[key] for key in sorted(differing)} for name, one in scenarios.items()}}
+            if differing
+            else {}
+        ),
         "tests": first["tests"],
         "training_sets": {run.task.factors["training_set"]: run.task.settings["training_set"] for run in runs},
         "models": {run.task.factors["classifier"]: run.task.settings["model"] for run in runs},

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+_MOST_SIGNS = 100_000
+
 FEWEST_FOR_RANKS = 6
 """Pairs below which no signed-rank test can reach 5 %."""
 
@@ -37,9 +39,9 @@ class Contrast:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the interval excludes zero."""
+        """Whether the interval excludes zero; one without width says only that too little was tested to differ."""
         low, high = self.interval
-        return math.isfinite(low) and (low > 0 or high < 0)
+        return math.isfinite(low) and high > low and (low > 0 or high < 0)
 
     def to_dict(self) -> dict[str, Any]:
         """The contrast as JSON can hold it."""
@@ -78,13 +80,22 @@ def paired_interval(differences: Sequence[float], test_share: float | None = Non
 
 
 def signed_rank_p(differences: Sequence[float]) -> float:
-    """p-value of Wilcoxon's signed-rank test, two-sided; NaN with fewer than six pairs, 1 where none differs."""
+    """p-value of Wilcoxon's signed-rank test, two-sided; NaN with fewer than six pairs, 1 where none differs.
+
+    It is exact, over every change of signs; from 17 pairs on over random ones, the same each time.
+
+    Examples
+    --------
+    >>> signed_rank_p([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    0.03125
+    """
     values = np.asarray(differences, dtype=float)
     if values.size < FEWEST_FOR_RANKS:
         return math.nan
     if not np.any(values):
         return 1.0
-    return float(stats.wilcoxon(values, zero_method="zsplit", method="approx").pvalue)
+    signs = stats.PermutationMethod(n_resamples=_MOST_SIGNS, rng=np.random.default_rng(0))
+    return float(stats.wilcoxon(values, zero_method="zsplit", method=signs).pvalue)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -1,7 +1,7 @@
 """Training sets by name: what was measured, and what fills the scarce cells beside it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from swashtwin.augmentation import DEFAULT_VARIATION, FILLERS, Background, Filler, TwinFiller, discriminative_score
 from swashtwin.calibration import Posterior
 from swashtwin.errors import InputError
+from swashtwin.faults import Fault
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.signals import add_noise
 from swashtwin.studies.material import Material, again_cut
@@ -51,10 +52,20 @@ class Filling:
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
 
-    def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them, those of whatever fills among them."""
+    def described(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
+        """Settings as JSON can hold them, those of whatever fills among them.
+
+        Parameters
+        ----------
+        faults : what twins simulate of each class, where they fill all of them.
+        """
         filler = repr(FILLERS[self.by]) if self.by in FILLERS else repr(DEFAULT_VARIATION) if self.by else None
-        return {**asdict(self), "filler": filler}
+        told = {**asdict(self), "filler": filler}
+        if self.every_class:
+            told["faults"] = {name: [repr(one) for one in faults[name]] for name in sorted(faults)}
+        if self.noise:
+            told["snrs"] = list(TRAINING_SNRS)
+        return told
 
 
 PAPER_FILLINGS: Mapping[str, Filling] = MappingProxyType(

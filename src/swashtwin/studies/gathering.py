@@ -10,15 +10,16 @@ from swashtwin.errors import DataError
 from swashtwin.studies.carrying import assembled, first_calibrations
 from swashtwin.studies.material import kept_calibration
 from swashtwin.studies.registry import PLANS, plan_of
-from swashtwin.studies.result import StudyResult
-from swashtwin.studies.runs import Run, load_run
+from swashtwin.studies.result import StudyResult, varied_of
+from swashtwin.studies.runs import OtherFormatError, Run, load_run
 
 
 def gathered(folder: Path) -> list[StudyResult]:
     """Every study whose runs lie below a folder, in the order of `PLANS`, each size by itself.
 
-    The latest run of a study says which recordings it is about, under each seed the latest one of these, and so do
-    scenario and settings of each row; runs of others are left out, and a note says how many.
+    Runs that another version wrote are left out. The latest run of a study says which recordings it is about, under
+    each seed the latest one of these, and so do scenario and settings of each row; runs of others are left out, and a
+    note says how many.
 
     Raises
     ------
@@ -30,9 +31,17 @@ def gathered(folder: Path) -> list[StudyResult]:
     if not Path(folder).is_dir():
         raise DataError(f"{folder} does not exist, or is no folder; give the --out of a swashtwin study.")
     paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
-    runs = [load_run(path.parent) for path in paths]
+    runs, older = [], 0
+    for path in paths:
+        try:
+            runs.append(load_run(path.parent))
+        except OtherFormatError:
+            older += 1
     if not runs:
-        raise DataError(f"{folder} holds no finished run of a study; give the --out of a swashtwin study.")
+        raise DataError(
+            f"{folder} holds no finished run of a study{f' but {older} of another version' if older else ''}; give the "
+            "--out of a swashtwin study."
+        )
     order = {name: place for place, name in enumerate(PLANS)}
     kinds = sorted({(run.task.study, run.task.size) for run in runs}, key=lambda kind: (order.get(kind[0], 99), kind))
     shown: set[str] = set()
@@ -40,7 +49,10 @@ def gathered(folder: Path) -> list[StudyResult]:
     for kind in kinds:
         kept = [run for run in runs if (run.task.study, run.task.size) == kind]
         studies.append(_study(Path(folder), kept, shown))
-        shown |= set(first_calibrations(kept))
+        shown |= set(first_calibrations(studies[-1].runs))
+    if older:
+        told = f"{older} runs of another version of swashtwin lie in the folder and are left out."
+        studies[0] = replace(studies[0], notes=(*studies[0].notes, told))
     return studies
 
 
@@ -61,8 +73,11 @@ def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
 def _latest(runs: Sequence[Run]) -> list[Run]:
     """Runs of the latest recordings and settings, one for each row and seed; `runs` are in the order of time."""
     own = [run for run in runs if run.origin == runs[-1].origin]
+    split_anew = len({(run.task.data, run.task.seed) for run in own}) > len({run.task.data for run in own})
+    if split_anew:  # not a fleet for each seed: other recordings under other seeds are another study
+        own = [run for run in own if run.task.data == runs[-1].task.data]
     seed, data, settings = (attrgetter(f"task.{name}") for name in ("seed", "data", "settings"))
-    for agreeing, taken in ((_place, _asked), (_row, settings), (seed, data)):
+    for agreeing, taken in ((varied_of, _asked), (_row, settings), (seed, data)):
         latest = {agreeing(run): taken(run) for run in own}
         own = [run for run in own if taken(run) == latest[agreeing(run)]]
     return list({(_row(run), run.task.seed): run for run in own}.values())
@@ -70,11 +85,6 @@ def _latest(runs: Sequence[Run]) -> list[Run]:
 
 def _row(run: Run) -> tuple[tuple[str, str], ...]:
     return tuple(run.task.factors.items())
-
-
-def _place(run: Run) -> tuple[tuple[str, str], ...]:
-    """What a study varies besides training set and classifier."""
-    return tuple(one for one in _row(run) if one[0] not in ("classifier", "training_set"))
 
 
 def _asked(run: Run) -> tuple[Any, Any]:

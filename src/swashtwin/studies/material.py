@@ -12,7 +12,7 @@ from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate,
 from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError
 from swashtwin.recording import Recording
-from swashtwin.studies.cells import cut_evenly
+from swashtwin.studies.cells import classes_of, cut_evenly
 from swashtwin.studies.runs import FORMAT
 from swashtwin.studies.scenario import Scenario, ScenarioSplit, split_scenario
 from swashtwin.twin import Twin
@@ -39,7 +39,7 @@ class CalibrationTask:
     def key(self) -> str:
         """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
         held = [[repr(one.pump), repr(one.condition), repr(one.fault)] for one in self.twins]
-        data = [one.fingerprint() for one in self.recordings]
+        data = [(one.recording_id, repr(one.condition), one.fingerprint()) for one in self.recordings]
         text = repr((FORMAT, held, data, self.method, self.nuisances, self.seed))
         return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
@@ -142,7 +142,7 @@ def prepare(
     by_id = {r.recording_id: r for r in recordings}
 
     train = [by_id[name] for name in sorted(split.train)]
-    measured = cut_evenly(train, length=scenario.length, count=scenario.windows)
+    measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
     for ids in split.scarce.values():
         measured = measured + _few(recordings, ids, scenario, measured)
     tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}

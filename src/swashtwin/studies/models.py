@@ -5,6 +5,7 @@ What BiTCN is by default stands here and nowhere else.
 
 import importlib.util
 import os
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -43,7 +44,8 @@ class Model:
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
         if not self.is_network:
-            return {"kind": self.kind}
+            estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
+            return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
         return {"kind": self.kind, "network": network, "training": asdict(self.training)}

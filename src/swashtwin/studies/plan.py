@@ -83,7 +83,7 @@ class Plan:
                 factors={"classifier": model, "training_set": filling, **({self.varied: variant} if variant else {})},
                 settings={
                     "scenario": self.scenario_of(variant).described(),
-                    "training_set": self.fillings[filling].described(),
+                    "training_set": self.fillings[filling].described(self.scenario.faults),
                     "model": self.models[model].described(),
                     "device": device if self.models[model].is_network else "cpu",
                     "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws, "embeds": self.embeds},

@@ -106,13 +106,13 @@ class StudyResult(StudyTable):
             for name in run.cells.keys() - {"train"}:
                 own = dict(run.cells[name])
                 if tested.setdefault(name, own) != own:
-                    tested[", ".join([name, *_varied(run)])] = own
+                    tested[", ".join([name, *varied_of(run)])] = own
         return {**trained, **dict(sorted(tested.items()))}
 
     def contrast(self, first: Mapping[str, str], second: Mapping[str, str]) -> Contrast:
         """How much the row of some factors is above the row of others, whether or not the study sets out to compare
         them; its p-value is not corrected for others, and therefore left out."""
-        return _contrast(self.trials, tuple(first.items()), tuple(second.items()), _test_shares(self.runs))[0]
+        return _contrast(self.trials, self.runs, tuple(first.items()), tuple(second.items()))[0]
 
     def rows(self, *, rivals: bool = False) -> list[dict[str, Any]]:
         """One row for each set of factors; those of the rivals beside the study's own on demand."""
@@ -123,7 +123,7 @@ class StudyResult(StudyTable):
         splits: dict[str, dict[str, Any]] = {}
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
-            place = ", ".join([str(run.task.seed), *_varied(run)])
+            place = ", ".join([str(run.task.seed), *varied_of(run)])
             splits[place] = dict(run.roles)
             names = {name: trained_on(run) if name == "train" else name for name in run.fingerprints}
             own = {names[name]: value for name, value in run.fingerprints.items()}
@@ -154,9 +154,9 @@ def trained_on(run: Run) -> str:
     return ", ".join(value for name, value in run.task.factors.items() if name != "classifier")
 
 
-def _varied(run: Run) -> list[str]:
+def varied_of(run: Run) -> tuple[str, ...]:
     """What a study varies besides training set and classifier."""
-    return [value for name, value in run.task.factors.items() if name not in ("classifier", "training_set")]
+    return tuple(value for name, value in run.task.factors.items() if name not in ("classifier", "training_set"))
 
 
 def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
@@ -201,7 +201,6 @@ def contrasts_of(
         those that it is compared with.
     bare : value of the varied factor for rows of no synthetic window, which are compared with those of every value.
     """
-    shares = _test_shares(runs)
     rows = list(dict.fromkeys(_row(trial) for trial in trials))
     found: list[Contrast] = []
     for factor, wanted, others in _families(rows, compared):
@@ -209,7 +208,7 @@ def contrasts_of(
             own = [
                 row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor, bare)
             ]
-            family = [_contrast(trials, key, row, shares) for row in own]
+            family = [one for row in own if (one := _contrast(trials, runs, key, row))[1]]
             corrected = holm([signed_rank_p(points) for _, points in family])
             found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
     return tuple(found)
@@ -243,13 +242,11 @@ def _row(trial: Trial) -> Row:
     return tuple(trial.factors.items())
 
 
-def _contrast(
-    trials: Sequence[Trial], first: Row, second: Row, shares: Mapping[str, float]
-) -> tuple[Contrast, list[float]]:
+def _contrast(trials: Sequence[Trial], runs: Sequence[Run], first: Row, second: Row) -> tuple[Contrast, list[float]]:
     value = {(_row(trial), trial.seed): trial.values["accuracy"] for trial in trials if _row(trial) in (first, second)}
     seeds = [seed for row, seed in value if row == first and (second, seed) in value]
     points = [value[first, seed] - value[second, seed] for seed in seeds]
-    share = shares.get(dict(first)["level"])
+    share = _test_share(runs, dict(first))
     mean = float(np.mean(points)) if points else float("nan")
     interval = paired_interval(points, share)
     contrast = Contrast(
@@ -258,12 +255,12 @@ def _contrast(
     return contrast, points
 
 
-def _test_shares(runs: Sequence[Run]) -> dict[str, float]:
-    """Test recordings over training recordings of each level; empty where each seed has recordings of its own."""
+def _test_share(runs: Sequence[Run], row: Mapping[str, str]) -> float | None:
+    """Test recordings over training recordings of a row; None where each seed has recordings of its own."""
     if len({run.task.data for run in runs}) > 1:
-        return {}
-    roles = runs[0].roles
-    return {level: len(ids) / max(1, len(roles["train"])) for level, ids in roles.items()}
+        return None
+    roles = next(run.roles for run in runs if run.task.factors.items() <= row.items())
+    return len(roles[row["level"]]) / max(1, len(roles["train"]))
 
 
 def _calibration_row(calibration: Calibration) -> dict[str, Any]:

@@ -27,6 +27,10 @@ FORMAT = "swashtwin run 2"
 """Of a run's file and of its key; changes whenever the same settings would give another result."""
 
 
+class OtherFormatError(ArtifactError):
+    """A run that another version of swashtwin wrote, whose numbers this one may not put beside its own."""
+
+
 @dataclass(frozen=True)
 class Task:
     """What is to be done once."""
@@ -175,13 +179,14 @@ def load_run(folder: Path) -> Run:
     Raises
     ------
     ArtifactError
-        The file is damaged, was edited so that its key no longer fits, or is of another version.
+        The file is damaged, was edited so that its key no longer fits, or is of another version
+        (`OtherFormatError`).
     """
     path = Path(folder) / "result.json"
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
         if table["format"] != FORMAT:
-            raise ArtifactError(
+            raise OtherFormatError(
                 f"{path} has the format {table['format']!r}, this version reads {FORMAT!r}; delete its folder to run "
                 "the task anew."
             )

@@ -93,7 +93,11 @@ def few_shot(size: str) -> Plan:
         variants={count: {"scarce_windows": int(count)} for count in REAL_WINDOWS},
         rivals=(),
         embeds=False,
-        notes=("Windows come from as few recordings as hold them; up to 50 are of one recording of one pump.",),
+        notes=(
+            "Windows come from as few recordings as hold them; on the rig up to 50 are of one recording of one pump.",
+            "A pump that lends windows is calibrated on the whole recordings that they are of, and where none is lent "
+            "on the same fault at another pressure: the twins see more of the cell than the measured windows show.",
+        ),
     )
 
 
@@ -115,7 +119,6 @@ def unseen_pressure(size: str) -> Plan:
         title="Unseen pressure: every fault known at other pressures only",
         scenario=scenario,
         fillings={**PAPER_FILLINGS, "posterior": Filling("posterior"), "every_class": TWIN_FILLINGS["every_class"]},
-        rivals=(),
         embeds=False,
         notes=(
             "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "

@@ -174,6 +174,12 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             few[str(order[0].label)].append(ids[:kept])
         else:
             train |= set(ids[:kept])
+    for level, whose in ((known, "trained on"), (unseen, "held out")):
+        if not tests[level]:
+            raise DataError(
+                f"the study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's cases, and the "
+                f"specimens that are {whose} have no recording to test there."
+            )
     taken = {name: _in_turns(lists, rng) for name, lists in few.items()}
     return ScenarioSplit(
         frozenset(train), taken, frozenset(references), {name: frozenset(ids) for name, ids in tests.items()}

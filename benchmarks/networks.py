@@ -5,8 +5,8 @@
 The contenders take turns, one step or call each, so that whoever else uses the machine slows all of them alike. An
 epoch is scaled up from `--steps` steps of Adam, and its time is that of the processor, not of the clock; `ratio` is the
 share of what the paper's BiTCN (`stride` 1) needs. Of single windows both are told: `cpu` is the time of the thread,
-`wall` what one waits, which only means something where nobody else computes. The windows are noise: no time here
-depends on what is in them.
+`wall` what one waits, which only means something where nobody else computes. Windows per second are of batches. The
+windows are noise: no time here depends on what is in them.
 """
 
 import argparse
@@ -33,6 +33,9 @@ from swashtwin.training import TrainingSettings, fit
 from swashtwin.windows import cut_windows
 
 PAPER = "bitcn, the paper's (stride 1)"
+TOGETHER = 64
+"""Windows of a batch where many are to be told."""
+
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 
 
@@ -61,8 +64,8 @@ def trainer(network: Network, batch: int, channels: int, length: int) -> Callabl
     return step
 
 
-def answerers(network: Network, channels: int, length: int, folder: Path) -> dict[str, Callable[[], object]]:
-    """One window, scaled and told, by torch and by ONNX Runtime, each on this thread alone."""
+def answerers(network: Network, channels: int, length: int, folder: Path) -> dict[int, dict[str, Callable[[], object]]]:
+    """One window, and `TOGETHER` of them, scaled and told, by torch and by ONNX Runtime, each on this thread alone."""
     import onnxruntime
 
     draw = np.random.default_rng(0)
@@ -72,14 +75,17 @@ def answerers(network: Network, channels: int, length: int, folder: Path) -> dic
     ]
     windows = cut_windows(recordings, length=length)
     classifier = fit(network, windows, settings=TrainingSettings(epochs=1, batch_size=5))
-    one = windows.subset(np.arange(len(windows)) == 0)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     path = export_onnx(classifier, folder / "model.onnx")
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    asked = {count: windows.subset(np.resize(np.arange(len(windows)), count)) for count in (1, TOGETHER)}
     return {
-        "torch": lambda: classifier.predict_proba(one),
-        "onnx": lambda: session.run(None, {"windows": one.signal}),
+        count: {
+            "torch": lambda some=some: classifier.predict_proba(some),
+            "onnx": lambda some=some: session.run(None, {"windows": some.signal}),
+        }
+        for count, some in asked.items()
     }
 
 
@@ -130,12 +136,15 @@ def measured(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
     steps = {row: trainer(network, given.batch, *shape) for row, network in networks.items()}
     trained = in_turns(steps, given.steps, time.process_time)
     with tempfile.TemporaryDirectory() as folder:
-        calls = {
-            f"{row} by {by}": call
-            for row, network in networks.items()
-            for by, call in answerers(network, *shape, Path(folder)).items()
-        }
-        told = in_turns(calls, given.calls, time.thread_time)
+        answering = {row: answerers(network, *shape, Path(folder)) for row, network in networks.items()}
+        told, together = (
+            in_turns(
+                {f"{row} by {by}": call for row, own in answering.items() for by, call in own[count].items()},
+                -(-given.calls // count),
+                time.thread_time,
+            )
+            for count in (1, TOGETHER)
+        )
     epoch = {row: float(np.median(spent["cpu"])) * given.windows / given.batch for row, spent in trained.items()}
     return {
         row: {
@@ -145,6 +154,10 @@ def measured(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
             "ratio": epoch[row] / epoch[PAPER],
             "torch_ms": milliseconds(told[f"{row} by torch"]),
             "onnx_ms": milliseconds(told[f"{row} by onnx"]),
+            **{
+                f"{by}_windows_per_s": TOGETHER / float(np.median(together[f"{row} by {by}"]["cpu"]))
+                for by in ("torch", "onnx")
+            },
         }
         for row, network in networks.items()
     }
@@ -158,10 +171,15 @@ def milliseconds(spent: dict[str, np.ndarray]) -> dict[str, float]:
 def line(row: str, facts: dict[str, Any]) -> str:
     """One row of the table."""
     both = {by: facts[f"{by}_ms"] for by in ("torch", "onnx")}
+    rates = [f"{by} {facts[f'{by}_windows_per_s']:6.0f} /s" for by in both]
     times = [f"{by} {spent['cpu p50']:6.2f} / {spent['cpu p99']:6.2f} ms" for by, spent in both.items()]
     field = str(facts["receptive_field"] or "all")
     return "  ".join(
-        [f"{row:30s} {facts['parameters']:8d} {field:>5s} {facts['epoch_cpu_s']:8.1f} s {facts['ratio']:6.3f}", *times]
+        [
+            f"{row:30s} {facts['parameters']:8d} {field:>5s} {facts['epoch_cpu_s']:8.1f} s {facts['ratio']:6.3f}",
+            *times,
+            *rates,
+        ]
     )
 
 

@@ -21,6 +21,7 @@ from swashtwin.evaluation import LEVELS
 from swashtwin.faults import SwashPlateDefect
 from swashtwin.report import write_report
 from swashtwin.report.calibration_part import calibration_answer
+from swashtwin.report.study_figures import accuracy_drawing
 from swashtwin.report.study_part import paper_words
 from swashtwin.report.writing import part_of
 from swashtwin.rig import RigSize, rig_recordings
@@ -124,6 +125,19 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
     bars = columns(folder / "figures" / "study_scores.csv")
     accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
     assert sorted(accuracy) == sorted(one.scores.accuracy for one in study.outcomes + study.rivals)
+
+
+def test_bars_of_several_classifiers_are_not_pooled():
+    sets = ("measured", "nominal", "calibrated", "posterior", "every_class")
+    runs = [run(name, seed, 0.9) for name in sets for seed in (0, 1)]
+    runs += [run(name, seed, 0.1, "extra_trees") for name in sets for seed in (0, 1)]
+    runs = [replace(one, task=replace(one.task, study="unseen-pressure")) for one in runs]
+    found = assembled(plan_of("unseen-pressure", "quick"), runs)
+    assert found.own == "spectral_bitcn"
+    drawing = accuracy_drawing(replace(found, rival_names=()), "study")
+    assert set(drawing.columns["classifier"]) == {"spectral_bitcn"}
+    assert min(value for value in drawing.columns["value"] if value == value) > 0.7
+    assert set(accuracy_drawing(found, "study").columns["classifier"]) == {"spectral_bitcn", "extra_trees"}
 
 
 def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
 
 from swashtwin.evaluation import LEVELS
+from swashtwin.report.comparison_figures import LEGEND_WIDTH
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.drawing import Drawing, drawn, name_decades, panels, table
 from swashtwin.report.style import LEVEL_MARKERS, class_colors, series_colors, styled, training_set_colors
@@ -24,6 +25,10 @@ MOST_MATRICES = 4
 
 MOST_POINTS = 1200
 """Windows drawn in one t-SNE panel at most, taken evenly."""
+
+
+_MARK_WIDTH = 7
+"""Letters that a legend's mark takes."""
 
 
 def accuracy_drawing(study: StudyResult, key: str) -> Drawing:
@@ -133,7 +138,9 @@ def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
     for rival, mark in _marks(study).items():
         entries.append(Line2D([], [], marker=mark, linestyle="", color="white", markeredgecolor="black"))
         names.append(classifier_words(rival))
-    place.figure.legend(entries, names, loc="outside upper center", ncols=len(names))
+    widths = [len(name) + _MARK_WIDTH for name in names]
+    across = len(names) if sum(widths) <= LEGEND_WIDTH else max(1, LEGEND_WIDTH // max(widths))
+    place.figure.legend(entries, names, loc="outside upper center", ncols=across)
 
 
 @styled()

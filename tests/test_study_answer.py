@@ -63,6 +63,13 @@ def test_one_seed_settles_nothing():
     assert "not every step's interval" in details
 
 
+def test_training_sets_under_different_seeds_are_not_compared():
+    runs = [run("measured", 0, 0.5, levels=("L2",)), run("calibrated", 1, 0.9, levels=("L2",))]
+    lead, *_ = study_answer(assembled(plan_of("case1", "quick"), runs))
+    assert "calibrated has no seed in common with measured only" in lead
+    assert "nan" not in lead
+
+
 def test_a_rival_that_does_better_is_told_at_once():
     accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
     assert (

@@ -61,6 +61,8 @@ def _told(means: dict[str, float]) -> str:
 def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
     """By how much `first` is above `second`, paired by seed, and whether its interval leaves that to chance."""
     found, other = _contrast(study, level, first, second), "measured only" if second == "measured" else second
+    if not found.pairs:
+        return f"has no seed in common with {other}"
     mean = 100 * found.mean
     if abs(mean) < 0.05 and not found.is_clear:
         return f"scored the same as {other}"

@@ -28,6 +28,7 @@ def time_statistics(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndar
     magnitude = np.abs(signal)
     rms, peak, mean_absolute = np.sqrt((signal**2).mean(axis=1)), magnitude.max(axis=1), magnitude.mean(axis=1)
     standard = (signal - mean[:, None]) / np.where(deviation > 0, deviation, 1.0)[:, None]
+    square = standard * standard  # a power of floats takes ten times as long as its products
     columns = (
         mean,
         deviation,
@@ -35,8 +36,8 @@ def time_statistics(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndar
         peak,
         np.ptp(signal, axis=1),
         mean_absolute,
-        (standard**3).mean(axis=1),
-        (standard**4).mean(axis=1),
+        (square * standard).mean(axis=1),
+        (square * square).mean(axis=1),
         _ratio(peak, rms),
         _ratio(rms, mean_absolute),
         _ratio(peak, mean_absolute),

@@ -53,6 +53,10 @@ def train(
     alignment: Annotated[
         str | None, typer.Option(help="coral or mmd: draw features of different conditions together; none by default.")
     ] = None,
+    noise_snr: Annotated[
+        float | None,
+        typer.Option(help="Noise in training: half of each epoch's windows, down to this ratio [dB]; none by default."),
+    ] = None,
     network: Annotated[str, typer.Option(help="Name of the network: ours by default, bitcn is the paper's.")] = (
         "spectral_bitcn"
     ),
@@ -119,6 +123,7 @@ def train(
         **given(
             epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
             decay=decay, normalization=normalization, balance=balance, mixup=mixup, alignment=alignment,
+            noise_snr=noise_snr,
         ),
     )  # fmt: skip
     shape = given(

@@ -108,7 +108,7 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
         "normalization": classifier.normalization.kind,
-        "settings": asdict(classifier.settings),
+        "settings": classifier.settings.described(),
         "seed": classifier.seed,
         "history": [asdict(epoch) for epoch in classifier.history],
         "manifest": classifier.manifest,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from swashtwin.networks import Network
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.training.classifier import FittedClassifier
+from swashtwin.training.disturbance import disturbed
 from swashtwin.training.domains import conditions_of, epoch_order, misalignment, mixing
 from swashtwin.training.known import known_recordings
 from swashtwin.training.normalization import Normalization
@@ -80,16 +81,19 @@ def fit(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         history = _start(checkpoint, resume, run, trained, optimizer)
-        data = _tensors(trained, windows, normalization, device)
+        clean = _tensors(trained, windows, normalization, device)
         held = None if validation is None else _tensors(trained, validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         condition = conditions_of(windows, settings)
+        epoch_data = partial(_in_epoch, trained, windows, clean, normalization, settings, seed)
         if not history:
-            trained.pretrain(data[0], derive_seed(seed, "pretraining"))
+            trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
-            loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number)
+            loss, accuracy = _train_epoch(
+                trained, optimizer, epoch_data(number), condition, weights, settings, seed, number
+            )
             history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
@@ -155,7 +159,7 @@ def _description(
     return {
         "network": network.name,
         **{f"network's {name}": value for name, value in network.settings.items()},
-        **asdict(settings),
+        **settings.described(),
         "seed": seed,
         "device": device,
         "training data (SHA-256)": windows.fingerprint(),
@@ -207,6 +211,24 @@ def _start(
     if not resume:
         raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
+
+
+def _in_epoch(
+    network: Network,
+    windows: WindowSet,
+    clean: tuple[Tensor, Tensor],
+    normalization: Normalization,
+    settings: TrainingSettings,
+    seed: int,
+    number: int,
+) -> tuple[Tensor, Tensor]:
+    """What an epoch trains on: the windows as they are, or half of them with noise, drawn by `seed` and `number`."""
+    if settings.noise_snr is None:
+        return clean
+    which, noisy = disturbed(windows, settings.noise_snr, stream(seed, "disturbance", number))
+    represented, target = clean
+    again, _ = _tensors(network, noisy, normalization, str(represented.device))
+    return represented.index_copy(0, torch.from_numpy(which).to(represented.device), again), target
 
 
 def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:

@@ -1,7 +1,8 @@
 """How a network is trained, and what each epoch came to."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from swashtwin.errors import InputError
 
@@ -51,6 +52,9 @@ class TrainingSettings:
     """``"coral"`` or ``"mmd"``: draws the features of different conditions together; see `domains.misalignment`."""
     alignment_weight: float = 1.0
     """Weight of it beside the cross-entropy."""
+    noise_snr: float | None = None
+    """Least signal-to-noise ratio [dB] of the white noise that half the windows of each epoch get, drawn anew
+    (`disturbance.disturbed`); None adds none."""
     deterministic: bool = True
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
@@ -65,10 +69,18 @@ class TrainingSettings:
         for name in ("mixup", "alignment_weight"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
+        if self.noise_snr is not None and not math.isfinite(self.noise_snr):
+            raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
         choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(known)}.")
+
+    def described(self) -> dict[str, Any]:
+        """Settings as JSON can hold them. Noise that is not added is left out, so that runs, checkpoints and models
+        from before it could be are found and read as ever."""
+        told = asdict(self)
+        return told if self.noise_snr is not None else {name: told[name] for name in told if name != "noise_snr"}
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1.

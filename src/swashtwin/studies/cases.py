@@ -18,7 +18,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from swashtwin.studies.fillings import PAPER_FILLINGS, TRAINING_SNRS, Filling
-from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, models_of
+from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, RETRAINED, models_of
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.scenario import Scenario
 
@@ -32,8 +32,8 @@ scarce cell, 150 synthetic ones."""
 CASE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "bitcn", "extra_trees")}
 """Classifiers of the paper's cases: ours, the paper's, and the first rival to any network."""
 
-NOISE_MODELS = (DEFAULT, "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
-"""Those that the paper compares under noise, and the first rival to any network."""
+NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
+"""Ours, and ours with noise in training; those that the paper compares; and the first rival to any network."""
 
 PAPER_ABLATED = ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
 """The paper's BiTCN without one of its parts."""
@@ -72,7 +72,8 @@ def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str
 
 def algorithms(size: str) -> Plan:
     """Every classifier there is on Case I's calibrated training set; the paper runs ten seeds."""
-    names = [name for name in MODELS[size] if name not in ABLATED and not name.startswith("bitcn_")]
+    ours = {*ABLATED, *RETRAINED}
+    names = [name for name in MODELS[size] if name not in ours and not name.startswith("bitcn_")]
     missing = [name for name in names if not MODELS[size][name].is_at_hand]
     kept = [name for name in names if name not in missing]
     plan = _calibrated_case_one(size, "algorithms", "Algorithms on Case I's calibrated training set", kept)
@@ -80,9 +81,9 @@ def algorithms(size: str) -> Plan:
 
 
 def ablation(size: str) -> Plan:
-    """BiTCN without one of its parts, on Case I's calibrated training set."""
+    """BiTCN without one of its parts, or trained otherwise, on Case I's calibrated training set."""
     papers = ("bitcn", *PAPER_ABLATED) if size == "paper" else ()
-    names = (DEFAULT, *ABLATED, *papers)
+    names = (DEFAULT, *ABLATED, *RETRAINED, *papers)
     plan = _calibrated_case_one(size, "ablation", "Ablation: BiTCN without one of its parts", names)
     ours = tuple(name for name in MODELS[size] if name not in (DEFAULT, *PAPER_ABLATED))
     return replace(plan, compared={"classifier": {DEFAULT: ours, "bitcn": PAPER_ABLATED}})
@@ -102,7 +103,8 @@ def noise(size: str) -> Plan:
             f"{plan.draws} draws, seeded by recording, ratio and repeat.",
             "Trained with noise: every training recording and every synthetic window stands in the training set a "
             "second time with noise, at a ratio drawn between "
-            f"{TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB.",
+            f"{TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB. Noise in training: half the windows of each epoch have "
+            "noise between 0 and 25 dB, drawn anew.",
         ),
     )
 

@@ -7,14 +7,16 @@ import importlib.util
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from swashtwin.baselines import BASELINES, fit_baseline
 from swashtwin.baselines.kernels import KERNELS, PYTHON
 from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier
+from swashtwin.features import FeatureTable, extract_features
 from swashtwin.networks import NETWORKS, build_network
+from swashtwin.order_threshold import rising_orders, threshold_orders
 from swashtwin.training import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
 
@@ -24,7 +26,7 @@ class Model:
     """A classifier before it was trained."""
 
     kind: str
-    """Name in `NETWORKS` or `BASELINES`."""
+    """Name in `NETWORKS` or `BASELINES`, or `THRESHOLD`."""
     network: Mapping[str, Any] = field(default_factory=dict)
     """Settings of a network that differ from its own defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -38,22 +40,27 @@ class Model:
     @property
     def is_at_hand(self) -> bool:
         """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
-        needs_aeon = not self.is_network and BASELINES[self.kind].columns in KERNELS
+        needs_aeon = self.kind in BASELINES and BASELINES[self.kind].columns in KERNELS
         return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
+        if self.kind == THRESHOLD:
+            return {"kind": self.kind}
         if not self.is_network:
             estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
             return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
-        return {"kind": self.kind, "network": network, "training": asdict(self.training)}
+        return {"kind": self.kind, "network": network, "training": self.training.described()}
 
     def with_training(self, **changes: Any) -> "Model":
         """The same with other training settings."""
         return replace(self, training=replace(self.training, **changes))
 
+
+THRESHOLD = "envelope_threshold"
+"""The rule that learns no more than which bands of the envelope's spectrum rise, and how far healthy ones do."""
 
 DEFAULT = "spectral_bitcn"
 """The network that studies train where they do not compare networks: ours."""
@@ -81,6 +88,14 @@ ABLATED: Mapping[str, Mapping[str, Any]] = {
 }
 """Our network without one of its parts: first the paper's three ablations, then those of what it is given."""
 
+RETRAINED: Mapping[str, Mapping[str, Any]] = {
+    "spectral_window": {"normalization": "window"},
+    "spectral_recording": {"normalization": "recording"},
+    "spectral_noise": {"noise_snr": 0.0},
+}
+"""Our network trained otherwise: every window, or every recording, scaled by itself; and with noise down to 0 dB on
+half the windows of each epoch."""
+
 PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 """The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
 
@@ -88,13 +103,14 @@ PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 def _models(size: str) -> dict[str, Model]:
     networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
     ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
+    retrained = {name: Model(DEFAULT, {}, replace(TRAINING[size], **changes)) for name, changes in RETRAINED.items()}
     baselines = {name: Model(name) for name in BASELINES}
-    return {**networks, **ablated, "bitcn_paper": PAPERS_OWN, **baselines}
+    return {**networks, **ablated, **retrained, "bitcn_paper": PAPERS_OWN, **baselines, THRESHOLD: Model(THRESHOLD)}
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network and every baseline, our network without one of its parts, and
-``bitcn_paper``, the paper's own recipe."""
+"""Models by size and name: every network and every baseline, our network without one of its parts or trained
+otherwise, ``bitcn_paper``, the paper's own recipe, and the threshold that learns nothing."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
@@ -129,7 +145,25 @@ def train_model(
     manifest : recordings that had a part without standing in `train`.
     device : where a network is trained; baselines take the CPU.
     """
+    if model.kind == THRESHOLD:
+        return _threshold(train, manifest)
     if not model.is_network:
         return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
     network = build_network(model.kind, train.n_channels, len(train.classes), **model.network)
     return fit(network, train, settings=model.training, seed=seed, manifest=manifest, device=device)
+
+
+def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:
+    """Threshold on the bands of the envelope's spectrum.
+
+    Which bands rise with a class is read off the training windows, how far they may off the healthy measured ones.
+    Bands and no orders, for a window of a little more than one revolution does not tell orders apart.
+    """
+    rule = rising_orders(_envelope_bands(train), train)
+    return threshold_orders(train, _envelope_bands, rule, manifest=(*train.recording_id.tolist(), *manifest))
+
+
+def _envelope_bands(windows: WindowSet) -> FeatureTable:
+    table = extract_features(windows)
+    kept = [place for place, name in enumerate(table.names) if " envelope spectrum " in name]
+    return FeatureTable(table.values[:, kept], tuple(table.names[place] for place in kept))

@@ -22,6 +22,9 @@ CLASSIFIERS = {
     "spectral_no_envelope": "without envelopes",
     "spectral_frames_only": "short-time spectra only",
     "spectral_no_noise": "without noise on the levels",
+    "spectral_window": "every window scaled by itself",
+    "spectral_recording": "every recording scaled by itself",
+    "spectral_noise": "BiTCN on levels (ours), noise in training",
     "bitcn": "BiTCN, stride 16",
     "bitcn_paper": "BiTCN, the paper's recipe",
     "bitcn_ordinary": "A: ordinary convolution, stride 16",
@@ -44,6 +47,7 @@ CLASSIFIERS = {
     "sensor_graph": "graph over sensors",
     "logistic": "logistic regression",
     "ridge": "ridge classifier",
+    "envelope_threshold": "envelope threshold",
 }
 """What classifiers are called in sentences, tables and figures; others by their own name."""
 

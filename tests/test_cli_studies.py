@@ -88,6 +88,7 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "case1", "--rig"), 2),
         (("study", "noise", "x", "--models", "guess"), 3),
         (("study", "noise", "x", "--training-sets", "guess"), 3),
+        (("study", "few-shot", "x", "--values", "guess"), 3),
         (("study", "noise", "x", "--address", "tcp://nowhere:1"), 3),
         (("study", "tune", "x"), 2),
     ],

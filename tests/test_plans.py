@@ -19,7 +19,7 @@ from swashtwin.studies import Plan, plan_of, run_plan
 from swashtwin.studies.contrasts import holm, paired_interval, signed_rank_p
 from swashtwin.studies.fillings import Filling, filled_cells, noisy_training
 from swashtwin.studies.material import Material, again_cut, calibration_tasks, prepare
-from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, RETRAINED, models_of
+from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, RETRAINED, models_of, train_model
 from swashtwin.studies.plan import noisy_test
 from swashtwin.studies.registry import PLANS
 from swashtwin.studies.result import contrasts_of
@@ -228,3 +228,24 @@ def test_a_study_can_be_run_for_some_of_its_training_sets_and_models() -> None:
         plan.of_training_sets(["guess"])
     with pytest.raises(InputError, match="no model is called"):
         models_of("quick", ["guess"])
+
+
+def test_a_study_can_be_run_at_some_of_its_values() -> None:
+    plan = plan_of("augmentation", "quick").of_values(["0", "72"])
+    whole = {task.key for task in plan_of("augmentation", "quick").tasks(0, "data")}
+    keys = {task.key for task in plan.tasks(0, "data")}
+    assert keys < whole
+    assert {task.factors["synthetic"] for task in plan.tasks(0, "data")} == {"0", "72"}
+    with pytest.raises(InputError, match="no value '73'; the values of synthetic are 0, 72, 200"):
+        plan_of("augmentation", "quick").of_values(["73"])
+    with pytest.raises(InputError, match="case1 has no value '1'; it varies nothing"):
+        plan_of("case1", "quick").of_values(["1"])
+
+
+def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_what_it_used(material: Material) -> None:
+    model = models_of("quick", ["envelope_threshold"])["envelope_threshold"]
+    rule = train_model(model, material.measured, seed=0, manifest=("calibration 1",))
+    assert set(rule.manifest) == {*material.measured.recording_id.tolist(), "calibration 1"}
+    healthy = material.measured.subset(material.measured.label == "normal")
+    assert (rule.predict_proba(healthy).argmax(axis=1) == healthy.target).mean() > 0.9  # 0.99 are to stay below it
+    assert rule.predict_proba(material.tests["L2"]).argmax(axis=1).max() > 0

@@ -62,6 +62,9 @@ Models = Annotated[
 TrainingSets = Annotated[
     str | None, typer.Option(help='Of the study\'s training sets only these: "measured,calibrated".')
 ]
+Values = Annotated[
+    str | None, typer.Option(help='Of the values that the study varies by only these: "0,150" of augmentation.')
+]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
 
@@ -95,6 +98,7 @@ def command_of(study: str) -> Callable[..., None]:
         device: DeviceName = Device.cpu,
         models: Models = None,
         training_sets: TrainingSets = None,
+        values: Values = None,
         as_json: Json = False,
     ) -> None:
         if (source is None) is not rig:
@@ -109,6 +113,8 @@ def command_of(study: str) -> Callable[..., None]:
             plan = replace(plan, models=asked, rivals=tuple(asked)[1:] if plan.rivals else ())
         if training_sets is not None:
             plan = plan.of_training_sets(_names(training_sets))
+        if values is not None:
+            plan = plan.of_values(_names(values))
         workers = Workers(jobs, backend.value, address)
         numbers = list_of(seeds, int, "--seeds") or [0]
         _carry_out(plan, source, numbers, out, workers, device.value, as_json)

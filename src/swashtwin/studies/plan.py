@@ -108,6 +108,22 @@ class Plan:
                 raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.fillings)}.")
         return replace(self, fillings={name: self.fillings[name] for name in names})
 
+    def of_values(self, names: Sequence[str]) -> "Plan":
+        """The plan at some values of its varied factor only.
+
+        Raises
+        ------
+        InputError
+            It varies nothing, or not by such a value.
+        """
+        for name in names:
+            if not self.varied or name not in self.variants:
+                known = f"the values of {self.varied} are {', '.join(self.variants)}"
+                raise InputError(
+                    f"{self.study} has no value {name!r}; {known if self.varied else 'it varies nothing'}."
+                )
+        return replace(self, variants={name: self.variants[name] for name in names})
+
     @property
     def needs_twins(self) -> bool:
         """Whether anything is filled by a calibrated twin."""

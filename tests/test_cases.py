@@ -1,46 +1,27 @@
 """The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tiny_case import TINY, tiny, tiny_recordings
 
 from swashtwin.augmentation import FILLERS, Jitter
-from swashtwin.calibration import GaussNewton
-from swashtwin.condition import OperatingCondition
-from swashtwin.errors import ArtifactError, DataError, InputError
+from swashtwin.errors import ArtifactError, DataError
 from swashtwin.faults import PistonWear
 from swashtwin.recording import Recording
-from swashtwin.report import write_report
-from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies import Fleets, Model, Plan, StudyResult, Workers, plan_of, run_plan
-from swashtwin.studies.cells import recordings_by_cell
+from swashtwin.studies import Fleets, StudyResult, Workers, plan_of, run_plan
 from swashtwin.studies.fillings import Filling
-from swashtwin.studies.gathering import gathered
-from swashtwin.studies.material import calibration_tasks, prepare
+from swashtwin.studies.material import calibration_tasks
 from swashtwin.studies.models import DEFAULT
-from swashtwin.studies.runs import Run, load_run, load_runs, save_run
-from swashtwin.studies.scenario import MACHINED, Scenario, split_scenario
-from swashtwin.training import TrainingSettings
+from swashtwin.studies.runs import load_run, load_runs
+from swashtwin.studies.scenario import MACHINED, split_scenario
 
 SETS = ("measured", "nominal", "calibrated")
-TINY = Scenario(windows=2, scarce_windows=3, synthetic=6, held_out=1, method=GaussNewton(starts=1))
-NETWORK = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1, normalization="set"))
-
-
 MEASURED = {"measured": Filling()}
-
-
-def tiny(study: str = "case1", **changes: Any) -> Plan:
-    plan = plan_of(study, "quick")
-    few = {"scarce_windows": plan.scenario.scarce_windows and 3, "synthetic": 6, "test_windows": None}
-    scenario = replace(plan.scenario, windows=2, held_out=1, method=GaussNewton(starts=1), **few)
-    models = {name: NETWORK if model.is_network else model for name, model in plan.models.items()}
-    return replace(plan, **{"scenario": scenario, "models": models, **changes})
 
 
 def confusions(study: StudyResult, seed: int) -> list[Any]:
@@ -51,7 +32,7 @@ def confusions(study: StudyResult, seed: int) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def recordings() -> list[Recording]:
-    return [recording for recording, _ in rig_recordings(0, RigSize(specimens=3, repeats=2, duration=1.2))]
+    return tiny_recordings()
 
 
 @pytest.fixture(scope="module")
@@ -62,50 +43,6 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(recordings: list[Recording], out: Path) -> StudyResult:
     return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin study case1 rig")
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> None:
-    split = split_scenario(recordings, TINY, seed)
-    lent = frozenset(name for ids in split.scarce.values() for name in ids)
-    roles = [split.train, lent, split.references, *split.tests.values()]
-    assert sum(map(len, roles)) == len(frozenset.union(*roles))
-    by_id = {recording.recording_id: recording for recording in recordings}
-    trained_on = {by_id[name].specimen for name in split.train}
-    assert {by_id[name].specimen for name in split.tests["L2"]} <= trained_on
-    assert not {by_id[name].specimen for name in split.tests["L4"] | split.references} & trained_on
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_one_recording_of_one_pump_fills_the_scarce_cell(recordings: list[Recording], seed: int) -> None:
-    material = prepare(recordings, TINY, seed, ())
-    own = material.measured.label == "swash_plate"
-    scarce = material.measured.subset(own & (material.measured.discharge_pressure > 12e6))
-    assert len(scarce) == 3
-    assert len(set(scarce.recording_id)) == 1
-
-
-def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(recordings: list[Recording]) -> None:
-    material = prepare(recordings, TINY, 0, ())
-    references = [one for one in recordings if one.recording_id in material.split.references]
-    assert references
-    assert {one.label for one in references} == {"normal"}
-    assert not {one.specimen for one in references} & set(material.measured.specimen)
-    tested = {name for test in material.tests.values() for name in test.recording_id.tolist()}
-    assert not tested & material.split.references
-    assert set(material.roles()["reference"]) <= set(material.manifest)
-
-
-def test_case_two_trains_on_no_measured_window_of_the_missing_cell(recordings: list[Recording]) -> None:
-    scenario = tiny("case2").scenario
-    assert plan_of("case2", "paper").scenario.test_windows == 50
-    assert plan_of("case2", "paper").scenario.synthetic == 200
-    material = prepare(recordings, scenario, 0, ())
-    assert material.measured.counts()["swash_plate", 15e6] == 0
-    assert material.measured.counts()["swash_plate", 10e6] > 0
-    used = {r.recording_id for task in calibration_tasks(recordings, scenario, 0) for r in task.recordings}
-    assert used
-    assert not any("swash_plate_15MPa" in name for name in used)
 
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
@@ -229,90 +166,6 @@ def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: St
         run_plan(tiny(), recordings, seeds=(0,), out=tmp_path)
 
 
-def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]) -> None:
-    with pytest.raises(DataError, match="at least 2 specimens"):
-        run_plan(tiny(), [r for r in recordings if r.specimen == "A"])
-    once = [r for r in recordings if r.recording_id.endswith("_1")]
-    with pytest.raises(DataError, match="two recordings of"):
-        run_plan(tiny(), once)
-    with pytest.raises(DataError, match="needs label, specimen"):
-        run_plan(tiny(), [replace(recordings[0], specimen=None), *recordings[1:]])
-    with pytest.raises(DataError, match="500 measured windows"):
-        run_plan(tiny(scenario=replace(TINY, scarce_windows=500)), recordings)
-    with pytest.raises(InputError, match="needs a seed"):
-        run_plan(tiny(), recordings, seeds=())
-    with pytest.raises(InputError, match="belongs to backend dask or ray"):
-        Workers(address="tcp://nowhere:1")
-
-
-def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:
-    (study,) = gathered(out)
-    assert study.rows() == result.rows()
-    assert study.seeds == (0, 1)
-    assert len(study.calibrations) == len(result.calibrations) == 2
-    assert study.command == "swashtwin study case1 rig"
-
-
-def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tmp_path: Path) -> None:
-    measured = [run for run in result.runs if run.task.factors["training_set"] == "measured"]
-    for number, run in enumerate(measured):
-        older = replace(run, task=replace(run.task, settings={**run.task.settings, "model": {"kind": "older"}}))
-        for place, one in enumerate((older, run)):
-            os.utime(save_run(one, tmp_path) / "result.json", (number, 10 * number + place))
-    (study,) = gathered(tmp_path)
-    assert {run.task.key for run in study.runs} == {run.task.key for run in measured}
-    assert "4 runs of other settings" in study.notes[-1]
-
-
-def test_runs_of_other_recordings_in_the_folder_do_not_mix(result: StudyResult, tmp_path: Path) -> None:
-    others = [replace(run, origin="elsewhere", task=replace(run.task, data="other")) for run in result.runs]
-    for number, run in enumerate((*others, *result.runs[:2])):
-        os.utime(save_run(run, tmp_path) / "result.json", (number, number))
-    (study,) = gathered(tmp_path)
-    assert {run.task.data for run in study.runs} == {result.runs[0].task.data}
-    assert len(study.runs) == 2
-    assert f"{len(others)} runs of other settings or recordings" in study.notes[-1]
-
-
-def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> None:
-    def varied(run: Run, value: str) -> Run:
-        factors = {**run.task.factors, "pumps": value}
-        roles = {**run.roles, "train": [value]}
-        cells = {**run.cells, "L2": {"normal @ 15 MPa": int(value)}}
-        return replace(run, task=replace(run.task, factors=factors), roles=roles, cells=cells)
-
-    runs = [varied(run, value) for run in result.runs for value in ("1", "2")]
-    told = replace(result, runs=tuple(runs)).to_dict()
-    assert set(told["splits"]) == set(told["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
-    assert told["splits"]["0, 2"]["train"] == ["2"]
-    assert told["cells"]["L2"] != told["cells"]["L2, 2"]
-    assert [name for name in told["cells"] if name.startswith("L4")] == ["L4"]
-
-
-def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="holds no finished run"):
-        gathered(tmp_path)
-
-
-def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> None:
-    noisy = []
-    for run in result.runs:
-        if run.task.factors["training_set"] == "calibrated":
-            outcomes = [
-                replace(one, factors={**one.factors, "snr": snr}) for one in run.outcomes for snr in ("clean", "5 dB")
-            ]
-            noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
-    for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
-        save_run(run, tmp_path)
-    page = write_report(*gathered(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
-    assert "Algorithms on Case I" in page
-    assert "accuracy 0.910" in page
-    assert "swashtwin study case1 rig; seeds 0, 1; cpu; virtual rig" in page
-    for name in ("noise_snr", "noise_confusion", "algorithms_scores"):
-        assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
-        assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
-
-
 def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = plan_of("case1", "quick")
     keys = [task.key for task in plan.tasks(0, "data")]
@@ -347,26 +200,6 @@ def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
         Fleets(tmp_path).taken(0)
 
 
-def test_of_ones_own_recordings_only_the_latest_are_told(result: StudyResult, tmp_path: Path) -> None:
-    other = next(iter(result.runs))
-    other = replace(other, task=replace(other.task, data="other"))
-    for number, run in enumerate((*result.runs, other)):
-        os.utime(save_run(run, tmp_path) / "result.json", (number, number))
-    (study,) = gathered(tmp_path)
-    assert [run.task.data for run in study.runs] == ["other"]
-
-
-def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, tmp_path: Path) -> None:
-    for run in result.runs:
-        save_run(run, tmp_path)
-    old = tmp_path / "case1" / "old" / "result.json"
-    old.parent.mkdir()
-    old.write_text('{"format": "swashtwin run 1"}')
-    (study,) = gathered(tmp_path)
-    assert len(study.runs) == len(result.runs)
-    assert "1 runs of another version" in study.notes[-1]
-
-
 def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
     def keys(study: str) -> dict[str, str]:
         return {"-".join(task.factors.values()): task.key for task in plan_of(study, "paper").tasks(0, "data")}
@@ -390,24 +223,3 @@ def test_a_calibration_is_not_taken_for_one_of_recordings_that_say_something_els
 
     faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
     assert not set(named(recordings)) & set(named(faster))
-
-
-def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:
-    def at(pressure: float) -> Recording:
-        condition = OperatingCondition(speed=90.0, discharge_pressure=pressure)
-        return Recording(np.zeros((1, 10)), 1.0, f"{pressure}", label="normal", condition=condition, specimen="A")
-
-    cells = recordings_by_cell([at(p) for p in (4.9e6, 5.1e6, 9.8e6, 10.2e6, 15.2e6, 14.7e6, 14.9e6)], "the study")
-    assert sorted(len(cell) for cell in cells) == [2, 2, 3]
-
-
-def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrated(recordings: list[Recording]) -> None:
-    kept = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
-    with pytest.raises(DataError, match="tests at 15 MPa"):
-        calibration_tasks(kept, tiny("case2").scenario, 0)
-
-
-def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
-    kept = [r for r in recordings if r.label != "valve_plate"]
-    material = prepare(kept, TINY, 0, ())
-    assert material.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

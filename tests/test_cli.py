@@ -1,7 +1,6 @@
 """The command line: what it prints, how it ends, and that one command's output feeds the next."""
 
 import resource
-import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,13 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import soundfile
 from commandline import AT_15, DEFECT, one_line, run, run_json
-from typer.main import get_command
 
 import swashtwin
 from swashtwin.calibration import GaussNewton, load_calibration
-from swashtwin.cli import app
 from swashtwin.pump_files import new_pump
 from swashtwin.readers import read_recordings, write_index, write_recording
 from swashtwin.recording import Recording
@@ -28,8 +24,6 @@ from swashtwin.training import TrainingSettings
 from swashtwin.units import MPa
 from swashtwin.windows import load_windows
 
-ROOT = Path(__file__).parents[1]
-HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 TINY = ("--network", "bitcn", "--epochs", "1", "--stride", "32", "--channels", "8,8")
 
 
@@ -297,30 +291,6 @@ def test_bad_input_ends_with_one_line_and_code_3(
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        ("trian",),
-        ("rig",),
-        ("calibrate", "x", *AT_15, "--method", "guess"),
-        ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--epochs", "5"),
-        ("study", "case1", "x", "--seeds", "a,b"),
-        ("demo", "--jobs", "0"),
-    ],
-)
-def test_a_wrong_command_line_ends_with_code_2(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run(*words, code=2)
-    assert not result.stdout
-    assert "Usage" in result.stderr
-
-
-def test_a_wrong_command_is_answered_with_the_nearest() -> None:
-    assert "train" in run("trian", code=2).stderr
-
-
-@pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda signal: np.where(np.arange(signal.shape[1]) == 7, np.nan, signal), "missing or infinite"),
@@ -415,127 +385,6 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[s
     assert done.stderr.splitlines() == ["swashtwin: error: File too large; nothing is half-written."]
     assert [path.name for path in tmp_path.iterdir()] == ["full.h5"]
     assert (tmp_path / "full.h5").read_text() == "old"
-
-
-def test_an_unexpected_error_asks_for_a_report_and_shows_its_traceback_on_request(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def broken(name: str) -> None:
-        raise ZeroDivisionError("division by zero")
-
-    monkeypatch.setattr("swashtwin.pump_files.load_pump", broken)
-    assert "ZeroDivisionError" in one_line(run("pump", "show", code=1))
-    assert "Traceback" in run("--debug", "pump", "show", code=1).stderr
-
-
-def test_help_answers_at_once_and_loads_nothing_heavy() -> None:
-    code = (
-        "import sys, time; sys.argv = ['swashtwin', '--help']\n"
-        "from swashtwin.cli import main\n"
-        "try: main()\n"
-        "except SystemExit: print(time.process_time(), *sys.modules, file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    seconds, *modules = done.stderr.split()
-    assert "calibrate" in done.stdout
-    assert float(seconds) < 1.0
-    assert not set(HEAVY) & set(modules)
-
-
-def _paths(command: Any, *names: str) -> list[tuple[str, ...]]:
-    inner = getattr(command, "commands", None)
-    return [names] if inner is None else [path for name in inner for path in _paths(inner[name], *names, name)]
-
-
-@pytest.mark.parametrize("path", _paths(get_command(app)), ids=" ".join)
-def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...]) -> None:
-    said = run(*path, "--help").stdout
-    assert "--json" in said
-
-
-def test_the_version_is_the_package_s() -> None:
-    assert run("--version").stdout.strip() == swashtwin.VERSION
-
-
-def test_python_m_is_the_same_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "swashtwin", "pump"], capture_output=True, text=True, check=False)
-    assert "show" in done.stdout + done.stderr
-
-
-CWRU = ("label=label", "sample_rate=fs_hz", "speed=rpm_nominal", "specimen=bearing_id", "channels=variables")
-
-
-@pytest.mark.parametrize(
-    ("name", "facts", "length", "classes"),
-    [
-        (
-            "pump_cavitation",
-            ("--include", "recordings/06_[12]_*", "--include", "recordings/10_[12]_*", "--column",
-             "speed=speed_rpm_nominal", "--unit", "1"),
-            1024,
-            {"healthy", "cavitation100"},
-        ),
-        (
-            "cwru",
-            (
-                *(word for pattern in ("B007", "IR007", "OR007at6") for load in (0, 1)
-                  for word in ("--include", f"drive_end_12k/*_{pattern}_load{load}_*")),
-                *(word for column in CWRU for word in ("--column", column)),
-                "--unit", "g", "--names", "drive_end",
-            ),
-            2048,
-            {"ball", "inner_race", "outer_race"},
-        ),
-    ],
-)  # fmt: skip
-def test_public_recordings_go_the_whole_way(
-    public_data: Path, tmp_path: Path, name: str, facts: tuple[str, ...], length: int, classes: set[str]
-) -> None:
-    folder = public_data / name
-    index = tmp_path / "recordings.toml"
-    told = run_json("index", folder, "--table", folder / "files.csv", "--out", index, *facts)
-    assert set(told["classes"]) == classes
-    model = tmp_path / "m.safetensors"
-    run("train", index, "--out", model, "--test-fraction", 0.4, "--length", length, *TINY)
-    scores = run_json("evaluate", model, index, "--level", "L2")
-    assert set(scores["classes"]) == classes
-    assert scores["n_recordings"] >= len(classes)
-    for verdict in run_json("diagnose", model, index)["diagnoses"]:
-        assert verdict["label"] in classes
-        warned = "proves nothing" in " ".join(verdict["notes"])
-        assert warned == (verdict["recording_id"] not in scores["recordings"])
-
-
-def test_the_readme_s_way_to_one_s_own_recordings_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files named by class and pressure, as the README says, and a new one as a 16-bit WAV."""
-    monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "my-recordings"
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    for label, tone in (("normal", 100.0), ("swash_plate", 400.0)):
-        for repeat in (1, 2, 3):
-            time = np.arange(25600) / 25600
-            reading = np.sin(2 * np.pi * tone * time) + 0.1 * rng.standard_normal(time.size)
-            header = "acceleration_z"
-            np.savetxt(folder / f"{label}_15MPa_{repeat}.csv", reading, header=header, comments="", fmt="%.5f")
-    soundfile.write(tmp_path / "new-recording.wav", np.sin(np.arange(25600) / 10) / 2, 25600, subtype="PCM_16")
-    lines = [
-        line.replace(".venv/bin/swashtwin ", "")
-        for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-        if line.startswith(".venv/bin/swashtwin ") and ("my-recordings" in line or "new-recording" in line)
-    ]
-    assert [line.split()[0] for line in lines] == ["index", "inspect", "train", "evaluate", "diagnose"]
-    for line in lines:
-        words = shlex.split(line)
-        if words[0] == "diagnose":
-            words += ["--names", "acceleration_z"]
-        run(*words)
-    assert (tmp_path / "diagnosis" / "report.html").is_file()
-
-
-def test_an_index_of_no_matching_file_says_so(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("x\n1\n2\n")
-    assert "no file whose path matches" in one_line(run("index", tmp_path, "--include", "*.wav", code=3))
 
 
 def test_a_target_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:

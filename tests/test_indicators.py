@@ -2,7 +2,6 @@
 
 import csv
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +11,12 @@ import scipy.signal
 import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pump_signals import RATE, SHAFT, TIME, pump
 
-from swashtwin.condition import OperatingCondition
 from swashtwin.errors import DataError, InputError
 from swashtwin.indicators import (
     FAMILIES,
     Band,
-    Indicator,
-    IndicatorTable,
-    Row,
     band_rms,
     envelope_spectrum,
     harmonic_family_index,
@@ -30,16 +26,10 @@ from swashtwin.indicators import (
     spectrum_of,
     stacked,
     synchronous_lines,
-    trend_of,
     velocity_rms,
 )
 from swashtwin.order_domain import ShaftAngle, stated_angle, tachometer_speed
 from swashtwin.recording import Recording
-from swashtwin.units import MPa, rpm
-
-RATE = 10000.0
-TIME = np.arange(40000) / RATE
-SHAFT = 15.0
 
 
 def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0) -> np.ndarray:
@@ -49,20 +39,6 @@ def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed
     strikes[(np.arange(0, TIME[-1], every) * RATE).astype(int)] = 1
     fade = np.exp(-TIME[:200] * 600) * np.sin(2 * np.pi * ring * TIME[:200])
     return np.convolve(strikes, fade)[: len(TIME)] + noise * rng.standard_normal(len(TIME))
-
-
-def pump(scale: float = 1.0, name: str = "run", seed: int = 0, **facts: object) -> Recording:
-    """Two channels of a seven-piston pump at 900 rev/min, the second 90 degrees behind the first at order 7."""
-    rng = np.random.default_rng(seed)
-    angle = 2 * np.pi * SHAFT * TIME
-    rows = [
-        scale * (0.3 * np.cos(angle - 1.0) + np.cos(7 * angle + shift) + 0.4 * np.cos(14 * angle + 0.2))
-        + 0.05 * rng.standard_normal(len(TIME))
-        for shift in (0.5, 0.5 - np.pi / 2)
-    ]
-    condition = OperatingCondition(2 * np.pi * SHAFT, MPa(15))
-    known = {"channels": ("cover", "body"), "condition": condition, "specimen": "P1", **facts}
-    return Recording(np.stack(rows), RATE, name, **known)  # type: ignore[arg-type]
 
 
 @given(frequency=st.floats(11, 900), amplitude=st.floats(1e-3, 1e3), phase=st.floats(0, 6.3), offset=st.floats(-50, 50))
@@ -321,100 +297,6 @@ def test_marks_of_a_cepstrum_are_periods_and_an_envelope_tells_its_band() -> Non
     assert spectrum_of(replace(pump(), condition=None)).marks == ()
     with pytest.raises(InputError, match="nobody stated its speed"):
         spectrum_of(replace(pump(), condition=None), "order")
-
-
-HEALTHY = [1.0, 1.01, 0.99, 1.02, 0.98, 1.005]
-
-
-def fleet(levels: list[float], **facts: object) -> list[Recording]:
-    return [pump(level, f"run{i}", seed=i, label="normal", **facts) for i, level in enumerate(levels)]
-
-
-def trend(recordings: list[Recording], **options: object):  # type: ignore[no-untyped-def]
-    table = stacked([indicators_of(one, families=("statistics",)) for one in recordings])
-    return trend_of(table, "rms", **options)  # type: ignore[arg-type]
-
-
-def test_a_louder_machine_is_flagged_against_its_own_baseline() -> None:
-    worn = [pump(1.5, "worn", 7, label="piston"), pump(1.01, "fine", 8, label="piston"), pump(0.5, "quiet", 9)]
-    found = trend([*fleet(HEALTHY), *worn])
-    assert {point.row.recording_id: point.status for point in found.points if not point.healthy} == {
-        "worn": "above",
-        "fine": "within",
-        "quiet": "below",
-    }
-    assert [point.count for point in found.points if point.healthy] == [5] * 6
-    assert [point.row.recording_id for point in found.flagged] == ["quiet", "worn"]
-    assert found.to_dict()["flagged"] == ["quiet", "worn"]
-
-
-def test_a_healthy_recording_is_not_in_its_own_baseline() -> None:
-    found = trend(fleet([*HEALTHY, 3.0]))
-    assert found.points[-1].status == "above"
-    assert found.points[-1].median < 1.05
-
-
-def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
-    healthy = fleet(HEALTHY)
-    others = [
-        pump(1.0, "other machine", 5, specimen="P2"),
-        pump(1.0, "other pressure", 6, condition=OperatingCondition(2 * np.pi * SHAFT, MPa(10))),
-        pump(1.0, "other speed", 7, condition=OperatingCondition(rpm(950), MPa(15))),
-        pump(1.0, "almost that speed", 8, condition=OperatingCondition(rpm(905), MPa(15))),
-    ]
-    found = trend([*healthy, *others])
-    assert {point.row.recording_id for point in found.points if point.status == "no baseline"} == {
-        "other machine",
-        "other pressure",
-        "other speed",
-    }
-
-
-def test_a_trend_goes_by_date_or_by_name() -> None:
-    dated = [replace(one, attributes={"date": f"2024-01-0{9 - i}"}) for i, one in enumerate(fleet(HEALTHY))]
-    assert [point.row.recording_id for point in trend(dated, by="time").points] == [
-        f"run{i}" for i in (5, 4, 3, 2, 1, 0)
-    ]
-    assert [point.row.recording_id for point in trend(dated).points] == [f"run{i}" for i in range(6)]
-    with pytest.raises(DataError, match="nobody wrote down when"):
-        trend(fleet(HEALTHY), by="time")
-
-
-def test_what_has_no_trend_is_said() -> None:
-    with pytest.raises(DataError, match="stated to be healthy"):
-        trend([pump(label="piston")])
-    with pytest.raises(InputError, match="k "):
-        trend(fleet([1.0]), k=0.0)
-    with pytest.raises(InputError, match="no channel 'x'; there are cover, body"):
-        trend(fleet([1.0]), channel="x")
-    found = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
-    assert all(point.healthy for point in found.points)
-
-
-def phases(healthy: Sequence[float], last: float) -> str:
-    """Status of a phase [degrees] against a baseline of others."""
-    rows = [Row(f"r{i}", "cover", "normal") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
-    values = np.radians([*healthy, last])[:, None]
-    table = IndicatorTable(tuple(rows), (Indicator("order_phase 7x", "rad", "phase"),), values)
-    found = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}
-    assert all(one.status == "within" for name, one in found.items() if name != "last")
-    assert abs(found["last"].value - found["last"].median) <= np.pi
-    return found["last"].status
-
-
-@pytest.mark.parametrize("turned", [0.0, 90.0, 180.0, -135.0])
-def test_phases_are_compared_around_the_circle(turned: float) -> None:
-    def wrapped(degrees: float) -> float:
-        return (degrees + turned + 180) % 360 - 180
-
-    healthy = [wrapped(one) for one in (-3.0, -2.0, -1.0, 0.5, 1.5, 2.5, 3.0)]
-    assert phases(healthy, wrapped(2.0)) == "within"
-    assert phases(healthy, wrapped(60.0)) == "above"
-    assert phases(healthy, wrapped(-60.0)) == "below"
-
-
-def test_equal_phases_do_not_make_any_difference_a_fault() -> None:
-    assert phases([0.0] * 6, 1.0) == "within"
 
 
 def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:

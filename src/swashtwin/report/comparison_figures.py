@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from swashtwin.report.drawing import Drawing, drawn, panels, table
+from swashtwin.report.drawing import Drawing, apart, drawn, panels, table
 from swashtwin.report.style import series_colors, styled
 from swashtwin.report.wording import plural, words
 from swashtwin.studies.naming import classifier_words, training_set_words
@@ -158,23 +158,29 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
 @styled()
 def time_drawing(study: StudyResult, key: str) -> Drawing:
     """Accuracy of each classifier over the time that training and tests took."""
-    rows = study.rows()
+    rows = [row for row in study.rows() if row["accuracy"]["mean"] is not None and math.isfinite(row["wall_s"]["mean"])]
     levels = sorted({row["level"] for row in rows})
-    figure, axes = panels(1, len(levels), 3.8, sharey=True)
+    lowest = min((row["accuracy"]["mean"] for row in rows), default=0.0)
+    gap = (1.02 - lowest) / 30
+    figure, axes = panels(1, len(levels), 4.6, sharey=True)
     for panel, level in zip(axes[0], levels, strict=True):
-        for row in rows:
-            time, accuracy = row["wall_s"]["mean"], row["accuracy"]["mean"]
-            if row["level"] != level or accuracy is None or not math.isfinite(time):
-                continue
+        shown = [row for row in rows if row["level"] == level]
+        places = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
+        for row, place, height in zip(shown, places, apart([accuracy for _, accuracy in places], gap), strict=True):
             color = "#0072b2" if row["classifier"] == study.own else "#5b6470"
-            panel.plot(time, accuracy, "o", color=color, markersize=5)
+            panel.plot(*place, "o", color=color, markersize=5)
             panel.annotate(
-                classifier_words(row["classifier"]), (time, accuracy), (4, 3), textcoords="offset points", fontsize=7
+                classifier_words(row["classifier"]),
+                place,
+                (1.04, height),
+                textcoords=panel.get_yaxis_transform(),
+                arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.4},
+                fontsize=7,
+                va="center",
             )
-        panel.set(title=level, xlabel="time of training and tests, one thread [s]", xscale="log")
+        panel.set(title=level, xlabel="training and tests, one thread [s]", xscale="log", ylim=(lowest - gap, 1.02))
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.xaxis.set_minor_formatter(NullFormatter())
-        panel.margins(x=0.25)
     axes[0, 0].set_ylabel("accuracy [1]")
     columns = table(
         {"classifier": row["classifier"], "level": row["level"], "wall_s": row["wall_s"]["mean"],

@@ -1,0 +1,26 @@
+"""Case I on a rig so small that it takes seconds."""
+
+from dataclasses import replace
+from typing import Any
+
+from swashtwin.calibration import GaussNewton
+from swashtwin.recording import Recording
+from swashtwin.rig import RigSize, rig_recordings
+from swashtwin.studies import Model, Plan, plan_of
+from swashtwin.studies.scenario import Scenario
+from swashtwin.training import TrainingSettings
+
+TINY = Scenario(windows=2, scarce_windows=3, synthetic=6, held_out=1, method=GaussNewton(starts=1))
+NETWORK = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1, normalization="set"))
+
+
+def tiny(study: str = "case1", **changes: Any) -> Plan:
+    plan = plan_of(study, "quick")
+    few = {"scarce_windows": plan.scenario.scarce_windows and 3, "synthetic": 6, "test_windows": None}
+    scenario = replace(plan.scenario, windows=2, held_out=1, method=GaussNewton(starts=1), **few)
+    models = {name: NETWORK if model.is_network else model for name, model in plan.models.items()}
+    return replace(plan, **{"scenario": scenario, "models": models, **changes})
+
+
+def tiny_recordings() -> list[Recording]:
+    return [recording for recording, _ in rig_recordings(0, RigSize(specimens=3, repeats=2, duration=1.2))]

@@ -149,6 +149,15 @@ def test_another_python_that_fails_says_so_in_one_line(another_python: Path, mon
         fit_baseline("minirocket", tones("train"))
 
 
+def test_another_python_that_is_killed_is_said_to_want_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nkill -9 $$\n")
+    python.chmod(0o755)
+    monkeypatch.setenv(PYTHON, str(python))
+    with pytest.raises(MissingExtraError, match="killed by signal 9, most often for want of memory"):
+        fit_baseline("minirocket", tones("train"))
+
+
 @pytest.mark.parametrize("name", KERNELS)
 def test_real_kernels_tell_tones_of_new_recordings_apart(name: str) -> None:
     if PYTHON not in os.environ and importlib.util.find_spec("aeon") is None:

@@ -92,6 +92,8 @@ def _elsewhere(
             raise MissingExtraError(f"{PYTHON} ({python}) cannot be run: {cause.strerror}.") from cause
         except subprocess.CalledProcessError as cause:
             last = (cause.stderr.strip().splitlines() or ["no word"])[-1]
+            if cause.returncode < 0:
+                last = f"killed by signal {-cause.returncode}, most often for want of memory"
             raise MissingExtraError(f"{columns.kind} failed in {PYTHON} ({python}): {last}") from cause
         values: np.ndarray = np.load(target)
     return values

@@ -9,6 +9,9 @@ import sys
 
 import numpy as np
 
+_TOGETHER = 256
+"""Windows that are transformed together. Each has its own columns: memory only, no result depends on it."""
+
 
 def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray) -> np.ndarray:
     """What the kernels drawn by `seed` and fitted to the windows `known` make of `windows` (window, column).
@@ -24,7 +27,8 @@ def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray)
         "hydra": lambda: convolution_based.HydraTransformer(random_state=seed, output_type="numpy"),
     }
     kernels = makers[kind]().fit(known)
-    return np.asarray(kernels.transform(windows), dtype=np.float32)
+    parts = [windows[first : first + _TOGETHER] for first in range(0, max(1, len(windows)), _TOGETHER)]
+    return np.concatenate([np.asarray(kernels.transform(part), dtype=np.float32) for part in parts])
 
 
 if __name__ == "__main__":

@@ -154,7 +154,7 @@ def test_another_python_that_is_killed_is_said_to_want_memory(tmp_path: Path, mo
     python.write_text("#!/bin/sh\nkill -9 $$\n")
     python.chmod(0o755)
     monkeypatch.setenv(PYTHON, str(python))
-    with pytest.raises(MissingExtraError, match="killed by signal 9, most often for want of memory"):
+    with pytest.raises(MissingExtraError, match="ended by signal 9, most often for want of memory"):
         fit_baseline("minirocket", tones("train"))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commandline import AT_15, DEFECT, one_line, run, run_json
+from commandline import AT_15, DEFECT, TINY, one_line, run, run_json
 
 import swashtwin
 from swashtwin.calibration import GaussNewton, load_calibration
@@ -23,8 +23,6 @@ from swashtwin.studies.models import DEFAULT
 from swashtwin.training import TrainingSettings
 from swashtwin.units import MPa
 from swashtwin.windows import load_windows
-
-TINY = ("--network", "bitcn", "--epochs", "1", "--stride", "32", "--channels", "8,8")
 
 
 @pytest.fixture(scope="module")

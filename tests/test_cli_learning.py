@@ -65,3 +65,11 @@ def test_a_setting_that_cannot_be_is_one_line_and_no_bug(folder: Path, setting: 
 def test_a_setting_is_a_number_a_truth_or_several_numbers() -> None:
     texts = ["patch=8", "dropout=0.2", "causal=false", "hidden=256,128"]
     assert settings_of(texts, "--setting") == {"patch": 8, "dropout": 0.2, "causal": False, "hidden": (256, 128)}
+
+
+def test_train_learns_with_noise_where_told(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.safetensors"
+    run("train", folder, "--length", 100, "--noise-snr", 0, "--epochs", 2, "--out", out)
+    assert load_classifier(out).settings.noise_snr == 0.0
+    told = one_line(run("train", folder, "--length", 100, "--noise-snr", 0, "--normalization", "recording", code=3))
+    assert "take another normalization" in told

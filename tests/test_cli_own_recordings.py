@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from commandline import one_line, run, run_json
+from commandline import TINY, one_line, run, run_json
 
 ROOT = Path(__file__).parents[1]
-TINY = ("--network", "bitcn", "--epochs", "1", "--stride", "32", "--channels", "8,8")
 
 
 CWRU = ("label=label", "sample_rate=fs_hz", "speed=rpm_nominal", "specimen=bearing_id", "channels=variables")

@@ -8,8 +8,9 @@ import pytest
 from commandline import one_line, run, run_json
 
 from swashtwin.calibration import GaussNewton
+from swashtwin.errors import InputError
 from swashtwin.rig import RigSize
-from swashtwin.studies import carrying
+from swashtwin.studies import carrying, plan_of, run_plan
 from swashtwin.studies.cases import SCENARIOS
 from swashtwin.units import MPa
 
@@ -88,7 +89,6 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "case1", "--rig"), 2),
         (("study", "noise", "x", "--models", "guess"), 3),
         (("study", "noise", "x", "--training-sets", "guess"), 3),
-        (("study", "few-shot", "x", "--values", "guess"), 3),
         (("study", "noise", "x", "--address", "tcp://nowhere:1"), 3),
         (("study", "tune", "x"), 2),
     ],
@@ -97,3 +97,11 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
     result = run(*words, code=code)
     assert not result.stdout
     assert result.stderr
+
+
+def test_values_that_a_study_does_not_have_and_those_at_which_nothing_is_trained_are_named() -> None:
+    told = one_line(run("study", "few-shot", "x", "--values", "guess", code=3))
+    assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in told
+    plan = plan_of("augmentation", "quick").of_training_sets(["calibrated"]).of_values(["0"])
+    with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):
+        run_plan(plan, [])

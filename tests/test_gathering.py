@@ -9,7 +9,8 @@ from tiny_case import tiny, tiny_recordings
 
 from swashtwin.errors import DataError
 from swashtwin.report import write_report
-from swashtwin.studies import StudyResult, run_plan
+from swashtwin.studies import StudyResult, plan_of, run_plan
+from swashtwin.studies.carrying import assembled
 from swashtwin.studies.gathering import gathered
 from swashtwin.studies.runs import Run, save_run
 
@@ -66,6 +67,13 @@ def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> Non
     assert told["splits"]["0, 2"]["train"] == ["2"]
     assert told["cells"]["L2"] != told["cells"]["L2, 2"]
     assert [name for name in told["cells"] if name.startswith("L4")] == ["L4"]
+
+
+def test_rows_stand_in_the_order_of_the_study_whatever_was_run_first(result: StudyResult) -> None:
+    plan = plan_of("case1", "quick")
+    last_first = [replace(run, task=replace(run.task, place=99 - run.task.place)) for run in result.runs]
+    told = [(row["classifier"], row["training_set"], row["level"]) for row in assembled(plan, last_first).rows()]
+    assert told == [(row["classifier"], row["training_set"], row["level"]) for row in result.rows()]
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:

@@ -93,11 +93,11 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Te
 
 
 def _require_same_run(path: Path, saved: dict[str, Any], asked: dict[str, Any]) -> None:
-    for name in asked:
-        if saved.get(name) != asked[name]:
+    for name in {**asked, **saved}:
+        if saved.get(name) != asked.get(name):
             raise InputError(
                 f"{path} is of another run: its {name} is {_short(saved.get(name))}, this run's is "
-                f"{_short(asked[name])}; name another checkpoint, or repeat what it was made with."
+                f"{_short(asked.get(name))}; name another checkpoint, or repeat what it was made with."
             )
 
 

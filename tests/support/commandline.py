@@ -8,6 +8,7 @@ from typer.testing import CliRunner, Result
 from swashtwin.cli import app
 
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
+TINY = ("--network", "bitcn", "--epochs", "1", "--stride", "32", "--channels", "8,8")
 DEFECT = ("--fault", "swash_plate", "--depth", "0.08 mm")
 
 

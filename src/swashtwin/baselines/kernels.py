@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import signal
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -93,7 +94,8 @@ def _elsewhere(
         except subprocess.CalledProcessError as cause:
             last = (cause.stderr.strip().splitlines() or ["no word"])[-1]
             if cause.returncode < 0:
-                last = f"killed by signal {-cause.returncode}, most often for want of memory"
+                why = "most often for want of memory" if cause.returncode == -signal.SIGKILL else last
+                last = f"ended by signal {-cause.returncode}, {why}"
             raise MissingExtraError(f"{columns.kind} failed in {PYTHON} ({python}): {last}") from cause
         values: np.ndarray = np.load(target)
     return values

@@ -63,7 +63,7 @@ TrainingSets = Annotated[
     str | None, typer.Option(help='Of the study\'s training sets only these: "measured,calibrated".')
 ]
 Values = Annotated[
-    str | None, typer.Option(help='Of the values that the study varies by only these: "0,150" of augmentation.')
+    str | None, typer.Option(help='Of the values that the study varies by only these: "0,200" of augmentation.')
 ]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
@@ -72,7 +72,7 @@ STUDIES = {
     "case1": "Case I, few samples: what a twin adds where one class has few measured windows.",
     "case2": "Case II, missing condition: a cell without any measured window, which twins fill.",
     "algorithms": "Every network and baseline on Case I's calibrated training set.",
-    "ablation": "BiTCN without one of its parts, on Case I's calibrated training set.",
+    "ablation": "BiTCN without one of its parts, or trained otherwise, on Case I's calibrated training set.",
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
     "augmentation": "Whatever can fill the scarce cell of Case I, by the number of synthetic windows.",
     "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and what each teaches in Case I.",

@@ -159,14 +159,15 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
 def time_drawing(study: StudyResult, key: str) -> Drawing:
     """Accuracy of each classifier over the time that training and tests took."""
     rows = [row for row in study.rows() if row["accuracy"]["mean"] is not None and math.isfinite(row["wall_s"]["mean"])]
-    levels = sorted({row["level"] for row in rows})
-    lowest = min((row["accuracy"]["mean"] for row in rows), default=0.0)
-    gap = (1.02 - lowest) / 30
+    levels = sorted({row["level"] for row in study.rows()})
+    lowest, highest = min((row["accuracy"]["mean"] for row in rows), default=0.0) - 0.02, 1.02
+    gap = (highest - lowest) / max(30, len(rows) / len(levels))
     figure, axes = panels(1, len(levels), 4.6, sharey=True)
     for panel, level in zip(axes[0], levels, strict=True):
         shown = [row for row in rows if row["level"] == level]
         places = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
-        for row, place, height in zip(shown, places, apart([accuracy for _, accuracy in places], gap), strict=True):
+        heights = apart([accuracy for _, accuracy in places], gap, lowest, highest)
+        for row, place, height in zip(shown, places, heights, strict=True):
             color = "#0072b2" if row["classifier"] == study.own else "#5b6470"
             panel.plot(*place, "o", color=color, markersize=5)
             panel.annotate(
@@ -174,11 +175,11 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
                 place,
                 (1.04, height),
                 textcoords=panel.get_yaxis_transform(),
-                arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.4},
+                arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.4, "relpos": (0, 0.5)},
                 fontsize=7,
                 va="center",
             )
-        panel.set(title=level, xlabel="training and tests, one thread [s]", xscale="log", ylim=(lowest - gap, 1.02))
+        panel.set(title=level, xlabel="training and tests, one thread [s]", xscale="log", ylim=(lowest, highest))
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("accuracy [1]")

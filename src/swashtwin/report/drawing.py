@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -78,13 +79,15 @@ def table(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
 
 
-def apart(positions: Sequence[float], gap: float) -> list[float]:
-    """Positions moved as little as it takes to keep labels `gap` apart, in their order.
+def apart(positions: Sequence[float], gap: float, low: float = -math.inf, high: float = math.inf) -> list[float]:
+    """Positions moved as little as it takes to keep labels `gap` apart, in their order, and between `low` and `high`.
 
     Examples
     --------
     >>> apart([0.0, 0.1, 5.0], gap=1.0)
     [-0.45, 0.55, 5.0]
+    >>> apart([0.0, 0.1, 5.0], gap=1.0, low=0.0)
+    [0.0, 1.0, 5.0]
     """
     order = np.argsort(positions, kind="stable")
     clusters: list[tuple[float, int]] = []  # (center, labels), each cluster's labels being `gap` apart
@@ -94,8 +97,9 @@ def apart(positions: Sequence[float], gap: float) -> list[float]:
             (low, n_low), (high, n_high) = clusters[-2:]
             clusters[-2:] = [((low * n_low + high * n_high) / (n_low + n_high), n_low + n_high)]
     spots = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
+    steps = gap * np.arange(len(spots))
     moved = np.empty(len(spots))
-    moved[order] = spots
+    moved[order] = np.maximum(np.minimum(spots, high - steps[::-1]), low + steps)
     return [round(float(spot), 12) for spot in moved]
 
 

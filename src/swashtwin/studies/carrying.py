@@ -79,7 +79,7 @@ def run_plan(
     ArtifactError
         A run in `out` is damaged.
     InputError
-        No seed.
+        No seed, or nothing to do.
     """
     started, report = time.perf_counter(), progress or (lambda what, done, total: None)
     seeds = tuple(dict.fromkeys(seeds))
@@ -87,6 +87,11 @@ def run_plan(
         raise InputError("a study needs a seed.")
     source, workers = data if isinstance(data, Source) else Known(data), workers or Workers()
     per_seed = len(plan.tasks(0, ""))
+    if not per_seed:
+        raise InputError(
+            f"{plan.study} has nothing to do: {', '.join(plan.fillings)} is not trained at {plan.varied} "
+            f"{', '.join(plan.variants)}."
+        )
     together = min(MOST_SEEDS, max(1, -(-TASKS_AHEAD * workers.jobs // per_seed)))
     runs: list[Run] = []
     known: dict[str, Calibration] = {}
@@ -132,8 +137,9 @@ def _carried_out(
 ) -> Iterator[Run]:
     """Every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
     wanted = {(one.seed, plan.variant_of(task)): one for one in waiting for task in one.tasks}
+    filled = {(one.seed, plan.variant_of(task)) for one in waiting for task in one.tasks if plan.needs_twins(task)}
     asked = {
-        place: calibration_tasks(one.recordings, plan.scenario_of(place[1]), one.seed) if plan.needs_twins else []
+        place: calibration_tasks(one.recordings, plan.scenario_of(place[1]), one.seed) if place in filled else []
         for place, one in wanted.items()
     }
     _calibrate([task for tasks in asked.values() for task in tasks], workers, out, known, report)
@@ -222,7 +228,7 @@ def assembled(
     wall_s : how long the study took [s]; by default its runs together.
     command : command line that repeats it; by default that of the last run.
     """
-    ordered = sorted(runs, key=lambda run: (run.task.place, run.task.seed))
+    ordered = sorted(runs, key=lambda run: (plan.place(run.task), run.task.seed))
     trials = trials_of(ordered)
     further = {name for run in ordered for name in run.values}
     found = list(dict.fromkeys(run.task.factors["classifier"] for run in ordered))

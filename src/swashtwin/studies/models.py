@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from swashtwin.baselines import BASELINES, fit_baseline
 from swashtwin.baselines.kernels import KERNELS, PYTHON
-from swashtwin.errors import InputError
+from swashtwin.errors import DataError, InputError
 from swashtwin.evaluation import Classifier
 from swashtwin.features import FeatureTable, extract_features
 from swashtwin.networks import NETWORKS, build_network
@@ -46,7 +48,7 @@ class Model:
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
         if self.kind == THRESHOLD:
-            return {"kind": self.kind}
+            return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
         if not self.is_network:
             estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
             return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
@@ -60,7 +62,10 @@ class Model:
 
 
 THRESHOLD = "envelope_threshold"
-"""The rule that learns no more than which bands of the envelope's spectrum rise, and how far healthy ones do."""
+"""The rule that learns no more than which bands of the envelope's spectrum rise, and how far healthy ones do. It stands
+for a threshold at known orders, which windows of one revolution do not resolve."""
+
+_BANDS, _HEALTHY = 6, 0.99  # that rise with a class; share of the healthy windows that stay below
 
 DEFAULT = "spectral_bitcn"
 """The network that studies train where they do not compare networks: ours."""
@@ -110,7 +115,7 @@ def _models(size: str) -> dict[str, Model]:
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
 """Models by size and name: every network and every baseline, our network without one of its parts or trained
-otherwise, ``bitcn_paper``, the paper's own recipe, and the threshold that learns nothing."""
+otherwise, ``bitcn_paper``, the paper's own recipe, and the threshold."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
@@ -159,8 +164,11 @@ def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:
     Which bands rise with a class is read off the training windows, how far they may off the healthy measured ones.
     Bands and no orders, for a window of a little more than one revolution does not tell orders apart.
     """
-    rule = rising_orders(_envelope_bands(train), train)
-    return threshold_orders(train, _envelope_bands, rule, manifest=(*train.recording_id.tolist(), *manifest))
+    if not np.any((train.label == "normal") & ~train.synthetic):
+        raise DataError("a threshold needs measured windows of normal; there are none to train on.")
+    rule = rising_orders(_envelope_bands(train), train, columns=_BANDS)
+    used = (*train.recording_id.tolist(), *manifest)
+    return threshold_orders(train, _envelope_bands, rule, quantile=_HEALTHY, manifest=used)
 
 
 def _envelope_bands(windows: WindowSet) -> FeatureTable:

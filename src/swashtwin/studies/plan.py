@@ -120,14 +120,22 @@ class Plan:
             if not self.varied or name not in self.variants:
                 known = f"the values of {self.varied} are {', '.join(self.variants)}"
                 raise InputError(
-                    f"{self.study} has no value {name!r}; {known if self.varied else 'it varies nothing'}."
+                    f"{self.study} has no value {name!r} to choose; {known if self.varied else 'it has none'}."
                 )
-        return replace(self, variants={name: self.variants[name] for name in names})
+        return replace(self, variants={name: one for name, one in self.variants.items() if name in names})
 
-    @property
-    def needs_twins(self) -> bool:
-        """Whether anything is filled by a calibrated twin."""
-        return any(one.by in CALIBRATED_TWINS for one in self.fillings.values())
+    def needs_twins(self, task: Task) -> bool:
+        """Whether a task is filled by a calibrated twin."""
+        return self.fillings[task.factors["training_set"]].by in CALIBRATED_TWINS
+
+    def place(self, task: Task) -> tuple[int, ...]:
+        """Where a task's row stands among those of the plan; of a classifier that is none of its own, behind them."""
+        named: tuple[tuple[Mapping[str, Any], str], ...] = (
+            (self.variants, task.factors.get(self.varied, "")),
+            (self.fillings, task.factors["training_set"]),
+            (self.models, task.factors["classifier"]),
+        )
+        return (*(list(known).index(name) if name in known else len(known) for known, name in named), task.place)
 
     def variant_of(self, task: Task) -> str:
         """Name of the variant that a task is of."""

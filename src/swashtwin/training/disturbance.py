@@ -7,8 +7,8 @@ from jaxtyping import Int
 
 from swashtwin.windows import WindowSet
 
-QUIETEST = 25.0
-"""Greatest signal-to-noise ratio of the noise [dB], above the least one asked for."""
+RANGE = 25.0
+"""Width of the range of signal-to-noise ratios [dB], above the least one asked for."""
 
 
 def disturbed(
@@ -27,7 +27,7 @@ def disturbed(
     """
     which = np.flatnonzero(rng.random(len(windows)) < 0.5)
     chosen = windows.subset(which)
-    ratio = noise_snr + QUIETEST * rng.random((len(which), 1, 1), dtype=np.float32)
+    ratio = noise_snr + RANGE * rng.random((len(which), 1, 1), dtype=np.float32)
     scale = np.sqrt(chosen.signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
     noise = scale * rng.standard_normal(chosen.signal.shape, dtype=np.float32)
     return which, replace(chosen, signal=(chosen.signal + noise).astype(np.float32))

@@ -69,12 +69,21 @@ class TrainingSettings:
         for name in ("mixup", "alignment_weight"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
-        if self.noise_snr is not None and not math.isfinite(self.noise_snr):
-            raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
         choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(known)}.")
+        if self.noise_snr is not None:
+            self._require_noise(self.noise_snr)
+
+    def _require_noise(self, ratio: float) -> None:
+        if not math.isfinite(ratio):
+            raise InputError(f"noise_snr ({ratio:g}) must be a finite ratio in dB, such as 0.")
+        if self.normalization == "recording":
+            raise InputError(
+                "noise_snr draws noise window by window, and normalization 'recording' scales by all windows of a "
+                "recording; take another normalization, such as 'set'."
+            )
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them. Noise that is not added is left out, so that runs, checkpoints and models

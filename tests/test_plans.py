@@ -17,7 +17,7 @@ from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.signals import add_noise
 from swashtwin.studies import Plan, plan_of, run_plan
-from swashtwin.studies.contrasts import holm, paired_interval, signed_rank_p
+from swashtwin.studies.contrasts import Contrast, holm, paired_interval, signed_rank_p
 from swashtwin.studies.fillings import Filling, filled_cells, noisy_training
 from swashtwin.studies.material import Material, again_cut, calibration_tasks, prepare
 from swashtwin.studies.models import ABLATED, DEFAULT, MODELS, RETRAINED, models_of, train_model
@@ -257,3 +257,12 @@ def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_w
     assert (rule.predict_proba(test).argmax(axis=1) == test.target).mean() > 0.3  # five classes alike
     with pytest.raises(DataError, match="measured windows of normal"):
         train_model(model, material.measured.subset(material.measured.label != "normal") + loud, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("interval", "clear"), [((0.01, 0.02), True), ((-0.01, 0.02), False), ((0.01, 0.01 + 1e-16), False)]
+)
+def test_an_interval_between_equal_differences_is_not_clear_for_rounding(
+    interval: tuple[float, float], clear: bool
+) -> None:
+    assert Contrast({}, {}, "accuracy", 0.01, interval, 2, 1.0, False).is_clear is clear

@@ -14,6 +14,9 @@ FEWEST_FOR_RANKS = 6
 """Pairs below which no signed-rank test can reach 5 %."""
 
 
+_NO_WIDTH = 1e-9  # of an interval between equal differences, but for rounding
+
+
 @dataclass(frozen=True)
 class Contrast:
     """How much one row is above another, in the mean over the seeds that both have."""
@@ -41,7 +44,7 @@ class Contrast:
     def is_clear(self) -> bool:
         """Whether the interval excludes zero; one without width says only that too little was tested to differ."""
         low, high = self.interval
-        return math.isfinite(low) and high > low and (low > 0 or high < 0)
+        return math.isfinite(low) and high - low > _NO_WIDTH and (low > 0 or high < 0)
 
     def to_dict(self) -> dict[str, Any]:
         """The contrast as JSON can hold it."""

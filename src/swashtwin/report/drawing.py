@@ -94,8 +94,9 @@ def apart(positions: Sequence[float], gap: float, low: float = -math.inf, high: 
     for position in np.asarray(positions, dtype=float)[order]:
         clusters.append((float(position), 1))
         while len(clusters) > 1 and _overlap(clusters[-2], clusters[-1], gap):
-            (low, n_low), (high, n_high) = clusters[-2:]
-            clusters[-2:] = [((low * n_low + high * n_high) / (n_low + n_high), n_low + n_high)]
+            (below, n_below), (above, n_above) = clusters[-2:]
+            count = n_below + n_above
+            clusters[-2:] = [((below * n_below + above * n_above) / count, count)]
     spots = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
     steps = gap * np.arange(len(spots))
     moved = np.empty(len(spots))

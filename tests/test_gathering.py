@@ -9,6 +9,7 @@ from tiny_case import tiny, tiny_recordings
 
 from swashtwin.errors import DataError
 from swashtwin.report import write_report
+from swashtwin.report.comparison_figures import time_drawing
 from swashtwin.studies import StudyResult, plan_of, run_plan
 from swashtwin.studies.carrying import assembled
 from swashtwin.studies.gathering import gathered
@@ -74,6 +75,14 @@ def test_rows_stand_in_the_order_of_the_study_whatever_was_run_first(result: Stu
     last_first = [replace(run, task=replace(run.task, place=99 - run.task.place)) for run in result.runs]
     told = [(row["classifier"], row["training_set"], row["level"]) for row in assembled(plan, last_first).rows()]
     assert told == [(row["classifier"], row["training_set"], row["level"]) for row in result.rows()]
+
+
+def test_a_classifier_of_fewer_seeds_says_so_beside_its_point(result: StudyResult) -> None:
+    kept = [run for run in result.runs if (run.task.factors["classifier"], run.task.seed) != ("extra_trees", 1)]
+    study = assembled(plan_of("case1", "quick"), kept)
+    drawing = time_drawing(replace(study, trials=study.trials, rival_names=()), "case1")
+    assert "extra trees (n = 1)" in drawing.svg
+    assert "ours) (n" not in drawing.svg
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
             )
             values = [value for value in found["values"] if value is not None]
             panel.plot(values, [line] * len(values), "o", color="white", markeredgecolor="black", markersize=3)
-        ticks = {"yticks": range(len(names)), "yticklabels": [classifier_words(name) for name in names]}
+        ticks = {"yticks": range(len(names)), "yticklabels": [_counted(name, study) for name in names]}
         panel.set(title=level, xlabel="accuracy [1]", xlim=(0, 1.02), ylim=(len(names) - 0.4, -0.6), **ticks)
     columns = table(
         {"classifier": trial.factors["classifier"], "level": trial.factors["level"], "seed": trial.seed,
@@ -153,6 +153,12 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
     )  # fmt: skip
     caption = f"Bars: mean over {plural(len(study.seeds), 'seed')}; points: single seeds; whiskers: standard deviation."
     return drawn(f"{key}_classifiers", figure, columns, title="Accuracy of the classifiers", caption=caption)
+
+
+def _counted(classifier: str, study: StudyResult) -> str:
+    """Name of a classifier, with the number of its seeds where others have more: their means are of other fleets."""
+    count = len({trial.seed for trial in study.trials if trial.factors["classifier"] == classifier})
+    return classifier_words(classifier) + (f" (n = {count})" if count < len(study.seeds) else "")
 
 
 @styled()
@@ -171,7 +177,7 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
             color = "#0072b2" if row["classifier"] == study.own else "#5b6470"
             panel.plot(*place, "o", color=color, markersize=5)
             panel.annotate(
-                classifier_words(row["classifier"]),
+                _counted(row["classifier"], study),
                 place,
                 (1.04, height),
                 textcoords=panel.get_yaxis_transform(),

@@ -13,7 +13,6 @@ _MOST_SIGNS = 100_000
 FEWEST_FOR_RANKS = 6
 """Pairs below which no signed-rank test can reach 5 %."""
 
-
 _NO_WIDTH = 1e-9  # of an interval between equal differences, but for rounding
 
 

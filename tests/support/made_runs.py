@@ -1,6 +1,7 @@
 """Runs of a study as they would be, made without training anything."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -71,11 +72,11 @@ def run(
         device="cpu",
         version="0.1",
         command="swashtwin study case1 --seeds 0,1",
-        embedding=embedding(name) if classifier == "spectral_bitcn" else None,
+        embedding=embedding(factors) if classifier == "spectral_bitcn" else None,
     )
 
 
-def embedding(name: str) -> Embedding:
+def embedding(factors: Mapping[str, str]) -> Embedding:
     label = np.repeat(CLASSES, 8)
-    features = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
-    return Embedding(name, features, label, np.tile(np.repeat(["L2", "L4"], 4), 5))
+    features = stream(0, factors["training_set"]).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
+    return Embedding(factors, features, label, np.tile(np.repeat(["L2", "L4"], 4), 5))

@@ -24,7 +24,12 @@ MOST_MATRICES = 4
 """Confusion matrices drawn beside each other at most."""
 
 MOST_POINTS = 1200
-"""Windows drawn in one t-SNE panel at most, taken evenly."""
+"""Windows drawn in one t-SNE panel at most, taken evenly; a third of it where there is more than one row of panels."""
+
+MOST_PANELS = 12
+"""t-SNE panels drawn at most, taken evenly, in rows of `_ACROSS`."""
+
+_ACROSS = 4
 
 
 _MARK_WIDTH = 7
@@ -209,6 +214,11 @@ def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
             name: np.mean([one.scores.accuracy for one in study.outcomes if _column_of(one) == name]) for name in names
         }
         names = list(dict.fromkeys([names[0], *sorted(names, key=lambda name: -accuracy[name])]))[:MOST_MATRICES]
+    return _told_apart(names)
+
+
+def _told_apart(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+    """Rows by (classifier, training set, what else is varied), in words that say only what differs between them."""
     shown = {name: (classifier_words(name[0]), training_set_words(name[1]), *map(words, name[2:])) for name in names}
     varying = [i for i in range(len(names[0])) if len({name[i] for name in names}) > 1] or [1]
     return {name: ", ".join(told[i] for i in varying) for name, told in shown.items()}
@@ -216,14 +226,22 @@ def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
 
 @styled()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
-    """t-SNE of the test windows' features, for each training set."""
+    """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
+    found = [one for one in study.embeddings if can_embed(one)]
+    shown = [found[i] for i in _spread_evenly(len(found), MOST_PANELS)]
+    titles = _told_apart([tuple(one.factors.values()) for one in shown])
     classes = list(study.outcomes[0].scores.classes)
     colors = class_colors(classes)
-    levels = sorted({str(level) for one in study.embeddings for level in one.level})
-    figure, axes = panels(1, len(study.embeddings), 3.9)
+    levels = sorted({str(level) for one in shown for level in one.level})
+    down = math.ceil(len(shown) / _ACROSS)
+    figure, axes = panels(down, min(len(shown), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
+    most = MOST_POINTS if down == 1 else MOST_POINTS // 3
     rows = []
-    for place, embedding in zip(axes[0], study.embeddings, strict=True):
-        picked = _spread_evenly(len(embedding.label))
+    for place in axes.flat[len(shown) :]:
+        place.set_axis_off()
+    for place, embedding in zip(axes.flat, shown, strict=False):
+        named = dict(embedding.factors)
+        picked = _spread_evenly(len(embedding.label), most)
         points = _tsne(embedding.features[picked])
         label, level = embedding.label[picked].astype(str), embedding.level[picked].astype(str)
         for name in classes:
@@ -231,11 +249,8 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
                 own = (label == name) & (level == one)
                 marker = LEVEL_MARKERS.get(one, "o")
                 place.plot(*points[own].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
-        place.set(title=training_set_words(embedding.training_set), xticks=[], yticks=[])
-        rows += [
-            {"training_set": embedding.training_set, "level": level[i], "label": label[i], "x": x, "y": y}
-            for i, (x, y) in enumerate(points)
-        ]
+        place.set(title=textwrap.fill(titles[tuple(named.values())], 28), xticks=[], yticks=[])
+        rows += [{**named, "level": level[i], "label": label[i], "x": x, "y": y} for i, (x, y) in enumerate(points)]
     marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
     kinds = [Line2D([], [], marker=LEVEL_MARKERS.get(one, "o"), linestyle="", color="#888888") for one in levels]
     names = [words(name) for name in classes] + levels
@@ -244,6 +259,8 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "
         "by t-SNE (fixed seed). Neighborhoods mean something; distances between groups, their sizes and axes do not."
     )
+    if len(shown) < len(found):
+        caption += f" {len(shown)} of {len(found)} trainings."
     return drawn(f"{key}_tsne", figure, table(rows), title="Features of the test windows (t-SNE)", caption=caption)
 
 
@@ -252,8 +269,8 @@ def can_embed(embedding: Embedding) -> bool:
     return len(embedding.label) >= 10 and bool(np.ptp(embedding.features, axis=0).any())
 
 
-def _spread_evenly(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int))
+def _spread_evenly(count: int, most: int) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def _tsne(features: np.ndarray) -> np.ndarray:

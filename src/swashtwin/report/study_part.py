@@ -269,7 +269,7 @@ def _training_blocks(study: StudyResult, key: str) -> tuple:
     blocks: list[Any] = [_cells_table(study)]
     if study.curves:
         blocks.append(Picture(with_origin(training_drawing(study, key), study)))
-    if study.embeddings and all(can_embed(one) for one in study.embeddings):
+    if any(can_embed(one) for one in study.embeddings):
         blocks.append(Picture(with_origin(embedding_drawing(study, key), study)))
     elif study.embeddings:
         blocks.append(Paragraph("No t-SNE: fewer than 10 test windows, or all of them with the same features."))

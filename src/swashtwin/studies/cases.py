@@ -59,7 +59,6 @@ def case_one(size: str) -> Plan:
         size=size,
         rivals=CASE_MODELS[size][1:],
         compared={"training_set": "calibrated"},
-        embeds=True,
     )
 
 
@@ -73,7 +72,6 @@ def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str
         fillings={"calibrated": PAPER_FILLINGS["calibrated"]},
         rivals=(),
         compared={"classifier": DEFAULT},
-        embeds=False,
     )
 
 

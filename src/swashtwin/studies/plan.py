@@ -58,8 +58,6 @@ class Plan:
     """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
     draws: int = 5
     """Draws of the noise at each ratio."""
-    embeds: bool = False
-    """Whether the test windows' features are kept, for t-SNE."""
     notes: tuple[str, ...] = ()
     """What must be read with the numbers."""
 
@@ -86,7 +84,7 @@ class Plan:
                     "training_set": self.fillings[filling].described(self.scenario.faults),
                     "model": self.models[model].described(),
                     "device": device if self.models[model].is_network else "cpu",
-                    "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws, "embeds": self.embeds},
+                    "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws},
                 },
                 data=data,
                 place=place,
@@ -183,7 +181,6 @@ def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, 
         device=facts.device,
     )
     outcomes = tuple(_outcomes(classifier, task, plan, material))
-    embedding = _embedding(classifier, task, material) if plan.embeds else None
     tested = material.tests
     return Run(
         task=task,
@@ -200,7 +197,7 @@ def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, 
         device=facts.device if model.is_network else "cpu",
         version=VERSION,
         command=facts.command,
-        embedding=embedding,
+        embedding=_embedding(classifier, task, material),
     )
 
 
@@ -257,7 +254,7 @@ def _embedding(classifier: Classifier, task: Task, material: Material) -> Embedd
         return None
     tests = material.tests
     return Embedding(
-        training_set=task.factors["training_set"],
+        factors=task.factors,
         features=np.concatenate([classifier.embed(test) for test in tests.values()]),
         label=np.concatenate([test.label for test in tests.values()]),
         level=np.concatenate([np.full(len(test), level) for level, test in tests.items()]),

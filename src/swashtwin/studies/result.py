@@ -90,9 +90,11 @@ class StudyResult(StudyTable):
 
     @property
     def embeddings(self) -> tuple[Embedding, ...]:
-        """Features of the test windows under the first seed, of the study's own classifier."""
+        """Features of the test windows under the first seed: of the study's own classifier on each training set, or of
+        every network where there is one training set only."""
         first = [run for run in self.runs if run.task.seed == self.seeds[0]]
-        kept = [run.embedding for run in first if run.task.factors["classifier"] == self.own]
+        several = len({trained_on(run) for run in first}) > 1
+        kept = [run.embedding for run in first if not several or run.task.factors["classifier"] == self.own]
         return tuple(one for one in kept if one is not None)
 
     @property

@@ -94,8 +94,8 @@ class Outcome:
 class Embedding:
     """Last features of the test windows, for t-SNE."""
 
-    training_set: str
-    """Training set of the network that made them."""
+    factors: Mapping[str, str]
+    """What names the network that made them: ``classifier``, ``training_set``, and what else a study varies."""
     features: Float[np.ndarray, "window feature"]
     """Features before the last layer."""
     label: Shaped[np.ndarray, " window"]
@@ -137,7 +137,7 @@ class Run:
     command: str
     """Command that repeats the study."""
     embedding: Embedding | None = field(default=None)
-    """Features of the test windows, where the study keeps them."""
+    """Features of the test windows, where a network was trained."""
 
     def to_dict(self) -> dict[str, Any]:
         """All of it but the embedding, as JSON can hold it."""
@@ -250,4 +250,4 @@ def _embedding(path: Path, task: Task) -> Embedding | None:
         return None
     with np.load(path, allow_pickle=False) as arrays:
         features = arrays["features"].astype(np.float64)
-        return Embedding(task.factors["training_set"], features, arrays["label"], arrays["level"])
+        return Embedding(task.factors, features, arrays["label"], arrays["level"])

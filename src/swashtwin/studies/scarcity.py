@@ -51,7 +51,6 @@ def augmentation(size: str) -> Plan:
         variants={budget: {"synthetic": int(budget)} for budget in BUDGETS[size]},
         bare="0",
         rivals=(),
-        embeds=False,
         notes=(
             "AUROC measured/synthetic: how well trees on vibration features tell the measured windows of the filled "
             "cell from the synthetic ones; 0.5 is not at all. Where it is near 1 and only this cell is filled, a "
@@ -75,7 +74,6 @@ def calibrators(size: str) -> Plan:
         bare="none",
         compared={"calibrator": "gauss_newton", "training_set": dict.fromkeys(filled, ("measured",))},
         rivals=(),
-        embeds=False,
         notes=(
             "ipinn: the paper's network. gauss_newton: Gauss-Newton from one start, with the constants of housing and "
             "mounting free beside the six values; it errs less on recordings held out (docs/calibration.md).",
@@ -92,7 +90,6 @@ def few_shot(size: str) -> Plan:
         varied="real_windows",
         variants={count: {"scarce_windows": int(count)} for count in REAL_WINDOWS},
         rivals=(),
-        embeds=False,
         notes=(
             "Windows come from as few recordings as hold them; on the rig up to 50 are of one recording of one pump.",
             "A pump that lends windows is calibrated on the whole recordings that they are of, and where none is lent "
@@ -119,7 +116,6 @@ def unseen_pressure(size: str) -> Plan:
         title="Unseen pressure: every fault known at other pressures only",
         scenario=scenario,
         fillings={**PAPER_FILLINGS, "posterior": Filling("posterior"), "every_class": TWIN_FILLINGS["every_class"]},
-        embeds=False,
         notes=(
             "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "
             "constants, and simulate the faults as machined: on the rig, as it typically draws them.",
@@ -139,6 +135,5 @@ def unseen_specimen(size: str) -> Plan:
         variants={count: {"specimens": int(count)} for count in ("1", "2", "3", "4")},
         fillings={name: PAPER_FILLINGS[name] for name in ("measured", "calibrated")},
         rivals=(),
-        embeds=False,
         notes=("The same pumps are held out whatever the number; L2 is of the pumps that are trained on.",),
     )

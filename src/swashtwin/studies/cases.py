@@ -38,7 +38,7 @@ NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "ex
 
 NOISE_IN_TRAINING = (
     f"New noise in every epoch: half the windows of each have white noise, at ratios between 0 and {RANGE:g} dB, in "
-    "twice as many epochs as the others have."
+    "twice the usual epochs."
 )
 """What is to be read with the rows of ``spectral_noise``."""
 

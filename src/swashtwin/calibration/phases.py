@@ -2,9 +2,9 @@
 
 The paper drops the phase on purpose, for nobody knows the shaft's position at the first reading. But one unknown
 position turns all lines of all channels together, order k by k times the angle; what is left of the phases says as much
-as the amplitudes do. The shaft's angle comes from the lines themselves (`order_domain.tracked_speed`), and the position
-that suits best is found anew for every point, so that it costs no coordinate (variable projection, Golub and Pereyra
-2003, doi:10.1088/0266-5611/19/2/201).
+as the amplitudes do. The shaft's angle comes from the lines themselves (`order_domain.piston_pass_angle`), and the
+position that suits best is found anew for every point, so that it costs no coordinate (variable projection, Golub and
+Pereyra 2003, doi:10.1088/0266-5611/19/2/201).
 """
 
 import math
@@ -15,15 +15,11 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.order_domain import tracked_speed
+from swashtwin.order_domain import piston_pass_angle
 from swashtwin.recording import Recording
 
 SEGMENTS = 4
 """The scatter of a line between so many parts of a recording gives its deviation."""
-FOLLOWED = 6
-"""So many of the lowest piston-pass lines below half the sample rate may be followed for the angle; the clearest is."""
-SEARCH = 0.02
-"""How far from the stated speed the shaft's may lie, relative."""
 _FINENESS = 16
 _NEWTON_STEPS = 4
 
@@ -40,8 +36,7 @@ def phased_lines(
     DataError
         No piston-pass line stands clear enough to be followed.
     """
-    followed = [piston_count * number for number in range(1, FOLLOWED + 1)]
-    shaft = tracked_speed(recording, order=followed, search=SEARCH)
+    shaft = piston_pass_angle(recording, piston_count)
     length = recording.signal.shape[1] // SEGMENTS
     parts = []
     for number in range(SEGMENTS):

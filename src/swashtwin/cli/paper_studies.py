@@ -74,6 +74,7 @@ STUDIES = {
     "algorithms": "Every network and baseline on Case I's calibrated training set.",
     "ablation": "BiTCN without one of its parts, or trained otherwise, on Case I's calibrated training set.",
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
+    "shaft-angle": "Case I from windows along the shaft's angle, beside those along time.",
     "augmentation": "Whatever can fill the scarce cell of Case I, by the number of synthetic windows.",
     "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and what each teaches in Case I.",
     "few-shot": "From no measured window of the scarce cell to 200, with and without twins.",

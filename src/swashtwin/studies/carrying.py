@@ -267,11 +267,12 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
     training sets and the classifiers."""
     first = runs[0].task.settings
     scenarios = {", ".join(varied_of(run)): run.task.settings["scenario"] for run in runs}
-    differing = {name for one in scenarios.values() for name in one if one[name] != first["scenario"].get(name)}
+    names = {name for one in scenarios.values() for name in one}
+    differing = {name for name in names if len({repr(one.get(name)) for one in scenarios.values()}) > 1}
     return {
         **{name: value for name, value in first["scenario"].items() if name not in differing},
         **(
-            {"variants": {name: {key: one[key] for key in sorted(differing)} for name, one in scenarios.items()}}
+            {"variants": {name: {key: one.get(key) for key in sorted(differing)} for name, one in scenarios.items()}}
             if differing
             else {}
         ),

@@ -33,6 +33,9 @@ scarce cell, 150 synthetic ones."""
 CASE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "bitcn", "extra_trees")}
 """Classifiers of the paper's cases: ours, the paper's, and the first rival to any network."""
 
+ANGLE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "ridge", "svm", "extra_trees", "resnet1d")}
+"""Ours, and the best rivals of the other kinds: linear, kernel, trees, and a network on readings."""
+
 NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
 """Ours, and ours with noise in training; those that the paper compares; and the first rival to any network."""
 
@@ -99,6 +102,25 @@ def ablation(size: str) -> Plan:
             "Every recording scaled by itself: a synthetic window is of no recording and scaled by itself, which may "
             "tell the filled class.",
             NOISE_IN_TRAINING,
+        ),
+    )
+
+
+def shaft_angle(size: str) -> Plan:
+    """Case I from windows along the shaft's angle, beside those along time."""
+    return replace(
+        case_one(size),
+        study="shaft-angle",
+        title="Windows along the shaft's angle instead of along time",
+        models=models_of(size, ANGLE_MODELS[size]),
+        varied="domain",
+        variants={"time": {}, "angle": {"along_angle": True}},
+        rivals=(),
+        compared={"domain": "angle", "training_set": "calibrated"},
+        notes=(
+            "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are readings at "
+            "the stated speed; the angle comes from the clearest of its lowest six piston-pass lines. Twins are "
+            "calibrated on recordings as they are.",
         ),
     )
 

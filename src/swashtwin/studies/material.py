@@ -139,12 +139,14 @@ def prepare(
     """
     known = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
-    by_id = {r.recording_id: r for r in recordings}
+    lent = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
+    needed = split.train.union(*split.tests.values(), *lent)
+    by_id = {r.recording_id: scenario.as_read(r) for r in recordings if r.recording_id in needed}
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
-    for ids in split.scarce.values():
-        measured = measured + _few(recordings, ids, scenario, measured)
+    for ids in lent:
+        measured = measured + _few([one for name, one in by_id.items() if name in ids], scenario, measured)
     tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
     return Material(
         seed=seed,
@@ -216,13 +218,13 @@ def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scen
     return found
 
 
-def _few(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """The measured windows of a scarce cell."""
-    lenders = [r for r in recordings if r.recording_id in _lenders(recordings, ids, scenario)]
+def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """The measured windows of a scarce cell; along the shaft's angle, of which a recording holds whole turns only, one
+    less of a recording may be all there are."""
     if not lenders:
         return like.subset(np.zeros(len(like), dtype=bool))
     windows = cut_windows(lenders, like=like)
-    return windows.subset(_evenly(len(windows), scenario.scarce_windows))
+    return windows.subset(_evenly(len(windows), min(scenario.scarce_windows, len(windows))))
 
 
 def _calibration_task(

@@ -7,7 +7,7 @@ from typing import Any
 from swashtwin.errors import InputError
 from swashtwin.recording import Recording
 from swashtwin.studies.carrying import run_plan
-from swashtwin.studies.cases import ablation, algorithms, case_one, case_two, noise
+from swashtwin.studies.cases import ablation, algorithms, case_one, case_two, noise, shaft_angle
 from swashtwin.studies.plan import Plan
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.scarcity import augmentation, calibrators, few_shot, unseen_pressure, unseen_specimen
@@ -20,6 +20,7 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "algorithms": algorithms,
         "ablation": ablation,
         "noise": noise,
+        "shaft-angle": shaft_angle,
         "augmentation": augmentation,
         "calibrators": calibrators,
         "few-shot": few_shot,

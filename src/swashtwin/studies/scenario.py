@@ -6,6 +6,7 @@ fills them. The test is at that pressure, all classes alike, on recordings that 
 """
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from types import MappingProxyType
@@ -17,6 +18,7 @@ from swashtwin.augmentation.filler import CELL_WIDTH
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
 from swashtwin.errors import DataError, InputError
 from swashtwin.faults import Fault, SwashPlateDefect
+from swashtwin.order_domain import piston_pass_angle, resampled_by_angle
 from swashtwin.pump import Pump
 from swashtwin.pump_files import load_pump
 from swashtwin.recording import Recording
@@ -67,6 +69,9 @@ class Scenario:
     calibrated_on: str = "fault"
     """``"fault"``: a twin for each scarce class, on that class's training recordings at the pressure nearest to the
     scarce one; ``"normal"``: one twin for all, on healthy training recordings of every pressure."""
+    along_angle: bool = False
+    """Whether windows are cut along the shaft's angle, which the piston-pass lines of each recording tell, instead of
+    along time; see `as_read`."""
 
     def __post_init__(self) -> None:
         if self.calibrated_on not in ("fault", "normal"):
@@ -74,6 +79,27 @@ class Scenario:
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
             raise InputError(f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates.")
+
+    def as_read(self, recording: Recording) -> Recording:
+        """The recording as windows are cut from it: as it is, or at even steps of the shaft's angle.
+
+        As many steps a turn as there are readings at the stated speed, and played back at it: a window is as long, and
+        a line of the shaft stands at the same frequency, however fast each shaft really turned. Twins are calibrated
+        on recordings as they are and simulate a shaft that turns at the stated speed.
+
+        Raises
+        ------
+        DataError
+            The recording has no condition, or no piston-pass line stands clear enough to be followed.
+        """
+        if not self.along_angle:
+            return recording
+        if recording.condition is None:
+            raise DataError(f"{recording.recording_id} states no speed; windows along the shaft's angle need one.")
+        speed = recording.condition.speed
+        per_turn = 2 * round(math.pi * recording.sample_rate / speed)
+        angle = piston_pass_angle(recording, self.pump.rotating_group.piston_count)
+        return resampled_by_angle(recording, angle, per_turn, played_at=speed)
 
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
@@ -85,7 +111,8 @@ class Scenario:
         return recording.label in self.scarce and self.is_near(recording)
 
     def described(self) -> dict[str, Any]:
-        """The scenario as JSON can hold it."""
+        """The scenario as JSON can hold it. Windows along time are not told, so that runs from before they could be
+        otherwise are found."""
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,
@@ -102,6 +129,7 @@ class Scenario:
             "method": {"name": type(self.method).__name__, **_settings(self.method)},
             "nuisances": _settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
+            **({"along_angle": True} if self.along_angle else {}),
         }
 
 

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from made_runs import embedding, run
 
 from swashtwin.report.study_figures import MOST_PANELS, embedding_drawing
 from swashtwin.studies import Run, StudyResult, plan_of
 from swashtwin.studies.carrying import assembled
+from swashtwin.training import Epoch
 
 
 def trained(classifier: str, training_set: str = "calibrated", seed: int = 0, **varied: str) -> Run:
@@ -15,7 +17,7 @@ def trained(classifier: str, training_set: str = "calibrated", seed: int = 0, **
     factors = {**made.task.factors, **varied}
     outcomes = tuple(replace(one, factors={**one.factors, **varied}) for one in made.outcomes)
     task = replace(made.task, factors=factors)
-    return replace(made, task=task, outcomes=outcomes, embedding=embedding(factors))
+    return replace(made, task=task, outcomes=outcomes, history=(Epoch(1, 1.0, 0.5),), embedding=embedding(factors))
 
 
 def drawn(study: StudyResult) -> tuple[str, set[str]]:
@@ -51,3 +53,15 @@ def test_of_many_trainings_an_even_choice_is_drawn_and_counted() -> None:
     assert len(shown) == MOST_PANELS
     assert {("measured", "0"), ("calibrated", "200")} <= shown
     assert f"{MOST_PANELS} of 21 trainings." in drawing.caption
+
+
+def test_a_network_without_features_is_counted_and_gives_no_other_its_name() -> None:
+    kept = trained("spectral_longer")
+    bare = replace(trained("spectral_bitcn"), embedding=None)
+    flat = trained("spectral_window")
+    assert flat.embedding is not None
+    flat = replace(flat, embedding=replace(flat.embedding, features=np.ones_like(flat.embedding.features)))
+    drawing = embedding_drawing(assembled(plan_of("ablation", "quick"), [bare, kept, flat]), "made")
+    assert "in twice as many epochs" in drawing.svg
+    assert set(drawing.columns["classifier"]) == {"spectral_longer"}
+    assert "1 of 3 trainings; of the others no features were kept, or all are the same." in drawing.caption

@@ -48,6 +48,16 @@ def material(recordings: list[Recording]) -> Material:
     return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
 
 
+def test_a_finished_run_is_found_again() -> None:
+    """A key that changes makes every finished run of every user run anew: say so in the changelog, and why."""
+    keys = [task.key for task in plan_of("case1", "quick").tasks(0, "0" * 64) if task.factors["classifier"] == DEFAULT]
+    assert keys == [
+        "seed0-spectral_bitcn-measured-9ac6c02fe6f4a160",
+        "seed0-spectral_bitcn-nominal-7bdf00f3e8a116e1",
+        "seed0-spectral_bitcn-calibrated-57b18eb0d4fae047",
+    ]
+
+
 def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
     recordings: list[Recording], material: Material
 ) -> None:

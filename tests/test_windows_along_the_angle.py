@@ -1,6 +1,7 @@
 """Windows along the shaft's angle: what they are cut from, and what stays as it was."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +12,14 @@ from swashtwin.errors import DataError, InputError
 from swashtwin.order_domain import piston_pass_angle
 from swashtwin.recording import Recording
 from swashtwin.studies import plan_of, run_plan
-from swashtwin.studies.fillings import PAPER_FILLINGS
-from swashtwin.studies.material import prepare
+from swashtwin.studies.fillings import PAPER_FILLINGS, Filling
+from swashtwin.studies.material import prepare, read_for
 from swashtwin.studies.scenario import Scenario
-from swashtwin.units import MPa
+from swashtwin.units import MPa, rpm
 
 ANGLE = replace(TINY, along_angle=True)
 RATE, SECONDS, STATED = 10000.0, 6.0, 15.0
+SPEED = 2 * np.pi * STATED
 
 
 def turning(shaft: float) -> Recording:
@@ -26,7 +28,7 @@ def turning(shaft: float) -> Recording:
     angle = 2 * np.pi * shaft * (time + 0.004 / (2 * np.pi * 0.5) * np.sin(2 * np.pi * 0.5 * time))
     signal = np.cos(7 * angle) + 0.5 * np.cos(14 * angle + 1) + 0.1 * np.cos(100 * angle)
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(time))
-    condition = OperatingCondition(2 * np.pi * STATED, MPa(15))
+    condition = OperatingCondition(SPEED, MPa(15))
     return Recording((signal + noise)[None], RATE, f"at {shaft}", condition=condition)
 
 
@@ -47,17 +49,17 @@ def recordings() -> list[Recording]:
 @pytest.mark.parametrize("shaft", [14.9, 15.0, 15.1])
 def test_a_line_of_the_shaft_stands_still_however_fast_it_turned(shaft: float) -> None:
     recording = turning(shaft)
-    frequency, amplitude = highest_line(ANGLE.as_read(recording))
+    frequency, amplitude = highest_line(ANGLE.as_read(recording, SPEED))
     assert frequency == pytest.approx(100 * STATED, abs=1 / SECONDS)
     assert amplitude == pytest.approx(0.1, rel=0.16)  # the taper lets a line between two bins lose 15 %
     assert highest_line(recording)[1] < 0.05
 
 
 def test_windows_stay_as_long_as_they_are_along_time(recordings: list[Recording]) -> None:
-    made = ANGLE.as_read(recordings[0])
+    made = ANGLE.as_read(recordings[0], rpm(860))
     assert made.sample_rate == pytest.approx(recordings[0].sample_rate, rel=1e-3)
     assert made.condition == recordings[0].condition
-    assert TINY.as_read(recordings[0]) is recordings[0]
+    assert TINY.as_read(recordings[0], rpm(860)) is recordings[0]
 
 
 def test_roles_and_counts_are_those_along_time(recordings: list[Recording]) -> None:
@@ -83,20 +85,70 @@ def test_the_study_compares_the_angle_with_time(recordings: list[Recording]) -> 
     assert compared == {("angle", "time")}
     by_domain = {run.task.factors["domain"]: run for run in result.runs if run.task.factors["classifier"] == result.own}
     assert by_domain["time"].fingerprints["train"] != by_domain["angle"].fingerprints["train"]
+    assert result.settings["variants"] == {"time": {}, "angle": {"along_angle": True}}
     assert by_domain["time"].roles == by_domain["angle"].roles
 
 
-def test_noise_along_the_angle_is_refused() -> None:
-    with pytest.raises(InputError, match="noise along time"):
-        replace(plan_of("shaft-angle", "quick"), snrs=(5.0,))
+@pytest.mark.parametrize("noisy", [{"snrs": (5.0,)}, {"fillings": {"noisy": Filling("calibrated", noise=True)}}])
+def test_noise_along_the_angle_is_refused(noisy: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="plans with noise cut windows along time"):
+        replace(plan_of("shaft-angle", "quick"), **noisy)
 
 
-def test_a_recording_without_a_stated_speed_is_named() -> None:
-    with pytest.raises(DataError, match=r"at 15\.0 states no speed"):
-        ANGLE.as_read(replace(turning(15.0), condition=None))
+def test_speeds_that_differ_a_little_are_played_back_at_one(recordings: list[Recording]) -> None:
+    stated = [
+        replace(one, condition=replace(one.condition, speed=rpm(860) * (1 + 1e-3 * (i % 3 - 1))))
+        for i, one in enumerate(recordings)
+        if one.condition is not None
+    ]
+    read = read_for(stated, ANGLE, 0)
+    assert len({one.sample_rate for one in read.values()}) == 1
 
 
-def test_a_recording_without_piston_lines_is_named() -> None:
-    noise = np.random.default_rng(0).standard_normal((1, 60000))
-    with pytest.raises(DataError, match="hiss"):
-        piston_pass_angle(replace(turning(15.0), signal=noise, recording_id="hiss"), 7)
+def test_the_same_recordings_lend_to_the_scarce_cell(recordings: list[Recording]) -> None:
+    full = replace(ANGLE, scarce_windows=recordings[0].signal.shape[1] // ANGLE.length)
+    lenders = {}
+    for name, scenario in (("time", replace(full, along_angle=False)), ("angle", full)):
+        windows = prepare(recordings, scenario, 0, ()).measured
+        lent = windows.subset((windows.label == "swash_plate") & (windows.discharge_pressure > 12e6))
+        lenders[name] = (set(lent.recording_id.tolist()), len(lent), len(set(lent.start.tolist())))
+    assert lenders["time"] == (lenders["angle"][0], full.scarce_windows, full.scarce_windows)
+    assert len(lenders["angle"][0]) == 1
+    assert lenders["angle"][1:] == (full.scarce_windows - 1, full.scarce_windows - 1)
+
+
+@pytest.mark.parametrize("off", [-0.015, 0.015])
+def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
+    shaft, rng = STATED * (1 + off), np.random.default_rng(0)
+    angle = 2 * np.pi * shaft * np.arange(int(SECONDS * RATE)) / RATE
+    lines = [0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle) for k in range(1, 7)]
+    signal = sum(lines) + 0.05 * rng.standard_normal(len(angle))
+    found = piston_pass_angle(replace(turning(STATED), signal=signal[None]), 7)
+    assert found.mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"condition": None}, "nobody stated its speed"),
+        ({"signal": np.random.default_rng(0).standard_normal((1, 60000))}, "stands clear"),
+        ({"signal": turning(15.0).signal[:, :10000]}, "needs 16"),
+        ({"attributes": {"domain": "angle", "readings_per_turn": "666"}}, "angle already"),
+    ],
+)
+def test_what_cannot_be_put_along_the_angle_is_named_with_a_way_out(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DataError, match=reason) as caught:
+        ANGLE.as_read(replace(turning(15.0), **changes), SPEED)
+    assert "at 15.0" in str(caught.value)
+    assert "--values time" in str(caught.value)
+
+
+def test_a_recording_that_cannot_be_followed_stops_the_study_before_its_calibrations(
+    recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swashtwin.studies.carrying.carry_out_calibration", lambda *_: pytest.fail("was calibrated"))
+    hiss = np.random.default_rng(0).standard_normal(recordings[0].signal.shape)
+    name = sorted(prepare(recordings, TINY, 0, ()).split.train)[0]
+    damaged = [replace(one, signal=hiss) if one.recording_id == name else one for one in recordings]
+    with pytest.raises(DataError, match=name):
+        run_plan(tiny("shaft-angle"), damaged)

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Callable, Sequence
+from typing import TypeGuard
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,7 +27,7 @@ MOST_MATRICES = 4
 MOST_POINTS = 1200
 """Windows drawn in one t-SNE panel at most, taken evenly; a third of it where there is more than one row of panels."""
 
-MOST_PANELS = 12
+MOST_PANELS = 20
 """t-SNE panels drawn at most, taken evenly, in rows of `_ACROSS`."""
 
 _ACROSS = 4
@@ -227,9 +228,9 @@ def _told_apart(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
 @styled()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
-    found = [one for one in study.embeddings if can_embed(one)]
+    titles = _told_apart([tuple(run.task.factors.values()) for run in study.laid_out])
+    found = [one for one in (run.embedding for run in study.laid_out) if can_embed(one)]
     shown = [found[i] for i in _spread_evenly(len(found), MOST_PANELS)]
-    titles = _told_apart([tuple(one.factors.values()) for one in shown])
     classes = list(study.outcomes[0].scores.classes)
     colors = class_colors(classes)
     levels = sorted({str(level) for one in shown for level in one.level})
@@ -259,14 +260,16 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "
         "by t-SNE (fixed seed). Neighborhoods mean something; distances between groups, their sizes and axes do not."
     )
-    if len(shown) < len(found):
-        caption += f" {len(shown)} of {len(found)} trainings."
+    if len(shown) < len(titles):
+        caption += f" {len(shown)} of {len(titles)} trainings" + (
+            "." if len(found) == len(titles) else "; of the others no features were kept, or all are the same."
+        )
     return drawn(f"{key}_tsne", figure, table(rows), title="Features of the test windows (t-SNE)", caption=caption)
 
 
-def can_embed(embedding: Embedding) -> bool:
+def can_embed(embedding: Embedding | None) -> TypeGuard[Embedding]:
     """Whether there is enough for a layout to mean anything."""
-    return len(embedding.label) >= 10 and bool(np.ptp(embedding.features, axis=0).any())
+    return embedding is not None and len(embedding.label) >= 10 and bool(np.ptp(embedding.features, axis=0).any())
 
 
 def _spread_evenly(count: int, most: int) -> np.ndarray:

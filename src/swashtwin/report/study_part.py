@@ -269,10 +269,11 @@ def _training_blocks(study: StudyResult, key: str) -> tuple:
     blocks: list[Any] = [_cells_table(study)]
     if study.curves:
         blocks.append(Picture(with_origin(training_drawing(study, key), study)))
-    if any(can_embed(one) for one in study.embeddings):
+    if any(can_embed(run.embedding) for run in study.laid_out):
         blocks.append(Picture(with_origin(embedding_drawing(study, key), study)))
-    elif study.embeddings:
-        blocks.append(Paragraph("No t-SNE: fewer than 10 test windows, or all of them with the same features."))
+    elif study.laid_out:
+        reason = "no features were kept, there are fewer than 10 test windows, or all of them have the same features"
+        blocks.append(Paragraph(f"No t-SNE: {reason}."))
     return tuple(blocks)
 
 

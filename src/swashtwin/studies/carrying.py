@@ -19,6 +19,7 @@ from swashtwin.studies.material import (
     carry_out_calibration,
     kept_calibration,
     prepare,
+    read_for,
 )
 from swashtwin.studies.plan import Plan, RunFacts, carry_out
 from swashtwin.studies.result import METRICS, StudyResult, contrasts_of, trials_of, varied_of
@@ -142,6 +143,7 @@ def _carried_out(
         place: calibration_tasks(one.recordings, plan.scenario_of(place[1]), one.seed) if place in filled else []
         for place, one in wanted.items()
     }
+    read = {place: read_for(one.recordings, plan.scenario_of(place[1]), one.seed) for place, one in wanted.items()}
     _calibrate([task for tasks in asked.values() for task in tasks], workers, out, known, report)
     material = {
         place: prepare(
@@ -149,6 +151,7 @@ def _carried_out(
             plan.scenario_of(place[1]),
             one.seed,
             [(task, known[task.key]) for task in asked[place]],
+            read=read[place],
             noisy_tests=bool(plan.snrs),
             noisy_training=any(one.noise for one in plan.fillings.values()),
         )
@@ -269,13 +272,10 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
     scenarios = {", ".join(varied_of(run)): run.task.settings["scenario"] for run in runs}
     names = {name for one in scenarios.values() for name in one}
     differing = {name for name in names if len({repr(one.get(name)) for one in scenarios.values()}) > 1}
+    variants = {name: {key: one[key] for key in sorted(differing) if key in one} for name, one in scenarios.items()}
     return {
         **{name: value for name, value in first["scenario"].items() if name not in differing},
-        **(
-            {"variants": {name: {key: one.get(key) for key in sorted(differing)} for name, one in scenarios.items()}}
-            if differing
-            else {}
-        ),
+        **({"variants": variants} if differing else {}),
         "tests": first["tests"],
         "training_sets": {run.task.factors["training_set"]: run.task.settings["training_set"] for run in runs},
         "models": {run.task.factors["classifier"]: run.task.settings["model"] for run in runs},

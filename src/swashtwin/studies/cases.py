@@ -120,7 +120,8 @@ def shaft_angle(size: str) -> Plan:
         notes=(
             "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are readings at "
             "the stated speed; the angle comes from the clearest of its lowest six piston-pass lines. Twins are "
-            "calibrated on recordings as they are.",
+            "calibrated on recordings as they are. The same recordings lend to the scarce cell, and may hold a window "
+            "or two less along the angle.",
         ),
     )
 

@@ -1,6 +1,7 @@
 """Everything of one seed that training sets and tests are made of: window sets by role, and calibrated twins."""
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -121,12 +122,31 @@ def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed:
     return tasks
 
 
+def read_for(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> dict[str, Recording]:
+    """Recordings that train, test or lend, by id, as the scenario reads them (`Scenario.as_read`); in an angle's case
+    all played back at the median of the speeds stated.
+
+    Raises
+    ------
+    DataError
+        The recordings cannot be split, or one cannot be put along the shaft's angle.
+    """
+    split = split_scenario(recordings, scenario, seed)
+    needed = split.train.union(
+        *split.tests.values(), *(_lenders(recordings, ids, scenario) for ids in split.scarce.values())
+    )
+    stated = [one.condition.speed for one in recordings if one.condition is not None]
+    speed = float(np.median(stated)) if stated else math.nan
+    return {one.recording_id: scenario.as_read(one, speed) for one in recordings if one.recording_id in needed}
+
+
 def prepare(
     recordings: Sequence[Recording],
     scenario: Scenario,
     seed: int,
     calibrations: Iterable[tuple[CalibrationTask, Calibration]],
     *,
+    read: Mapping[str, Recording] | None = None,
     noisy_tests: bool = False,
     noisy_training: bool = False,
 ) -> Material:
@@ -135,13 +155,13 @@ def prepare(
     Parameters
     ----------
     calibrations : what `calibration_tasks` asked for, and what came of it.
+    read : what `read_for` gave for the same recordings, scenario and seed, where it is at hand.
     noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
     """
     known = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
     lent = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
-    needed = split.train.union(*split.tests.values(), *lent)
-    by_id = {r.recording_id: scenario.as_read(r) for r in recordings if r.recording_id in needed}
+    by_id = read_for(recordings, scenario, seed) if read is None else read
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
@@ -219,8 +239,8 @@ def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scen
 
 
 def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """The measured windows of a scarce cell; along the shaft's angle, of which a recording holds whole turns only, one
-    less of a recording may be all there are."""
+    """The measured windows of a scarce cell; along the shaft's angle the same recordings may hold one or two less, for
+    they begin with a whole turn, and at the same speed."""
     if not lenders:
         return like.subset(np.zeros(len(like), dtype=bool))
     windows = cut_windows(lenders, like=like)

@@ -99,8 +99,8 @@ RETRAINED: Mapping[str, Callable[[TrainingSettings], TrainingSettings]] = {
     "spectral_longer": lambda known: replace(known, epochs=2 * known.epochs),
     "spectral_noise": lambda known: replace(known, noise_snr=0.0, epochs=2 * known.epochs),
 }
-"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice as many epochs; and in as
-many with noise down to 0 dB on half the windows of each, for no two of them show it the same."""
+"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; and in twice
+the epochs with noise down to 0 dB, new in each epoch, on half the windows."""
 
 PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 """The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""

@@ -64,10 +64,11 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.models and self.fillings):
             raise InputError("a study needs a classifier and a training set.")
-        if self.snrs and any(self.scenario_of(name).along_angle for name in self.variants):
+        noisy = self.snrs or any(one.noise for one in self.fillings.values())
+        if noisy and any(self.scenario_of(name).along_angle for name in self.variants):
             raise InputError(
-                "noise is added to recordings as they are, and would be followed for the shaft's angle anew at each "
-                "draw; test with noise along time."
+                "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
+                "in each draw; plans with noise cut windows along time."
             )
 
     def tasks(self, seed: int, data: str, device: str = "cpu") -> list[Task]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from swashtwin.calibration import Calibration
 from swashtwin.studies.contrasts import Contrast, holm, paired_interval, signed_rank_p
-from swashtwin.studies.runs import Embedding, Outcome, Run
+from swashtwin.studies.runs import Outcome, Run
 from swashtwin.studies.table import StudyTable, Trial
 from swashtwin.training import Epoch
 
@@ -89,13 +89,12 @@ class StudyResult(StudyTable):
         return tuple(TrainingCurve(run.task.factors, run.task.seed, run.history) for run in self.runs if run.history)
 
     @property
-    def embeddings(self) -> tuple[Embedding, ...]:
-        """Features of the test windows under the first seed: of the study's own classifier on each training set, or of
-        every network where there is one training set only."""
-        first = [run for run in self.runs if run.task.seed == self.seeds[0]]
+    def laid_out(self) -> tuple[Run, ...]:
+        """Networks under the first seed whose features stand beside each other: the study's own on each training set,
+        or all of them where there is one training set only."""
+        first = [run for run in self.runs if run.task.seed == self.seeds[0] and run.history]
         several = len({trained_on(run) for run in first}) > 1
-        kept = [run.embedding for run in first if not several or run.task.factors["classifier"] == self.own]
-        return tuple(one for one in kept if one is not None)
+        return tuple(run for run in first if not several or run.task.factors["classifier"] == self.own)
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:

@@ -80,26 +80,34 @@ class Scenario:
         if unknown:
             raise InputError(f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates.")
 
-    def as_read(self, recording: Recording) -> Recording:
+    def as_read(self, recording: Recording, speed: float) -> Recording:
         """The recording as windows are cut from it: as it is, or at even steps of the shaft's angle.
 
-        As many steps a turn as there are readings at the stated speed, and played back at it: a window is as long, and
-        a line of the shaft stands at the same frequency, however fast each shaft really turned. Twins are calibrated
-        on recordings as they are and simulate a shaft that turns at the stated speed.
+        As many steps a turn as there are readings at `speed`, and played back at it: a window is as long as it is along
+        time, and a line of the shaft stands at the same frequency, however fast each shaft turned. Twins are calibrated
+        on recordings as they are.
+
+        Parameters
+        ----------
+        speed : speed that all recordings of a study are played back at [rad/s].
 
         Raises
         ------
         DataError
-            The recording has no condition, or no piston-pass line stands clear enough to be followed.
+            The recording cannot be put along the angle: nobody stated its speed, no piston-pass line stands clear, it
+            is too short, or it lies along the angle already.
         """
         if not self.along_angle:
             return recording
-        if recording.condition is None:
-            raise DataError(f"{recording.recording_id} states no speed; windows along the shaft's angle need one.")
-        speed = recording.condition.speed
         per_turn = 2 * round(math.pi * recording.sample_rate / speed)
-        angle = piston_pass_angle(recording, self.pump.rotating_group.piston_count)
-        return resampled_by_angle(recording, angle, per_turn, played_at=speed)
+        try:
+            angle = piston_pass_angle(recording, self.pump.rotating_group.piston_count)
+            return resampled_by_angle(recording, angle, per_turn, played_at=speed)
+        except (DataError, InputError) as cause:
+            raise DataError(
+                f"windows along the shaft's angle cannot be cut: {cause} Or leave the recording out, or cut windows "
+                "along time (--values time)."
+            ) from cause
 
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
@@ -111,8 +119,7 @@ class Scenario:
         return recording.label in self.scarce and self.is_near(recording)
 
     def described(self) -> dict[str, Any]:
-        """The scenario as JSON can hold it. Windows along time are not told, so that runs from before they could be
-        otherwise are found."""
+        """The scenario as JSON can hold it; ``along_angle`` stands there only where it is true."""
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,

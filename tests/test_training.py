@@ -48,6 +48,17 @@ def test_the_defaults_are_the_papers():
 
 
 @pytest.mark.parametrize("name", sorted(NETWORKS))
+def test_no_network_minds_a_single_window_left_over(name):
+    """Their number must not decide whether windows can be learnt: normalization has no deviation of one window."""
+    recording = np.random.default_rng(0).normal(size=(1, 513 * 9))
+    windows = cut_windows([Recording(recording, 1000.0, label, label=label) for label in CLASSES], length=513)
+    left = windows.subset(np.arange(17))
+    settings = TrainingSettings(epochs=1, batch_size=8)
+    classifier = fit(build_network(name, 1, 2), left, settings=settings)
+    assert np.isfinite(classifier.history[0].loss)
+
+
+@pytest.mark.parametrize("name", sorted(NETWORKS))
 def test_every_network_overfits_twenty_windows(name):
     windows = tones()
     assert len(windows) == 20
@@ -261,7 +272,7 @@ def test_predictions_are_probabilities_names_and_features():
 
 @pytest.mark.parametrize(
     "settings",
-    [{"epochs": 0}, {"batch_size": 0}, {"learning_rate": 0.0}, {"weight_decay": -1.0}, {"normalization": "x"}],
+    [{"epochs": 0}, {"batch_size": 1}, {"learning_rate": 0.0}, {"weight_decay": -1.0}, {"normalization": "x"}],
 )
 def test_settings_that_cannot_be_are_refused(settings):
     with pytest.raises(InputError, match=next(iter(settings))):

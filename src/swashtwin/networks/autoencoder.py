@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from swashtwin.networks.network import Network
+from swashtwin.networks.network import Network, batches
 from swashtwin.networks.spectrum import SpectrumLines
 
 _BATCH = 64
@@ -81,7 +81,7 @@ class StackedAutoencoder(Network):
         order = torch.Generator().manual_seed(seed)
         self.spectrum.train()
         with torch.no_grad():
-            x = torch.cat([self.spectrum(batch) for batch in windows.split(_BATCH * 4)])
+            x = torch.cat([self.spectrum(windows[batch]) for batch in batches(torch.arange(len(windows)), _BATCH * 4)])
         for encoder in self.encoders:
             assert isinstance(encoder, nn.Linear)
             self._learn_to_undo(encoder, x, order)

@@ -3,11 +3,25 @@
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
 from swashtwin.errors import InputError
+
+
+def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:
+    """Places of windows, `size` of them in each step.
+
+    A last step of a single window joins the one before: normalization over a batch has no deviation of one window.
+
+    Examples
+    --------
+    >>> [len(batch) for batch in batches(torch.arange(9), 4)], [len(batch) for batch in batches(torch.arange(10), 4)]
+    ([4, 5], [4, 4, 2])
+    """
+    steps = list(order.split(size))
+    return [*steps[:-2], torch.cat(steps[-2:])] if len(steps) > 1 and len(steps[-1]) == 1 else steps
 
 
 class Network(nn.Module):

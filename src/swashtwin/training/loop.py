@@ -14,6 +14,7 @@ from torch.nn import functional
 
 from swashtwin.errors import DataError, InputError
 from swashtwin.networks import Network
+from swashtwin.networks.network import batches
 from swashtwin.seeding import derive_seed, stream
 from swashtwin.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.training.classifier import FittedClassifier
@@ -262,7 +263,7 @@ def _train_epoch(
     draw = stream(seed, "mixup", number)
     network.train()
     total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
-    for batch in order.split(settings.batch_size):
+    for batch in batches(order, settings.batch_size):
         windows, classes = signal[batch], target[batch]
         partner, share = batch, 1.0
         if settings.mixup:

@@ -30,7 +30,7 @@ class TrainingSettings:
     epochs: int = 200
     """Passes over the training windows. The last one is what comes back, never the one best on test data."""
     batch_size: int = 30
-    """Windows per step."""
+    """Windows per step; a last one of a single window joins the step before."""
     learning_rate: float = 1e-3
     """Step size of Adam."""
     decay: str = "none"
@@ -59,9 +59,12 @@ class TrainingSettings:
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch_size"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} ({getattr(self, name)}) must be at least 1.")
+        if self.epochs < 1:
+            raise InputError(f"epochs ({self.epochs}) must be at least 1.")
+        if self.batch_size < 2:
+            raise InputError(
+                f"batch_size ({self.batch_size}) must be at least 2: networks scale by the deviation within a batch."
+            )
         if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):

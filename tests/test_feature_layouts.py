@@ -62,6 +62,6 @@ def test_a_network_without_features_is_counted_and_gives_no_other_its_name() -> 
     assert flat.embedding is not None
     flat = replace(flat, embedding=replace(flat.embedding, features=np.ones_like(flat.embedding.features)))
     drawing = embedding_drawing(assembled(plan_of("ablation", "quick"), [bare, kept, flat]), "made")
-    assert "in twice as many epochs" in drawing.svg
+    assert "twice the epochs" in drawing.svg
     assert set(drawing.columns["classifier"]) == {"spectral_longer"}
     assert "1 of 3 trainings; of the others no features were kept, or all are the same." in drawing.caption

@@ -127,3 +127,15 @@ def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, t
     (study,) = gathered(tmp_path)
     assert len(study.runs) == len(result.runs)
     assert "1 runs of another version" in study.notes[-1]
+
+
+def test_what_is_to_be_read_with_a_classifier_is_told_where_it_was_trained(result: StudyResult) -> None:
+    plan = plan_of("ablation", "quick")
+    runs = [run for run in result.runs if run.task.factors["training_set"] == "calibrated"]
+    noisy = [
+        replace(run, task=replace(run.task, factors={**run.task.factors, "classifier": "spectral_noise"}))
+        for run in runs
+    ]
+    told = "New noise in every epoch"
+    assert not any(told in note for note in assembled(plan, runs).notes)
+    assert any(told in note for note in assembled(plan, [*runs, *noisy]).notes)

@@ -253,7 +253,7 @@ def assembled(
         wall_s=sum(run.wall_s for run in ordered) if wall_s is None else wall_s,
         version=ordered[-1].version,
         command=command or ordered[-1].command,
-        notes=plan.notes,
+        notes=(*plan.notes, *(note for name, note in plan.model_notes.items() if name in found)),
         device=", ".join(sorted({run.device for run in ordered})),
         size=ordered[0].task.size,
         runs=tuple(ordered),

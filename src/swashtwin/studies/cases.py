@@ -98,11 +98,11 @@ def ablation(size: str) -> Plan:
     return replace(
         plan,
         compared={"classifier": {DEFAULT: ours, "bitcn": PAPER_ABLATED}},
-        notes=(
-            "Every recording scaled by itself: a synthetic window is of no recording and scaled by itself, which may "
-            "tell the filled class.",
-            NOISE_IN_TRAINING,
-        ),
+        model_notes={
+            "spectral_recording": "Every recording scaled by itself: a synthetic window is of no recording and scaled "
+            "by itself, which may tell the filled class.",
+            "spectral_noise": NOISE_IN_TRAINING,
+        },
     )
 
 
@@ -141,8 +141,8 @@ def noise(size: str) -> Plan:
             "Trained with noise: every training recording and every synthetic window stands in the training set a "
             "second time with noise, at a ratio drawn between "
             f"{TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB.",
-            NOISE_IN_TRAINING,
         ),
+        model_notes={"spectral_noise": NOISE_IN_TRAINING},
     )
 
 

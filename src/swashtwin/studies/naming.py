@@ -24,7 +24,7 @@ CLASSIFIERS = {
     "spectral_no_noise": "without noise on the levels",
     "spectral_window": "every window scaled by itself",
     "spectral_recording": "every recording scaled by itself",
-    "spectral_longer": "in twice as many epochs",
+    "spectral_longer": "twice the epochs",
     "spectral_noise": "BiTCN on levels (ours), new noise in every epoch",
     "bitcn": "BiTCN, stride 16",
     "bitcn_paper": "BiTCN, the paper's recipe",

@@ -60,6 +60,8 @@ class Plan:
     """Draws of the noise at each ratio."""
     notes: tuple[str, ...] = ()
     """What must be read with the numbers."""
+    model_notes: Mapping[str, str] = field(default_factory=dict)
+    """What must be read with those of a classifier, told where it was trained."""
 
     def __post_init__(self) -> None:
         if not (self.models and self.fillings):

@@ -300,3 +300,21 @@ def test_an_ordinary_unit_is_centered_and_sees_as_far_ahead_as_back():
     branch(windows)[0, :, 30].sum().backward()
     seen = windows.grad[0, 0].nonzero().flatten()
     assert (seen.min(), seen.max()) == (27, 33)
+
+
+@pytest.mark.parametrize("parts", [("frames",), ("lines",), ("lines", "envelope"), ("frames", "lines", "envelope")])
+def test_levels_of_whatever_parts_there_are_come_out_centered_and_of_unit_deviation(parts):
+    network = build_network("spectral_bitcn", 2, 3, parts=parts)
+    levels = network.represent(torch.from_numpy(np.random.default_rng(0).normal(size=(40, 2, 1024))).float())
+    network.pretrain(levels, 0)
+    still, moving = network._split(levels)
+    mean, deviation = network.get_buffer("mean"), network.get_buffer("deviation")
+    assert (mean.numel() > network._n_still) is ("frames" in parts)
+    scaled = [(still - mean[: network._n_still]) / deviation[: network._n_still]]
+    if "frames" in parts:
+        flat = moving.transpose(1, 2).flatten(0, 1)
+        scaled.append((flat - mean[network._n_still :]) / deviation[network._n_still :])
+    for values in scaled:
+        if values.numel():
+            torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), atol=1e-4, rtol=0)
+            torch.testing.assert_close(values.std(dim=0), torch.ones(values.shape[1]), atol=1e-3, rtol=0)

@@ -173,11 +173,11 @@ class SpectralBiTCN(Network):
     def pretrain(self, windows: Float[Tensor, "window level"], seed: int) -> None:
         """Learn the mean and deviation of each level."""
         still, moving = self._split(windows)
-        mean = torch.cat([still.mean(dim=0), moving.mean(dim=(0, 2))])
-        deviation = torch.cat([still.std(dim=0), moving.std(dim=(0, 2))])
-        size = self.get_buffer("mean").numel()
-        self.get_buffer("mean").copy_(mean[:size])
-        self.get_buffer("deviation").copy_(deviation[:size].nan_to_num(1.0).clamp_min(1e-3))
+        parts: list[tuple[Tensor, tuple[int, ...]]] = [(still, (0,))] if self._n_still else []
+        parts += [(moving, (0, 2))] if "frames" in self.settings["parts"] else []
+        self.get_buffer("mean").copy_(torch.cat([part.mean(dim=over) for part, over in parts]))
+        deviation = torch.cat([part.std(dim=over) for part, over in parts])
+        self.get_buffer("deviation").copy_(deviation.nan_to_num(1.0).clamp_min(1e-3))
 
     def encode(self, windows: Float[Tensor, "window level"]) -> Float[Tensor, "window feature"]:
         """Features of both branches over the frames, and of the hidden layer over what stands still."""

@@ -96,3 +96,34 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
     assert "at L2 calibrated scored higher than measured only by 20.0 points" in lead
     assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
     assert "(0.900 against 0.600)" in lead
+
+
+def test_a_rival_of_fewer_seeds_is_not_put_beside_the_mean_of_all():
+    runs = [run("calibrated", seed, (0.9, 0.5)[seed], levels=("L2",)) for seed in (0, 1)]
+    rival = run("calibrated", 0, 0.95, "extra_trees", ("L2",))
+    lead, details, _ = study_answer(assembled(plan_of("case1", "quick"), [*runs, rival]))
+    assert "beaten" not in lead
+    assert "Best rival" not in details
+
+
+def test_the_best_row_is_one_of_all_seeds_and_the_nearest_classifiers_are_told():
+    skills = {
+        "spectral_bitcn": (0.9, 0.6),
+        "bitcn": (0.3, 0.2),
+        "wdcnn": (0.8, 0.5),
+        "lstm": (0.2, 0.1),
+        "mlp": (0.4, 0.3),
+    }
+    skills |= {"mlp": (0.4, 0.3), "tcn": (0.5, 0.4), "resnet1d": (0.95,)}
+    runs = [
+        run("calibrated", seed, skill, name, ("L2",))
+        for name, values in skills.items()
+        for seed, skill in enumerate(values)
+    ]
+    plan = plan_of("algorithms", "quick")
+    (told,) = assembled(replace(plan, models=models_of("quick", skills)), runs).answer
+    assert "highest accuracy of those of 2 seeds" in told
+    assert "(BiTCN on levels (ours), with calibrated twin)" in told.split(". ")[0]
+    places = [told.index(f"less {name}") for name in ("ResNet1d", "WDCNN", "TCN", "MLP")]
+    assert places == sorted(places)
+    assert "less LSTM" not in told

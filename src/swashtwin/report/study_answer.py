@@ -109,10 +109,12 @@ def _better_rivals(study: StudyResult, levels: Sequence[str], name: str) -> list
 
 
 def _best_rival(study: StudyResult, level: str) -> tuple[str, str, float] | None:
-    """Classifier, training set and mean accuracy of the best rival."""
+    """Classifier, training set and mean accuracy of the best rival of all seeds: means of others do not compare."""
+    seeds = {name: {one.seed for one in study.rivals if one.classifier == name} for name in study.rival_names}
     scored = [
         (name, training_set, value)
-        for name in dict.fromkeys(one.classifier for one in study.rivals)
+        for name in study.rival_names
+        if seeds[name] >= set(study.seeds)
         for training_set, value in _means(
             [one for one in study.rivals if one.classifier == name], level, _accuracy
         ).items()

@@ -7,11 +7,11 @@ from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 
 MOST_CONTRASTS = 4
-"""Contrasts told of each level; the table has them all."""
+"""Contrasts told of each level, those of classifiers by how near they come; the table has them all."""
 
 
 def answer_of(study: StudyResult) -> tuple[str, ...]:
-    """For each test the best row, and what the study compares."""
+    """For each test the best row of those of as many seeds as any, and what the study compares, paired by seed."""
     rows = study.rows()
     tests = list(dict.fromkeys((row["level"], row.get("snr", "")) for row in rows))
     return tuple(_told(study, level, snr) for level, snr in tests)
@@ -19,10 +19,15 @@ def answer_of(study: StudyResult) -> tuple[str, ...]:
 
 def _told(study: StudyResult, level: str, snr: str) -> str:
     rows = [row for row in study.rows() if (row["level"], row.get("snr", "")) == (level, snr)]
-    best = max(rows, key=lambda row: row["accuracy"]["mean"] or 0.0)
+    most = max(len(row["accuracy"]["values"]) for row in rows)
+    of_all = [row for row in rows if len(row["accuracy"]["values"]) == most]
+    best = max(of_all, key=lambda row: row["accuracy"]["mean"] or 0.0)
     where = f"{level}{f', {snr}' if snr else ''}"
-    text = f"{where}: highest accuracy {best['accuracy']['mean']:.3f} ({_named(study, best)})"
+    among = "" if len(of_all) == len(rows) else f" of those of {most} seeds"
+    text = f"{where}: highest accuracy{among} {best['accuracy']['mean']:.3f} ({_named(study, best)})"
     own = [one for one in study.contrasts if (one.first["level"], one.first.get("snr", "")) == (level, snr)]
+    if all(one.first["classifier"] != one.second["classifier"] for one in own):
+        own.sort(key=lambda one: one.mean)
     told = [_contrast_words(one, own) for one in own[:MOST_CONTRASTS]]
     return f"{text}. {' '.join(told)}".strip()
 

@@ -127,6 +127,19 @@ def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
     assert found.mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.012])
+def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None:
+    time = np.arange(int(SECONDS * RATE)) / RATE
+    shaft = 14 + 4 * time / SECONDS
+    angle = 2 * np.pi * np.cumsum(shaft) / RATE
+    signal = sum(np.cos(7 * k * angle + k) / k for k in range(1, 7))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(time))
+    recording = replace(turning(STATED), signal=(signal + noise)[None], speed=2 * np.pi * shaft * (1 + off))
+    error = piston_pass_angle(recording, 7).angle - angle
+    inside = slice(int(RATE / 5), -int(RATE / 5))
+    assert np.degrees(np.abs(error[inside] - np.median(error[inside])).max()) < 1
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [

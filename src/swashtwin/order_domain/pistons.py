@@ -1,5 +1,9 @@
 """The shaft's angle of a piston pump, from the lines at which its pistons pass."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from swashtwin.errors import DataError
 from swashtwin.order_domain.shaft_angle import ShaftAngle
 from swashtwin.order_domain.tracking import tracked_speed
@@ -28,10 +32,12 @@ def piston_pass_angle(recording: Recording, piston_count: int) -> ShaftAngle:
         No piston-pass line stands clear enough to be followed (`tracked_speed`).
     """
     lines = [piston_count * number for number in range(1, _FOLLOWED + 1)]
-    near = None
+    fine = min(_SEARCH, _APART / lines[-1])
     try:
         low = tracked_speed(recording, order=lines[:_LOW], search=min(_SEARCH, _APART / lines[_LOW - 1]))
-        near = low.mean_speed
-    except DataError:
-        pass  # those above may still be followed
-    return tracked_speed(recording, order=lines, near=near, search=min(_SEARCH, _APART / lines[-1]))
+    except DataError:  # those above may still be followed
+        return tracked_speed(recording, order=lines, search=fine)
+    if recording.speed is None:
+        return tracked_speed(recording, order=lines, near=low.mean_speed, search=fine)
+    along = replace(recording, speed=np.maximum(low.speed, 0))  # a run-up has no one speed to look near
+    return tracked_speed(along, order=lines, search=fine)

@@ -73,3 +73,11 @@ def test_train_learns_with_noise_where_told(folder: Path, tmp_path: Path) -> Non
     assert load_classifier(out).settings.noise_snr == 0.0
     told = one_line(run("train", folder, "--length", 100, "--noise-snr", 0, "--normalization", "recording", code=3))
     assert "take another normalization" in told
+
+
+def test_train_learns_from_other_gains_and_speeds_where_told(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.safetensors"
+    run("train", folder, "--length", 100, "--gain", 3, "--stretch", 0.02, "--epochs", 2, "--out", out)
+    settings = load_classifier(out).settings
+    assert (settings.gain, settings.stretch) == (3.0, 0.02)
+    assert "must be between 0 and 0.2" in one_line(run("train", folder, "--length", 100, "--stretch", 2, code=3))

@@ -1,7 +1,8 @@
-"""Noise in training: where it falls, how loud it is, and that a run with it repeats itself bit for bit."""
+"""Windows changed in training: where and by how much, and that a run with it repeats itself bit for bit."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from swashtwin.errors import InputError
 from swashtwin.networks import BiTCN, Network, SpectralBiTCN
 from swashtwin.recording import Recording
 from swashtwin.training import FittedClassifier, TrainingSettings, fit
-from swashtwin.training.disturbance import RANGE, disturbed
+from swashtwin.training.disturbance import RANGE, at_other_speeds, disturbed, with_gains, with_noise
 from swashtwin.windows import WindowSet, cut_windows
 
 SETTINGS = TrainingSettings(epochs=3, batch_size=8, noise_snr=0.0)
@@ -52,7 +53,7 @@ def same(first: FittedClassifier, second: FittedClassifier) -> bool:
 def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     clean = tones(500)
     before = clean.signal.copy()
-    which, noisy = disturbed(clean, 5.0, np.random.default_rng(0))
+    which, noisy = disturbed(clean, replace(SETTINGS, noise_snr=5.0), 0, 1)
     assert 0.45 < len(which) / len(clean) < 0.55
     assert np.array_equal(noisy.start, clean.start[which])
     added = noisy.signal - clean.signal[which]
@@ -62,6 +63,55 @@ def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     assert np.abs(np.median(ratio, axis=0) - (5 + RANGE / 2)).max() < 1
     assert np.abs(ratio[:, 0] - ratio[:, 1]).max() < 6  # one ratio for both channels of a window
     assert np.array_equal(clean.signal, before)
+
+
+def test_each_channel_has_a_gain_of_its_own_within_the_largest():
+    clean = tones(100).signal
+    gained = with_gains(clean, 3.0, np.random.default_rng(0))
+    gain = 20 * np.log10(gained.std(axis=-1) / clean.std(axis=-1))
+    assert np.abs(gain).max() <= 3.0
+    assert gain.min() < -2.8
+    assert gain.max() > 2.8
+    assert np.abs(np.corrcoef(gain.T)[0, 1]) < 0.2
+
+
+def test_a_faster_shaft_moves_every_line_by_as_much():
+    length, line = 4096, 200
+    tone = np.sin(2 * np.pi * line / length * np.arange(length)).astype(np.float32)
+    taper = np.hanning(length)
+    moved = at_other_speeds(np.tile(tone, (200, 2, 1)), 0.05, np.random.default_rng(0))
+    assert moved.dtype == np.float32
+    found = np.abs(np.fft.rfft(taper * moved)).argmax(axis=-1) / line - 1
+    assert np.array_equal(found[:, 0], found[:, 1])  # sensors of one shaft
+    assert np.abs(found).max() < 0.05 + 0.005
+    assert found.min() < -0.04
+    assert found.max() > 0.04
+    assert np.abs(moved).max() < 1.01
+    still = at_other_speeds(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
+    assert np.allclose(still, tone, atol=1e-5)
+
+
+def test_disturbances_fall_on_halves_of_their_own_and_leave_the_rest_as_it_is():
+    clean = tones(500)
+    before = clean.signal.copy()
+    every = replace(SETTINGS, noise_snr=40.0, gain=1.0, stretch=0.01)
+    which, changed = disturbed(clean, every, 0, 1)
+    assert 0.83 < len(which) / len(clean) < 0.92  # 7 of 8
+    assert (changed.signal != clean.signal[which]).any(axis=(1, 2)).all()
+    assert np.array_equal(clean.signal, before)
+    assert len(disturbed(clean, replace(SETTINGS, noise_snr=None), 0, 1)[0]) == 0
+    alone = disturbed(clean, SETTINGS, 0, 1)[0]
+    assert set(alone.tolist()) <= set(which.tolist())  # what noise falls on does not hang on the others
+    assert not np.array_equal(alone, disturbed(clean, SETTINGS, 0, 2)[0])
+
+
+@pytest.mark.parametrize("made", [network, on_levels])
+@pytest.mark.parametrize("change", [{"noise_snr": 0.0}, {"noise_snr": None, "gain": 3.0, "stretch": 0.02}])
+def test_training_on_changed_windows_repeats_itself(made: Callable[[], Network], change: dict[str, float | None]):
+    settings = replace(SETTINGS, **change)
+    first = fit(made(), tones(), settings=settings, seed=1)
+    assert same(first, fit(made(), tones(), settings=settings, seed=1))
+    assert not same(first, fit(made(), tones(), settings=replace(SETTINGS, noise_snr=None), seed=1))
 
 
 @pytest.mark.parametrize("made", [network, on_levels])
@@ -86,7 +136,8 @@ def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(made: Call
 
 def test_a_network_that_learned_with_noise_stands_noise_better():
     windows = tones(40)
-    _, test = disturbed(tones(41), -RANGE, np.random.default_rng(1))  # noise of -25 to 0 dB
+    test = tones(41)
+    test = replace(test, signal=with_noise(test.signal, -RANGE, np.random.default_rng(1)))  # noise of -25 to 0 dB
     share = {
         ratio: (
             fit(network(), windows, settings=replace(SETTINGS, epochs=12, noise_snr=ratio), seed=2).predict(test)
@@ -104,10 +155,24 @@ def test_a_ratio_that_is_not_finite_is_refused():
         TrainingSettings(noise_snr=0.0, normalization="recording")
 
 
-def test_models_and_runs_from_before_there_was_noise_are_described_as_they_were(tmp_path):
-    assert "noise_snr" not in TrainingSettings().described()
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"gain": -1.0}, r"gain \(-1\) must not be negative"),
+        ({"stretch": 0.5}, r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed"),
+        ({"stretch": float("nan")}, r"stretch \(nan\)"),
+        ({"gain": 1.0, "normalization": "recording"}, "gain changes windows one by one"),
+    ],
+)
+def test_gains_and_speeds_that_make_no_sense_are_refused(change: dict[str, Any], told: str):
+    with pytest.raises(InputError, match=told):
+        TrainingSettings(**change)
+
+
+def test_models_and_runs_from_before_there_were_disturbances_are_described_as_they_were(tmp_path):
+    assert not {"noise_snr", "gain", "stretch"} & set(TrainingSettings().described())
     assert SETTINGS.described()["noise_snr"] == 0.0
-    for settings in (SETTINGS, replace(SETTINGS, noise_snr=None)):
-        path = tmp_path / f"{settings.noise_snr}.safetensors"
+    for settings in (SETTINGS, replace(SETTINGS, noise_snr=None), replace(SETTINGS, gain=1.0, stretch=0.01)):
+        path = tmp_path / f"{settings.noise_snr}-{settings.gain}.safetensors"
         save_classifier(fit(network(), tones(), settings=settings), path)
         assert load_classifier(path).settings == settings

@@ -57,6 +57,14 @@ def train(
         float | None,
         typer.Option(help="Noise in training: half of each epoch's windows, down to this ratio [dB]; none by default."),
     ] = None,
+    gain: Annotated[
+        float | None,
+        typer.Option(help="Gains in training: each channel of half the windows, up to this [dB]; 0 by default."),
+    ] = None,
+    stretch: Annotated[
+        float | None,
+        typer.Option(help="Speeds in training: half the windows, up to 0.02 for 2 % faster or slower; 0 by default."),
+    ] = None,
     network: Annotated[str, typer.Option(help="Name of the network: ours by default, bitcn is the paper's.")] = (
         "spectral_bitcn"
     ),
@@ -123,7 +131,7 @@ def train(
         **given(
             epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
             decay=decay, normalization=normalization, balance=balance, mixup=mixup, alignment=alignment,
-            noise_snr=noise_snr,
+            noise_snr=noise_snr, gain=gain, stretch=stretch,
         ),
     )  # fmt: skip
     shape = given(

@@ -223,12 +223,12 @@ def _in_epoch(
     seed: int,
     number: int,
 ) -> tuple[Tensor, Tensor]:
-    """What an epoch trains on: the windows as they are, or half of them with noise, drawn by `seed` and `number`."""
-    if settings.noise_snr is None:
+    """What an epoch trains on: the windows as they are, or some of them changed, drawn by `seed` and `number`."""
+    which, changed = disturbed(windows, settings, seed, number)
+    if not len(which):
         return clean
-    which, noisy = disturbed(windows, settings.noise_snr, stream(seed, "disturbance", number))
     represented, target = clean
-    again, _ = _tensors(network, noisy, normalization, str(represented.device))
+    again, _ = _tensors(network, changed, normalization, str(represented.device))
     return represented.index_copy(0, torch.from_numpy(which).to(represented.device), again), target
 
 

@@ -1,6 +1,7 @@
 """How a network is trained, and what each epoch came to."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,6 +18,12 @@ NORMALIZATIONS = ("window", "recording", "set", "none")
 
 DECAYS = ("none", "cosine")
 """How the learning rate changes over the epochs."""
+
+_DISTURBANCES: Mapping[str, float | None] = {"noise_snr": None, "gain": 0.0, "stretch": 0.0}
+"""What windows can be changed by within an epoch, and the value at which they are not."""
+
+_WIDEST = 0.2
+"""Largest change of speed that is still the same machine [1]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,12 @@ class TrainingSettings:
     """Weight of it beside the cross-entropy."""
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the white noise that half the windows of each epoch get, drawn anew
-    (`disturbance.disturbed`); None adds none."""
+    (`disturbance.with_noise`); None adds none."""
+    gain: float = 0.0
+    """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""
+    stretch: float = 0.0
+    """Largest change of speed, relative, of half the windows of each epoch, drawn anew, as if the shaft turned a little
+    faster or slower (`disturbance.at_other_speeds`); 0 for none."""
     deterministic: bool = True
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
@@ -69,30 +81,32 @@ class TrainingSettings:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
-        for name in ("mixup", "alignment_weight"):
+        for name in ("mixup", "alignment_weight", "gain"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
         choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(known)}.")
-        if self.noise_snr is not None:
-            self._require_noise(self.noise_snr)
+        self._require_disturbances()
 
-    def _require_noise(self, ratio: float) -> None:
-        if not math.isfinite(ratio):
-            raise InputError(f"noise_snr ({ratio:g}) must be a finite ratio in dB, such as 0.")
-        if self.normalization == "recording":
+    def _require_disturbances(self) -> None:
+        if not 0 <= self.stretch <= _WIDEST:
+            raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
+        if self.noise_snr is not None and not math.isfinite(self.noise_snr):
+            raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
+        asked = [name for name, idle in _DISTURBANCES.items() if getattr(self, name) != idle]
+        if asked and self.normalization == "recording":
             raise InputError(
-                "noise_snr draws noise window by window, and normalization 'recording' scales by all windows of a "
+                f"{asked[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "
                 "recording; take another normalization, such as 'set'."
             )
 
     def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them. Noise that is not added is left out, so that runs, checkpoints and models
-        from before it could be are found and read as ever."""
+        """Settings as JSON can hold them. Disturbances that were not asked for are left out, so that runs, checkpoints
+        and models from before there were any are found and read as ever."""
         told = asdict(self)
-        return told if self.noise_snr is not None else {name: told[name] for name in told if name != "noise_snr"}
+        return {name: told[name] for name in told if name not in _DISTURBANCES or told[name] != _DISTURBANCES[name]}
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1.

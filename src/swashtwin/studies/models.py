@@ -19,6 +19,8 @@ from swashtwin.evaluation import Classifier
 from swashtwin.features import FeatureTable, extract_features
 from swashtwin.networks import NETWORKS, build_network
 from swashtwin.order_threshold import rising_orders, threshold_orders
+from swashtwin.seeding import derive_seed
+from swashtwin.studies.composed import Ensemble, FewerSensors, first_sensors
 from swashtwin.training import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
 
@@ -33,6 +35,10 @@ class Model:
     """Settings of a network that differ from its own defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
     """How a network is trained."""
+    trainings: int = 1
+    """Trainings of a network, by seeds of their own, whose probabilities are averaged."""
+    sensors: int | None = None
+    """How many of the recordings' sensors a network is given, the first ones; all by default."""
 
     @property
     def is_network(self) -> bool:
@@ -46,7 +52,8 @@ class Model:
         return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them, a network's own defaults among them."""
+        """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors goes without
+        saying, so that runs from before there was a choice are found."""
         if self.kind == THRESHOLD:
             return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
         if not self.is_network:
@@ -54,7 +61,9 @@ class Model:
             return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
-        return {"kind": self.kind, "network": network, "training": self.training.described()}
+        composed = {"trainings": self.trainings} if self.trainings > 1 else {}
+        composed |= {"sensors": self.sensors} if self.sensors is not None else {}
+        return {"kind": self.kind, "network": network, "training": self.training.described(), **composed}
 
     def with_training(self, **changes: Any) -> "Model":
         """The same with other training settings."""
@@ -97,10 +106,23 @@ RETRAINED: Mapping[str, Callable[[TrainingSettings], TrainingSettings]] = {
     "spectral_window": lambda known: replace(known, normalization="window"),
     "spectral_recording": lambda known: replace(known, normalization="recording"),
     "spectral_longer": lambda known: replace(known, epochs=2 * known.epochs),
+    "spectral_mixup": lambda known: replace(known, mixup=0.2),
+    "spectral_gain": lambda known: replace(known, gain=3.0),
+    "spectral_stretch": lambda known: replace(known, stretch=0.02),
     "spectral_noise": lambda known: replace(known, noise_snr=0.0, epochs=2 * known.epochs),
 }
-"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; and in twice
-the epochs with noise down to 0 dB, new in each epoch, on half the windows."""
+"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; with pairs of
+windows mixed; with other gains, other speeds, new in each epoch, on half the windows; and in twice the epochs with
+noise down to 0 dB."""
+
+COMPOSED: Mapping[str, Mapping[str, Any]] = {
+    "spectral_ensemble": {"trainings": 3},
+    "spectral_one_sensor": {"sensors": 1},
+}
+"""Our network trained three times over, and given the first sensor alone."""
+
+VARIED = (*ABLATED, *RETRAINED, *COMPOSED)
+"""Every way in which our network is another in the ablation."""
 
 PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 """The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
@@ -110,8 +132,17 @@ def _models(size: str) -> dict[str, Model]:
     networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
     ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
     retrained = {name: Model(DEFAULT, {}, change(TRAINING[size])) for name, change in RETRAINED.items()}
+    composed = {name: Model(DEFAULT, {}, TRAINING[size], **settings) for name, settings in COMPOSED.items()}
     baselines = {name: Model(name) for name in BASELINES}
-    return {**networks, **ablated, **retrained, "bitcn_paper": PAPERS_OWN, **baselines, THRESHOLD: Model(THRESHOLD)}
+    return {
+        **networks,
+        **ablated,
+        **retrained,
+        **composed,
+        "bitcn_paper": PAPERS_OWN,
+        **baselines,
+        THRESHOLD: Model(THRESHOLD),
+    }
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
@@ -155,8 +186,13 @@ def train_model(
         return _threshold(train, manifest)
     if not model.is_network:
         return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
-    network = build_network(model.kind, train.n_channels, len(train.classes), **model.network)
-    return fit(network, train, settings=model.training, seed=seed, manifest=manifest, device=device)
+    heard = train if model.sensors is None else first_sensors(train, model.sensors)
+    network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
+    seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
+    used = tuple(manifest)
+    trained = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
+    whole = trained[0] if model.trainings == 1 else Ensemble(tuple(trained))
+    return whole if model.sensors is None else FewerSensors(whole, model.sensors)
 
 
 def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:

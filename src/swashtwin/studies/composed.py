@@ -1,0 +1,63 @@
+"""Classifiers made of a trained one, or of several: an ensemble, and one that hears some of the sensors."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.evaluation import Classifier
+from swashtwin.windows import WindowSet
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Mean of its members' probabilities (deep ensemble, Lakshminarayanan et al. 2017, DOI 10.48550/arXiv.1612.01474).
+
+    The members differ by the seed of their weights and of the order of their windows.
+    """
+
+    members: tuple[Classifier, ...]
+    """Classifiers of the same classes, one at least."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+        return self.members[0].classes
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Every recording that had a part in a member, sorted."""
+        return tuple(sorted({name for member in self.members for name in member.manifest}))
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window; rows sum to 1."""
+        return np.mean([member.predict_proba(windows) for member in self.members], axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class FewerSensors:
+    """A classifier that was trained on the first sensors alone, and is asked with windows of all."""
+
+    classifier: Classifier
+    """Trained on `first_sensors` of the windows."""
+    count: int
+    """Sensors it hears."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+        return self.classifier.classes
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Every recording that had a part in it."""
+        return self.classifier.manifest
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window, of which it hears the first sensors."""
+        return self.classifier.predict_proba(first_sensors(windows, self.count))
+
+
+def first_sensors(windows: WindowSet, count: int) -> WindowSet:
+    """The windows with their first `count` channels only."""
+    return replace(windows, signal=windows.signal[:, :count], channels=windows.channels[:count])

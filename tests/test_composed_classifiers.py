@@ -56,6 +56,10 @@ def test_a_network_of_the_first_sensor_does_not_hear_the_second() -> None:
     assert not np.array_equal(heard.predict_proba(test), heard.predict_proba(changed))
     assert half_deaf.classes == train.classes
     assert set(half_deaf.manifest) == set(train.recording_id.tolist())
+    assert len(half_deaf.history) == 2
+    assert np.array_equal(half_deaf.embed(test), half_deaf.embed(changed))
+    several = train_model(replace(NETWORK, sensors=1, trainings=2), train, seed=4)
+    assert np.array_equal(several.predict_proba(test), several.predict_proba(changed))
 
 
 @pytest.mark.parametrize(("name", "told"), [(name, dict(settings)) for name, settings in COMPOSED.items()])

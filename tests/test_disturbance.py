@@ -16,7 +16,7 @@ from swashtwin.training import FittedClassifier, TrainingSettings, fit
 from swashtwin.training.disturbance import RANGE, at_other_speeds, disturbed, with_gains, with_noise
 from swashtwin.windows import WindowSet, cut_windows
 
-SETTINGS = TrainingSettings(epochs=3, batch_size=8, noise_snr=0.0)
+SETTINGS = TrainingSettings(epochs=3, batch_size=8, noise_snr=0.0, normalization="set")
 
 
 def tones(n_windows: int = 10) -> WindowSet:
@@ -106,9 +106,9 @@ def test_disturbances_fall_on_halves_of_their_own_and_leave_the_rest_as_it_is():
 
 
 @pytest.mark.parametrize("made", [network, on_levels])
-@pytest.mark.parametrize("change", [{"noise_snr": 0.0}, {"noise_snr": None, "gain": 3.0, "stretch": 0.02}])
+@pytest.mark.parametrize("change", [{"noise_snr": 0.0}, {"gain": 3.0}, {"stretch": 0.02}])
 def test_training_on_changed_windows_repeats_itself(made: Callable[[], Network], change: dict[str, float | None]):
-    settings = replace(SETTINGS, **change)
+    settings = replace(SETTINGS, **{"noise_snr": None, **change})
     first = fit(made(), tones(), settings=settings, seed=1)
     assert same(first, fit(made(), tones(), settings=settings, seed=1))
     assert not same(first, fit(made(), tones(), settings=replace(SETTINGS, noise_snr=None), seed=1))
@@ -135,13 +135,12 @@ def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(made: Call
 
 
 def test_a_network_that_learned_with_noise_stands_noise_better():
-    windows = tones(40)
+    windows, by_window = tones(40), replace(SETTINGS, normalization="window", epochs=12)
     test = tones(41)
     test = replace(test, signal=with_noise(test.signal, -RANGE, np.random.default_rng(1)))  # noise of -25 to 0 dB
     share = {
         ratio: (
-            fit(network(), windows, settings=replace(SETTINGS, epochs=12, noise_snr=ratio), seed=2).predict(test)
-            == test.label
+            fit(network(), windows, settings=replace(by_window, noise_snr=ratio), seed=2).predict(test) == test.label
         ).mean()
         for ratio in (None, -RANGE)
     }
@@ -155,6 +154,29 @@ def test_a_ratio_that_is_not_finite_is_refused():
         TrainingSettings(noise_snr=0.0, normalization="recording")
 
 
+def test_an_epoch_that_draws_no_window_leaves_all_as_they_are():
+    few = tones(1).subset(np.arange(2))
+    every = replace(SETTINGS, noise_snr=0.0, gain=3.0, stretch=0.02)
+    drawn = [len(disturbed(few, every, 0, epoch)[0]) for epoch in range(100)]
+    assert min(drawn) == 0
+    assert max(drawn) == 2
+
+
+def test_training_with_gains_and_speeds_continues_bit_for_bit(tmp_path):
+    settings = replace(SETTINGS, noise_snr=None, gain=3.0, stretch=0.02)
+
+    def interrupt(epoch) -> None:
+        if epoch.number == 2:
+            raise KeyboardInterrupt
+
+    run = {"settings": settings, "seed": 1, "checkpoint": tmp_path / "run.safetensors"}
+    with pytest.raises(KeyboardInterrupt):
+        fit(on_levels(), tones(), progress=interrupt, **run)
+    with pytest.raises(InputError, match="gain"):
+        fit(on_levels(), tones(), resume=True, **{**run, "settings": replace(settings, gain=0.0)})
+    assert same(fit(on_levels(), tones(), settings=settings, seed=1), fit(on_levels(), tones(), resume=True, **run))
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -162,6 +184,7 @@ def test_a_ratio_that_is_not_finite_is_refused():
         ({"stretch": 0.5}, r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed"),
         ({"stretch": float("nan")}, r"stretch \(nan\)"),
         ({"gain": 1.0, "normalization": "recording"}, "gain changes windows one by one"),
+        ({"gain": 1.0, "normalization": "window"}, "gain would change nothing"),
     ],
 )
 def test_gains_and_speeds_that_make_no_sense_are_refused(change: dict[str, Any], told: str):

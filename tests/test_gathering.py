@@ -10,6 +10,7 @@ from tiny_case import tiny, tiny_recordings
 from swashtwin.errors import DataError
 from swashtwin.report import write_report
 from swashtwin.report.comparison_figures import time_drawing
+from swashtwin.report.study_part import contrast_table, metrics_table
 from swashtwin.studies import StudyResult, plan_of, run_plan
 from swashtwin.studies.carrying import assembled
 from swashtwin.studies.gathering import gathered
@@ -31,7 +32,29 @@ def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResu
     assert study.rows() == result.rows()
     assert study.seeds == (0, 1)
     assert len(study.calibrations) == len(result.calibrations) == 2
-    assert study.command == "swashtwin study case1 rig"
+    assert study.commands == ("swashtwin study case1 rig",)
+
+
+def test_a_study_put_together_from_several_commands_names_each(result: StudyResult, tmp_path: Path) -> None:
+    for run in result.runs:
+        save_run(replace(run, command=f"swashtwin study case1 rig --seeds {run.task.seed}"), tmp_path)
+    (study,) = gathered(tmp_path)
+    assert study.commands == ("swashtwin study case1 rig --seeds 0", "swashtwin study case1 rig --seeds 1")
+    assert study.to_dict()["command"] == " && ".join(study.commands)
+    page = Path(write_report(study, folder=tmp_path / "page")).read_text()
+    assert all(command in page for command in study.commands)
+    assert "2 commands, at the end of the study" in page
+
+
+def test_a_row_of_fewer_seeds_than_the_study_says_so(result: StudyResult, tmp_path: Path) -> None:
+    for run in result.runs:
+        if (run.task.seed, run.task.factors["training_set"]) != (1, "measured"):
+            save_run(run, tmp_path)
+    (study,) = gathered(tmp_path)
+    counted = {row[0].text.split(", ")[-1]: row[1].text for row in metrics_table(study).rows}
+    assert counted["measured only"] == "1"
+    assert counted["with calibrated twin"] == "2"
+    assert {row[4].text for row in contrast_table(study).rows} == {"1", "2"}
 
 
 def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tmp_path: Path) -> None:

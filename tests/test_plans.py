@@ -149,6 +149,24 @@ def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
     return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared, plan.bare)}
 
 
+@pytest.mark.parametrize("splits_of_one_set", [True, False])
+def test_signed_ranks_are_left_out_where_pairs_are_splits_of_the_same_recordings(splits_of_one_set: bool) -> None:
+    plan = plan_of("case1", "quick")
+    none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
+    none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
+    tasks = [task for seed in range(8) for task in plan.tasks(seed, "one" if splits_of_one_set else f"fleet {seed}")]
+    better = {"calibrated": 0.9, "nominal": 0.8, "measured": 0.7}
+    trials = [
+        Trial({**task.factors, "level": "L2"}, task.seed, {"accuracy": better[task.factors["training_set"]]})
+        for task in tasks
+    ]
+    runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
+    found = contrasts_of(trials, runs, plan.compared)
+    assert found
+    assert {one.is_corrected for one in found} == {splits_of_one_set}
+    assert all(math.isnan(one.p_value) is splits_of_one_set for one in found)
+
+
 def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_ours_with_ours() -> None:
     pairs = contrasted(plan_of("ablation", "paper"), "classifier")
     papers = {("bitcn", name) for name in ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")}

@@ -14,7 +14,7 @@ from swashtwin.studies import tuning
 from swashtwin.studies.cases import SCENARIOS
 from swashtwin.studies.models import MODELS
 from swashtwin.studies.scenario import split_scenario
-from swashtwin.studies.tuning import run_tuning, validation_folds
+from swashtwin.studies.tuning import _space, run_tuning, validation_folds
 
 pytest.importorskip("optuna", reason="optuna is not installed")
 
@@ -114,3 +114,11 @@ def test_what_cannot_be_searched_is_refused(recordings: list[Recording], tried: 
     windows = tried[0][1]
     with pytest.raises(InputError, match="needs two to train on"):
         validation_folds(windows.subset(np.flatnonzero(windows.specimen == windows.specimen[0])))
+
+
+@pytest.mark.parametrize(("model", "sought"), [("spectral_bitcn", 3), ("spectral_noise", 2), ("spectral_gain", 1)])
+def test_no_candidate_scales_away_what_training_changes(model: str, sought: int) -> None:
+    space = _space(MODELS["quick"][model])
+    assert len(space["normalization"]) == sought
+    for name in space["normalization"]:
+        MODELS["quick"][model].with_training(normalization=name)

@@ -71,15 +71,20 @@ def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
 def _show_table(study: "StudyTable", result: dict[str, Any]) -> None:
     shown = {name: words for name, words in study.metrics.items() if not name.startswith("recall_")}
     told = [
-        [*(row[name] for name in study.factors), *(_spread(row[name]) for name in shown)]
+        [*(row[name] for name in study.factors), _seeds(row), *(_spread(row[name]) for name in shown)]
         for row in [*result["rows"], *result.get("rivals", ())]
     ]
     seeds = ", ".join(map(str, study.seeds))
-    table(f"{study.title}; seed {seeds}, {study.wall_s:.0f} s", (*study.factors, *shown.values()), told)
+    table(f"{study.title}; seed {seeds}, {study.wall_s:.0f} s", (*study.factors, "seeds", *shown.values()), told)
     for text in (*study.answer, *study.notes, study.origin):
         say(text)
     if result["report"] is not None:
         say(f"Report: {result['report']}")
+
+
+def _seeds(row: dict[str, Any]) -> int:
+    """Seeds behind a row, which need not be all of the study's."""
+    return max(len(value["values"]) for value in row.values() if isinstance(value, dict))
 
 
 def _spread(value: dict[str, Any]) -> str:

@@ -33,7 +33,7 @@ from swashtwin.report.study_figures import (
     scarce_drawing,
     training_drawing,
 )
-from swashtwin.report.wording import facts, flattened, number, plural, score, words
+from swashtwin.report.wording import facts, flattened, number, score, words
 from swashtwin.studies.naming import classifier_words, training_set_words
 from swashtwin.studies.result import StudyResult
 from swashtwin.studies.runs import Outcome
@@ -135,12 +135,16 @@ def with_origin(drawing: Drawing, study: StudyResult) -> Drawing:
     """The figure with what it takes to repeat it under it: command, seeds, device, and whose recordings."""
     seeds = ", ".join(map(str, study.seeds))
     rig = "virtual rig, no real pump" if "virtual rig" in study.origin else "the user's recordings"
-    facts = f"{study.command or 'command not recorded'}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
+    commands = study.commands or ("command not recorded",)
+    command = commands[0] if len(commands) == 1 else f"{len(commands)} commands, at the end of the study"
+    facts = f"{command}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
     return replace(drawing, caption=f"{drawing.caption} [{facts}; {study.device}; {rig}]")
 
 
 def contrast_table(study: StudyResult) -> Table:
     """Differences of accuracy, paired by seed."""
+    corrected = any(one.is_corrected for one in study.contrasts)
+    no_test = "splits of the same recordings are no independent pairs" if corrected else "fewer than six seeds"
     rows = []
     for one in study.contrasts:
         factor = next(name for name in one.first if one.first[name] != one.second[name])
@@ -159,16 +163,16 @@ def contrast_table(study: StudyResult) -> Table:
                 Cell(", ".join(held)),
                 Cell(f"{100 * one.mean:+.1f}"),
                 Cell(interval, why),
-                Cell(number(one.p_value), "" if one.p_value == one.p_value else "fewer than six seeds"),
+                Cell(str(one.pairs)),
+                Cell(number(one.p_value), "" if one.p_value == one.p_value else no_test),
                 Cell("yes" if one.is_clear else "no"),
             )
         )
-    corrected = any(one.is_corrected for one in study.contrasts)
     kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"
     return Table(
         f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}; p by Wilcoxon's signed ranks, "
         "corrected by Holm.",
-        ("difference", "of", "points", "95 % interval", "p", "clear of zero"),
+        ("difference", "of", "points", "95 % interval", "seeds", "p", "clear of zero"),
         tuple(rows),
     )
 
@@ -187,11 +191,11 @@ def metrics_table(study: StudyResult) -> Table:
         cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
         if with_paper:
             cells.append(Cell(paper_words(study, key)))
-        rows.append((Cell(_row_words(key)), *cells))
-    header = ("level, classifier, training set", *(heading for heading, _ in _METRICS.values()))
+        rows.append((Cell(_row_words(key)), Cell(str(len(row["accuracy"]["values"]))), *cells))
+    header = ("level, classifier, training set", "seeds", *(heading for heading, _ in _METRICS.values()))
     return Table(
-        f"Mean ± standard deviation over {plural(len(study.seeds), 'seed')}, test windows measured only. Accuracy by "
-        "recording: each recording counts once, by the mean log-probability of its windows.",
+        f"Mean ± standard deviation over a row's seeds, of {len(study.seeds)} in all; test windows measured only. "
+        "Accuracy by recording: each recording counts once, by the mean log-probability of its windows.",
         (*header, "the paper, its rig") if with_paper else header,
         tuple(rows),
     )
@@ -300,7 +304,7 @@ def _provenance(study: StudyResult) -> tuple:
         for one in study.calibrations
     )
     entries = [
-        ("command", study.command or "not recorded"),
+        ("command" if len(study.commands) < 2 else "commands", list(study.commands) or "not recorded"),
         ("study and size", f"{study.study}, {study.size}"),
         ("seeds", list(study.seeds)),
         ("swashtwin version", study.version),

@@ -229,7 +229,7 @@ def assembled(
     ----------
     calibrations : under the first seed, where they are at hand.
     wall_s : how long the study took [s]; by default its runs together.
-    command : command line that repeats it; by default that of the last run.
+    command : command line that repeats it; by default those of its runs (`StudyResult.commands`).
     """
     ordered = sorted(runs, key=lambda run: (plan.place(run.task), run.task.seed))
     trials = trials_of(ordered)
@@ -252,7 +252,7 @@ def assembled(
         origin=ordered[0].origin,
         wall_s=sum(run.wall_s for run in ordered) if wall_s is None else wall_s,
         version=ordered[-1].version,
-        command=command or ordered[-1].command,
+        command=command,
         notes=(*plan.notes, *(note for name, note in plan.model_notes.items() if name in found)),
         device=", ".join(sorted({run.device for run in ordered})),
         size=ordered[0].task.size,

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.evaluation import Classifier
+from swashtwin.training import Epoch, FittedClassifier
 from swashtwin.windows import WindowSet
 
 
@@ -13,7 +14,8 @@ from swashtwin.windows import WindowSet
 class Ensemble:
     """Mean of its members' probabilities (deep ensemble, Lakshminarayanan et al. 2017, DOI 10.48550/arXiv.1612.01474).
 
-    The members differ by the seed of their weights and of the order of their windows.
+    The members differ by the seed of their weights and of the order of their windows. Being several, they have no loss
+    curve nor features in common.
     """
 
     members: tuple[Classifier, ...]
@@ -38,7 +40,7 @@ class Ensemble:
 class FewerSensors:
     """A classifier that was trained on the first sensors alone, and is asked with windows of all."""
 
-    classifier: Classifier
+    classifier: FittedClassifier
     """Trained on `first_sensors` of the windows."""
     count: int
     """Sensors it hears."""
@@ -56,6 +58,15 @@ class FewerSensors:
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window, of which it hears the first sensors."""
         return self.classifier.predict_proba(first_sensors(windows, self.count))
+
+    @property
+    def history(self) -> tuple[Epoch, ...]:
+        """Loss and accuracy of each epoch."""
+        return self.classifier.history
+
+    def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
+        """What the last layer sees of each window."""
+        return self.classifier.embed(first_sensors(windows, self.count))
 
 
 def first_sensors(windows: WindowSet, count: int) -> WindowSet:

@@ -34,7 +34,7 @@ class Contrast:
     """Seeds that both have."""
     p_value: float
     """Of Wilcoxon's signed-rank test, corrected by Holm over all contrasts against the same row; NaN with fewer than
-    six seeds."""
+    six seeds, and where the seeds split the same recordings, which the test takes for independent pairs."""
     is_corrected: bool
     """Whether the seeds split the same recordings anew, so that the interval is that of the corrected resampled t
     (Nadeau and Bengio 2003); else each seed is a fleet of its own and the interval is Student's."""

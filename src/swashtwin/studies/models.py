@@ -42,7 +42,7 @@ class Model:
 
     @property
     def is_network(self) -> bool:
-        """Whether it is trained in epochs, and has features to embed."""
+        """Whether it is trained in epochs; a single training has a loss curve, and features to embed."""
         return self.kind in NETWORKS
 
     @property
@@ -190,9 +190,9 @@ def train_model(
     network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
     seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
     used = tuple(manifest)
-    trained = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
-    whole = trained[0] if model.trainings == 1 else Ensemble(tuple(trained))
-    return whole if model.sensors is None else FewerSensors(whole, model.sensors)
+    fitted = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
+    members = fitted if model.sensors is None else [FewerSensors(one, model.sensors) for one in fitted]
+    return members[0] if model.trainings == 1 else Ensemble(tuple(members))
 
 
 def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:

@@ -5,6 +5,7 @@ Its JSON is a `StudyTable`'s with ``size``, ``rivals``, ``contrasts``, ``cells``
 ...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
 """
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -69,6 +70,12 @@ class StudyResult(StudyTable):
     """Calibrations under the first seed, where they are at hand."""
 
     @property
+    def commands(self) -> tuple[str, ...]:
+        """Command lines that repeat it: its own, or where it was put together from runs of several, each of theirs."""
+        own = (self.command,) if self.command else (run.command for run in self.runs)
+        return tuple(dict.fromkeys(command for command in own if command))
+
+    @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """Every score of the study's rows."""
         return tuple(one for run in self.runs for one in run.outcomes if one.classifier not in self.rival_names)
@@ -131,6 +138,7 @@ class StudyResult(StudyTable):
             fingerprints[place] = {**fingerprints.get(place, {}), **own}
         return {
             **super().to_dict(),
+            "command": " && ".join(self.commands),
             "size": self.size,
             "rivals": self.rows(rivals=True),
             "contrasts": [one.to_dict() for one in self.contrasts],
@@ -210,7 +218,7 @@ def contrasts_of(
                 row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor, bare)
             ]
             family = [one for row in own if (one := _contrast(trials, runs, key, row))[1]]
-            corrected = holm([signed_rank_p(points) for _, points in family])
+            corrected = holm([math.nan if one.is_corrected else signed_rank_p(points) for one, points in family])
             found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
     return tuple(found)
 

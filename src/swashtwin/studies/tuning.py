@@ -162,9 +162,11 @@ def _taken(model: Model) -> dict[str, Any]:
 
 
 def _space(model: Model) -> dict[str, tuple[Any, ...]]:
-    """What is searched of a model."""
+    """What is searched of a model: of the normalizations those that go with how it is trained."""
     taken = _taken(model)
-    return {**TRAINING_SPACE, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
+    suitable = tuple(name for name in TRAINING_SPACE["normalization"] if model.training.goes_with(name))
+    training = {**TRAINING_SPACE, "normalization": suitable}
+    return {**training, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
 
 
 def _own_settings(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:

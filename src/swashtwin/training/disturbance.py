@@ -41,6 +41,8 @@ def disturbed(
     for purpose, width, change in _asked(settings):
         rng = stream(seed, purpose, epoch)
         which = np.flatnonzero(rng.random(len(windows)) < 0.5)
+        if not len(which):
+            continue
         signal = signal.copy() if signal is windows.signal else signal
         signal[which] = change(signal[which], width, rng)
         touched[which] = True
@@ -92,7 +94,7 @@ def at_other_speeds(signal: Readings, largest: float, rng: np.random.Generator) 
             [map_coordinates(channel, place[None], order=3, mode="mirror") for channel in window]
             for window, place in zip(signal, places, strict=True)
         ]
-    ).reshape(signal.shape)
+    )
 
 
 def _asked(settings: TrainingSettings) -> list[tuple[str, float, Change]]:

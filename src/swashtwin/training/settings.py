@@ -54,7 +54,8 @@ class TrainingSettings:
     """``"class"`` or ``"condition"``: windows of each epoch are drawn so that every class, or every class under every
     speed and pressure, counts the same; ``"none"`` takes each once."""
     mixup: float = 0.0
-    """Strength with which pairs of windows and their classes are mixed; 0 mixes none, 0.2 is usual."""
+    """Strength with which pairs of windows, as the network represents them, and their classes are mixed; 0 mixes none,
+    0.2 is usual."""
     alignment: str = "none"
     """``"coral"`` or ``"mmd"``: draws the features of different conditions together; see `domains.misalignment`."""
     alignment_weight: float = 1.0
@@ -95,12 +96,23 @@ class TrainingSettings:
             raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
         if self.noise_snr is not None and not math.isfinite(self.noise_snr):
             raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
+        if clash := self._clash(self.normalization):
+            raise InputError(f"{clash}; take another normalization, such as 'set'.")
+
+    def goes_with(self, normalization: str) -> bool:
+        """Whether windows changed in training, as these settings change them, make sense under a normalization."""
+        return self._clash(normalization) is None
+
+    def _clash(self, normalization: str) -> str | None:
         asked = [name for name, idle in _DISTURBANCES.items() if getattr(self, name) != idle]
-        if asked and self.normalization == "recording":
-            raise InputError(
+        if asked and normalization == "recording":
+            return (
                 f"{asked[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "
-                "recording; take another normalization, such as 'set'."
+                "recording"
             )
+        if self.gain and normalization == "window":
+            return "gain would change nothing, since normalization 'window' takes each window's own level away"
+        return None
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them. Disturbances that were not asked for are left out, so that runs, checkpoints

@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,10 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from tiny_case import tiny, tiny_recordings
+
+from swashtwin.studies import run_plan
+from swashtwin.studies.naming import training_set_words
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 STEPS = 60
@@ -99,3 +104,22 @@ def test_every_benchmark_finds_what_it_imports(path: Path) -> None:
         if str(missing.name).startswith("swashtwin"):
             raise
         pytest.skip(f"{missing.name} is not installed")
+
+
+def test_the_printed_tables_hold_what_the_study_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printing = importlib.import_module("results_tables")
+    study = run_plan(tiny(), tiny_recordings(), seeds=(0, 1), out=tmp_path)
+    monkeypatch.setattr(sys, "argv", ["results_tables.py", str(tmp_path)])
+    printing.main()
+    printed = capsys.readouterr().out
+    for row in study.rows():
+        numbers = f"{row['accuracy']['mean']:.3f} ± {row['accuracy']['std']:.3f}"
+        assert re.search(rf"\| {row['level']} \| .* \| {training_set_words(row['training_set'])} \| {numbers}", printed)
+    rows = [{name: row[name] for name in study.factors} for row in study.rows() if row["level"] == "L2"]
+    first, second = (next(row for row in rows if row["training_set"] == name) for name in ("calibrated", "measured"))
+    points = 100 * study.contrast(first, second, metric="scarce_recall").mean
+    assert f"with calibrated twin less measured only, recall in the scarce cell: {points:+.1f}" in printed.replace(
+        "**", ""
+    )

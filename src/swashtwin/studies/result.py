@@ -117,10 +117,10 @@ class StudyResult(StudyTable):
                     tested[", ".join([name, *varied_of(run)])] = own
         return {**trained, **dict(sorted(tested.items()))}
 
-    def contrast(self, first: Mapping[str, str], second: Mapping[str, str]) -> Contrast:
+    def contrast(self, first: Mapping[str, str], second: Mapping[str, str], *, metric: str = "accuracy") -> Contrast:
         """How much the row of some factors is above the row of others, whether or not the study sets out to compare
         them; its p-value is not corrected for others, and therefore left out."""
-        return _contrast(self.trials, self.runs, tuple(first.items()), tuple(second.items()))[0]
+        return _contrast(self.trials, self.runs, tuple(first.items()), tuple(second.items()), metric)[0]
 
     def rows(self, *, rivals: bool = False) -> list[dict[str, Any]]:
         """One row for each set of factors; those of the rivals beside the study's own on demand."""
@@ -251,16 +251,16 @@ def _row(trial: Trial) -> Row:
     return tuple(trial.factors.items())
 
 
-def _contrast(trials: Sequence[Trial], runs: Sequence[Run], first: Row, second: Row) -> tuple[Contrast, list[float]]:
-    value = {(_row(trial), trial.seed): trial.values["accuracy"] for trial in trials if _row(trial) in (first, second)}
+def _contrast(
+    trials: Sequence[Trial], runs: Sequence[Run], first: Row, second: Row, metric: str = "accuracy"
+) -> tuple[Contrast, list[float]]:
+    value = {(_row(trial), trial.seed): trial.values[metric] for trial in trials if _row(trial) in (first, second)}
     seeds = [seed for row, seed in value if row == first and (second, seed) in value]
     points = [value[first, seed] - value[second, seed] for seed in seeds]
     share = _test_share(runs, dict(first))
     mean = float(np.mean(points)) if points else float("nan")
     interval = paired_interval(points, share)
-    contrast = Contrast(
-        dict(first), dict(second), "accuracy", mean, interval, len(points), float("nan"), share is not None
-    )
+    contrast = Contrast(dict(first), dict(second), metric, mean, interval, len(points), float("nan"), share is not None)
     return contrast, points
 
 

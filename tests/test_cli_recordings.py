@@ -161,6 +161,7 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
     assert [one["label"] for one in told] == [one["recording_id"].split("_")[0] for one in told]
     refusal = one_line(run("diagnose", tmp_path / "m.safetensors", tmp_path / "new", code=3))
     assert "does not fit the classifier" in refusal
+    assert 'resample = "..."' in refusal
 
 
 def test_angle_options_need_readings_per_turn_and_a_common_speed(folder: Path) -> None:

@@ -180,7 +180,8 @@ def test_training_with_gains_and_speeds_continues_bit_for_bit(tmp_path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"gain": -1.0}, r"gain \(-1\) must not be negative"),
+        ({"gain": -1.0}, r"gain \(-1\) must be between 0 and 40 dB"),
+        ({"gain": float("nan")}, r"gain \(nan\) must be between"),
         ({"stretch": 0.5}, r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed"),
         ({"stretch": float("nan")}, r"stretch \(nan\)"),
         ({"gain": 1.0, "normalization": "recording"}, "gain changes windows one by one"),

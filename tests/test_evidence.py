@@ -60,6 +60,13 @@ def test_moments_and_lines_each_add_up_to_the_answer(evidence: Evidence) -> None
     assert evidence.lines.sum() == pytest.approx(evidence.moments.sum(), rel=1e-9)
 
 
+def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence) -> None:
+    assert evidence.margin > 0
+    assert not any("even more firmly" in said for said in evidence.sentences())
+    against = replace(evidence, margin=-evidence.margin)
+    assert any("to silence the network answers valve plate even more firmly" in said for said in against.sentences())
+
+
 def test_more_points_on_the_way_leave_a_smaller_gap(classifier: FittedClassifier) -> None:
     windows = cut_windows([recording("new", "valve_plate").relabeled(None)], length=128, classes=LABELS)
     signal = classifier.normalization.applied(windows)

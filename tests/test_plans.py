@@ -17,10 +17,11 @@ from swashtwin.recording import Recording
 from swashtwin.rig import RigSize, rig_recordings
 from swashtwin.signals import add_noise
 from swashtwin.studies import Plan, plan_of, run_plan
+from swashtwin.studies.carrying import _notes
 from swashtwin.studies.contrasts import Contrast, holm, paired_interval, signed_rank_p
 from swashtwin.studies.fillings import Filling, filled_cells, noisy_training
 from swashtwin.studies.material import Material, again_cut, calibration_tasks, prepare
-from swashtwin.studies.models import DEFAULT, MODELS, VARIED, models_of, train_model
+from swashtwin.studies.models import DEFAULT, MODELS, VARIED, Model, models_of, train_model
 from swashtwin.studies.plan import noisy_test
 from swashtwin.studies.registry import PLANS
 from swashtwin.studies.result import contrasts_of
@@ -111,7 +112,7 @@ def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
         kernels = {name for name, one in BASELINES.items() if one.columns != "features"}
         assert set(BASELINES) - kernels <= set(plan.models)
         missing = kernels - set(plan.models)
-        assert all(name in plan.notes[0] for name in missing)
+        assert missing == set(plan.absent)
     assert {"bitcn", *ablations} <= set(plan_of("ablation", "paper").models)
 
 
@@ -253,8 +254,17 @@ def test_a_study_can_be_run_for_some_of_its_training_sets_and_models() -> None:
     assert len(plan.tasks(0, "data")) == len(plan.models)
     with pytest.raises(InputError, match="no training set 'guess'"):
         plan.of_training_sets(["guess"])
-    with pytest.raises(InputError, match="no model is called"):
-        models_of("quick", ["guess"])
+    with pytest.raises(InputError, match="no model is called 'extra_tres'; did you mean 'extra_trees'"):
+        models_of("quick", ["extra_tres"])
+
+
+def test_classifiers_that_cannot_be_trained_for_want_of_aeon_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Model, "is_at_hand", property(lambda model: model.kind != "hydra"))
+    plan = plan_of("algorithms", "quick")
+    assert plan.absent == ("hydra",)
+    assert "hydra" not in plan.models
+    assert list(_notes(plan, ["spectral_bitcn"])) == ["Not run here, for want of aeon: hydra."]
+    assert list(_notes(plan, ["spectral_bitcn", "hydra"])) == []
 
 
 def test_a_study_can_be_run_at_some_of_its_values() -> None:

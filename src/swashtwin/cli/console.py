@@ -10,6 +10,9 @@ from typing import Any
 
 import typer
 
+_UNLIMITED = 200  # columns where nobody's window limits a table
+_WORD = 20  # characters of a single word that a column is not broken within
+
 
 def tell(result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
     """Print `result` as one JSON object, or what `show` prints."""
@@ -46,14 +49,20 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(width=None if sys.stdout.isatty() else 160)
+    console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
     grid = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD)
     for place, name in enumerate(header):
         numeric = bool(rows) and all(isinstance(row[place], (int, float)) for row in rows)
-        grid.add_column(Text(name), justify="right" if numeric else "left", overflow="fold", no_wrap=numeric)
+        whole = numeric or all(_is_word(row[place]) for row in rows)
+        grid.add_column(Text(name), justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
     for row in rows:
         grid.add_row(*(Text(_word(value)) for value in row))
     console.print(grid)
+
+
+def _is_word(value: object) -> bool:
+    text = _word(value)
+    return len(text) <= _WORD and " " not in text
 
 
 @contextmanager

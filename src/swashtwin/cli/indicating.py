@@ -111,7 +111,7 @@ def spectrum(
         str | None, typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.')
     ] = None,
     resolution: Annotated[
-        float | None, typer.Option(help="Spacing of lines [Hz], or in orders; the whole recording at once by default.")
+        float | None, typer.Option(help="Spacing of lines in Hz, or in orders; the whole recording at once by default.")
     ] = None,
     top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders, s).")] = None,
     tachometer: Tachometer = None,

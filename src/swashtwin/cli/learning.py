@@ -55,11 +55,11 @@ def train(
     ] = None,
     noise_snr: Annotated[
         float | None,
-        typer.Option(help="Noise in training: half of each epoch's windows, down to this ratio [dB]; none by default."),
+        typer.Option(help="Noise in training: half of each epoch's windows, down to so many dB; none by default."),
     ] = None,
     gain: Annotated[
         float | None,
-        typer.Option(help="Gains in training: each channel of half the windows, up to this [dB]; 0 by default."),
+        typer.Option(help="Gains in training: each channel of half the windows, up to so many dB; 0 by default."),
     ] = None,
     stretch: Annotated[
         float | None,

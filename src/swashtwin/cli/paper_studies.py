@@ -111,7 +111,7 @@ def command_of(study: str) -> Callable[..., None]:
         plan = plan_of(study, size.value)
         if models is not None:
             asked = models_of(size.value, _names(models))
-            plan = replace(plan, models=asked, rivals=tuple(asked)[1:] if plan.rivals else ())
+            plan = replace(plan, models=asked, absent=(), rivals=tuple(asked)[1:] if plan.rivals else ())
         if training_sets is not None:
             plan = plan.of_training_sets(_names(training_sets))
         if values is not None:

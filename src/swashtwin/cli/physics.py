@@ -78,5 +78,5 @@ def synthesize(
     }
     result |= {"classes": windows.classes, "seed": seed, "draws": draws and not nominal}
     told = f"{out}: {len(windows)} windows of {label}"
-    following = f"Next: swashtwin train {like} --add {out} --out model.safetensors"
+    following = f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
     tell(result, as_json, lambda: say(f"{told}\n{following}"))

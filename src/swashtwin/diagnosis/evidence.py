@@ -115,6 +115,12 @@ class Evidence:
             f"{self.describe(band)} on {channel} ({100 * share:.0f} %)" for channel, band, share in self.strongest()
         ]
         said = [f"What speaks most for {label} rather than {rival}: {'; '.join(found) or 'no single line'}."]
+        if self.margin <= 0:
+            said.append(
+                f"The readings as a whole take away from {label}: to silence the network answers {label} even more "
+                "firmly. Lines against silence say little of this verdict; lean on the nearest recordings and on the "
+                "checks."
+            )
         if self.nearest:
             near = ", ".join(f"{one.recording_id} ({one.label.replace('_', ' ')})" for one in self.nearest[:3])
             same = sum(one.label == self.label for one in self.nearest)

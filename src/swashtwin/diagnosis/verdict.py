@@ -120,8 +120,7 @@ def settled_on(
     if difference := classifier.layout.difference(layout):
         raise DataError(
             f"{recording.recording_id} does not fit the classifier (what that was taught against what this has): "
-            f"{difference}; say what the channels of a file are with --names, take some of them with --channels "
-            "(recording.picked(...) in Python), or resample it."
+            f"{difference}; {_advice(difference)}."
         )
     parts = partial(
         window_batches,
@@ -132,6 +131,18 @@ def settled_on(
         batch=_TOGETHER,
     )
     return replace(classifier, normalization=classifier.normalization.settled(parts)), parts
+
+
+def _advice(difference: str) -> str:
+    """What to do about a difference of layouts."""
+    if difference.startswith("sample rate"):
+        return 'bring it to the classifier\'s rate: index the file, and give resample = "..." in the index'
+    if difference.startswith("unit"):
+        return 'state what a reading is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
+    return (
+        "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
+        "for each"
+    )
 
 
 def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording) -> list[str]:

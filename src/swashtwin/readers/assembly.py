@@ -106,7 +106,10 @@ def _stored(raw: RawFile, entry: Entry, path: Path, digest: dict[str, str]) -> S
     chosen = choose_columns(raw, entry, where)
     names = entry.names or tuple(chosen)
     if len(names) != len(chosen):
-        raise DataError(f"{where}: {len(names)} names for {len(chosen)} channels ({', '.join(chosen)}).")
+        raise DataError(
+            f"{where}: {len(names)} name{'s' * (len(names) != 1)} for {len(chosen)} channels ({', '.join(chosen)}); on "
+            "the command line --names stands once for each, in order."
+        )
     rate = stated_rate(raw, list(chosen), entry, where)
     factors, unit = scale(raw, entry, list(chosen), where)
     columns = tuple(chosen.values())

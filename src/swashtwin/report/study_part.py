@@ -165,7 +165,7 @@ def contrast_table(study: StudyResult) -> Table:
                 Cell(interval, why),
                 Cell(str(one.pairs)),
                 Cell(number(one.p_value), "" if one.p_value == one.p_value else no_test),
-                Cell("yes" if one.is_clear else "no"),
+                Cell("—" if low != low else "yes" if one.is_clear else "no", why),
             )
         )
     kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"

@@ -1,7 +1,7 @@
 """A plan carried out: what is done already is read, the rest is done side by side, and each task is kept as it ends."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -253,7 +253,7 @@ def assembled(
         wall_s=sum(run.wall_s for run in ordered) if wall_s is None else wall_s,
         version=ordered[-1].version,
         command=command,
-        notes=(*plan.notes, *(note for name, note in plan.model_notes.items() if name in found)),
+        notes=tuple(_notes(plan, found)),
         device=", ".join(sorted({run.device for run in ordered})),
         size=ordered[0].task.size,
         runs=tuple(ordered),
@@ -263,6 +263,14 @@ def assembled(
         calibrations=tuple(calibrations),
     )
     return replace(told, answer=answer_of(told))
+
+
+def _notes(plan: Plan, found: Collection[str]) -> Iterator[str]:
+    """What must be read with the numbers of the classifiers that were trained."""
+    yield from plan.notes
+    yield from (note for name, note in plan.model_notes.items() if name in found)
+    if absent := [name for name in plan.absent if name not in found]:
+        yield f"Not run here, for want of aeon: {', '.join(absent)}."
 
 
 def _settings(runs: Sequence[Run]) -> dict[str, Any]:

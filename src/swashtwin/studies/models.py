@@ -3,6 +3,7 @@
 What BiTCN is by default stands here and nowhere else.
 """
 
+import difflib
 import importlib.util
 import os
 import re
@@ -161,7 +162,12 @@ def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
     known = MODELS[size]
     for name in names:
         if name not in known:
-            raise InputError(f"no model is called {name!r}; there are {', '.join(known)}.")
+            near = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.3)
+            hint = f"did you mean {near[0]!r}? There" if near else "there"
+            usual = [one for one in known if one not in VARIED]
+            raise InputError(
+                f"no model is called {name!r}; {hint} are {', '.join(usual)}, and of the ablation {', '.join(VARIED)}."
+            )
     return {name: known[name] for name in names}
 
 

@@ -63,6 +63,8 @@ class Plan:
     """What must be read with the numbers."""
     model_notes: Mapping[str, str] = field(default_factory=dict)
     """What must be read with those of a classifier, told where it was trained."""
+    absent: tuple[str, ...] = ()
+    """Classifiers that belong here, and for want of aeon cannot be trained."""
 
     def __post_init__(self) -> None:
         if not (self.models and self.fillings):

@@ -22,8 +22,8 @@ DECAYS = ("none", "cosine")
 _DISTURBANCES: Mapping[str, float | None] = {"noise_snr": None, "gain": 0.0, "stretch": 0.0}
 """What windows can be changed by within an epoch, and the value at which they are not."""
 
-_WIDEST = 0.2
-"""Largest change of speed that is still the same machine [1]."""
+_WIDEST, _LOUDEST = 0.2, 40.0
+"""Largest change of speed [1], and of gain [dB], that are still the same machine and sensor."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class TrainingSettings:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
-        for name in ("mixup", "alignment_weight", "gain"):
+        for name in ("mixup", "alignment_weight"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
         choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
@@ -94,6 +94,8 @@ class TrainingSettings:
     def _require_disturbances(self) -> None:
         if not 0 <= self.stretch <= _WIDEST:
             raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
+        if not 0 <= self.gain <= _LOUDEST:
+            raise InputError(f"gain ({self.gain:g}) must be between 0 and {_LOUDEST:g} dB; 3 is usual.")
         if self.noise_snr is not None and not math.isfinite(self.noise_snr):
             raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
         if clash := self._clash(self.normalization):

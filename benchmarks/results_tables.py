@@ -77,10 +77,12 @@ FURTHER: Mapping[str, Sequence[tuple[Change, Change]]] = {
     "unseen-specimen": [(CALIBRATED, MEASURED)],
     "calibrators": [
         ({"calibrator": "gauss_newton"}, {"calibrator": "ipinn"}),
+        ({"calibrator": "healthy"}, {"calibrator": "ipinn"}),
+        ({"calibrator": "healthy"}, {"calibrator": "gauss_newton"}),
         *(
             ({"training_set": name, "calibrator": way}, {**MEASURED, "calibrator": "none"})
             for name in ("calibrated", "every_class")
-            for way in ("ipinn", "gauss_newton")
+            for way in ("ipinn", "gauss_newton", "healthy")
         ),
     ],
 }
@@ -119,7 +121,8 @@ def difference(study: StudyResult, first: Mapping[str, str], second: Mapping[str
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table."""
-    return "\n".join("| " + " | ".join(line) + " |" for line in (header, ["---"] * len(header), *rows))
+    names = [name.replace("_", " ") for name in header]
+    return "\n".join("| " + " | ".join(line) + " |" for line in (names, ["---"] * len(names), *rows))
 
 
 def seeds(row: Mapping[str, Any]) -> str:

@@ -32,6 +32,12 @@ def test_simulate_writes_what_it_tells(tmp_path: Path) -> None:
     assert "cover_z" in run("simulate", *AT_15, *SHORT, "--out", out).stdout
 
 
+def test_a_file_that_nothing_writes_is_refused_before_the_work(tmp_path: Path) -> None:
+    told = one_line(run("simulate", *AT_15, *SHORT, "--out", tmp_path / "q", code=3))
+    assert "must end in .h5" in told
+    assert "to " not in run("simulate", *AT_15, *SHORT, "--out", tmp_path / "Q.H5").stderr
+
+
 @pytest.mark.parametrize("suffix", ["wav", "csv"])
 def test_every_format_holds_the_same_signal(tmp_path: Path, suffix: str) -> None:
     for out in ("a.h5", f"a.{suffix}"):

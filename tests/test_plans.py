@@ -187,9 +187,11 @@ def test_a_filling_of_any_number_of_windows_is_contrasted_with_none() -> None:
 def test_each_way_to_calibrate_is_contrasted_with_the_other_and_with_none() -> None:
     plan = plan_of("calibrators", "quick")
     rows = {(task.factors["training_set"], task.factors["calibrator"]) for task in plan.tasks(0, "data")}
-    ways = ("ipinn", "gauss_newton")
+    ways = ("ipinn", "gauss_newton", "healthy")
     assert rows == {("measured", "none"), *((name, way) for name in ("calibrated", "every_class") for way in ways)}
-    assert ("gauss_newton", "ipinn") in contrasted(plan, "calibrator")
+    pairs = contrasted(plan, "calibrator")
+    assert {("gauss_newton", "ipinn"), ("healthy", "ipinn"), ("healthy", "gauss_newton")} <= pairs
+    assert all(one[0] != one[1] for one in pairs)
     assert {("calibrated", "measured"), ("every_class", "measured")} <= contrasted(plan, "training_set")
     assert plan.scenario_of("ipinn") == plan_of("case1", "quick").scenario
     assert plan.scenario_of("gauss_newton").described() != plan.scenario_of("ipinn").described()

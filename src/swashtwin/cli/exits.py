@@ -67,7 +67,7 @@ def require_target(path: Path, *suffixes: str) -> None:
     """Refuse a file that cannot be written, before the work that it is to hold is done."""
     if path.is_dir():
         raise InputError(f"{path} is a folder; name a file, such as {path / ('result' + (suffixes or ('',))[0])}.")
-    if suffixes and path.suffix not in suffixes:
+    if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"{path} must end in {' or '.join(suffixes)}.")
     if path.parent.exists() and not os.access(path.parent, os.W_OK):
         raise InputError(f"{path.parent} cannot be written to; name a file elsewhere.")

@@ -99,6 +99,15 @@ def train(
     )
 
     require_target(out)
+    settings = replace(
+        RECOMMENDED_TRAINING,
+        class_weights=class_weights,
+        **given(
+            epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
+            decay=decay, normalization=normalization, balance=balance, mixup=mixup, alignment=alignment,
+            noise_snr=noise_snr, gain=gain, stretch=stretch,
+        ),
+    )  # fmt: skip
     added = [load_windows(path) for path in add or ()]
     manifest = {name for _, names in added for name in names}
     layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
@@ -125,15 +134,6 @@ def train(
     for synthetic, _ in added:
         training = training + synthetic
     check_disjoint(training, held_out)
-    settings = replace(
-        RECOMMENDED_TRAINING,
-        class_weights=class_weights,
-        **given(
-            epochs=epochs, batch_size=batch_size, learning_rate=learning_rate, weight_decay=weight_decay,
-            decay=decay, normalization=normalization, balance=balance, mixup=mixup, alignment=alignment,
-            noise_snr=noise_snr, gain=gain, stretch=stretch,
-        ),
-    )  # fmt: skip
     shape = given(
         kernel_size=kernel_size, channels=list_of(channels, int, "--channels"),
         dilations=list_of(dilations, int, "--dilations"), dropout=dropout, stride=stride,

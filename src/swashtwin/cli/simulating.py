@@ -92,11 +92,12 @@ def simulate(
     With --n, the shaft's phase is drawn for each recording, and a run that was interrupted goes on where it ended.
     """
     from swashtwin.contacts import SlipperContact
+    from swashtwin.readers import WRITABLE
     from swashtwin.units import parse
 
     if n == 1:
-        require_target(out)
-    elif out.suffix in (*_STREAMED, ".mat", ".wav", ".csv", ".tdms"):
+        require_target(out, *WRITABLE)
+    elif out.suffix in WRITABLE:
         raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
     seconds = parse(duration, "s", name="duration")
     course = _course_of(seconds, speed, pressure, to_speed, to_pressure, jitter)

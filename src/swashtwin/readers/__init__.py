@@ -21,7 +21,7 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
 
 from swashtwin.readers.assembly import open_recording, read_recording
 from swashtwin.readers.entry import Entry
-from swashtwin.readers.formats import SUFFIXES, write_blocks, write_recording
+from swashtwin.readers.formats import SUFFIXES, WRITABLE, write_blocks, write_recording
 from swashtwin.readers.index import (
     declared_classes,
     open_recordings,
@@ -40,6 +40,7 @@ from swashtwin.readers.store import is_store, open_store, write_store
 __all__ = [
     "PUBLIC_SETS",
     "SUFFIXES",
+    "WRITABLE",
     "Entry",
     "IndexProposal",
     "declared_classes",

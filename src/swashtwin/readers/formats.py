@@ -37,7 +37,8 @@ SUFFIXES = tuple(_FORMATS)
 """Suffixes that can be read."""
 _RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
-_WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
+WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
+"""Suffixes of the files that a recording can be written to."""
 
 
 def suffix_of(path: Path) -> str:
@@ -109,7 +110,7 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         The suffix cannot be written, or the recording does not fit the format.
     """
     path = Path(path)
-    module = _module(path, _WRITABLE, "written")
+    module = _module(path, WRITABLE, "written")
     with replacing(path) as partial:
         module.write(recording, partial)
     return path

@@ -8,7 +8,7 @@ import pytest
 
 from swashtwin.recording import Recording
 from swashtwin.seeding import derive_seed, stream
-from swashtwin.studies.composed import Ensemble, FewerSensors
+from swashtwin.studies.composed import Ensemble, Viewed
 from swashtwin.studies.models import COMPOSED, MODELS, Model, train_model
 from swashtwin.training import TrainingSettings
 from swashtwin.windows import WindowSet, cut_windows
@@ -49,7 +49,7 @@ def test_an_ensemble_is_the_mean_of_trainings_by_seeds_of_their_own() -> None:
 def test_a_network_of_the_first_sensor_does_not_hear_the_second() -> None:
     train, test = windows(), windows(1)
     half_deaf = train_model(replace(NETWORK, sensors=1), train, seed=4)
-    assert isinstance(half_deaf, FewerSensors)
+    assert isinstance(half_deaf, Viewed)
     changed = replace(test, signal=test.signal * np.array([1, -7], dtype=np.float32)[None, :, None])
     assert np.array_equal(half_deaf.predict_proba(test), half_deaf.predict_proba(changed))
     heard = train_model(NETWORK, train, seed=4)

@@ -1,5 +1,6 @@
-"""Classifiers made of a trained one, or of several: an ensemble, and one that hears some of the sensors."""
+"""Classifiers made of a trained one, or of several: an ensemble, and one that sees windows in a view of its own."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,13 +38,13 @@ class Ensemble:
 
 
 @dataclass(frozen=True, eq=False)
-class FewerSensors:
-    """A classifier that was trained on the first sensors alone, and is asked with windows of all."""
+class Viewed:
+    """A network that was trained on a view of the windows, and is asked with the windows as they are."""
 
     classifier: FittedClassifier
-    """Trained on `first_sensors` of the windows."""
-    count: int
-    """Sensors it hears."""
+    """Trained on what `view` gives."""
+    view: Callable[[WindowSet], WindowSet]
+    """What it sees of windows."""
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -55,18 +56,18 @@ class FewerSensors:
         """Every recording that had a part in it."""
         return self.classifier.manifest
 
-    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
-        """Probability of each class for each window, of which it hears the first sensors."""
-        return self.classifier.predict_proba(first_sensors(windows, self.count))
-
     @property
     def history(self) -> tuple[Epoch, ...]:
         """Loss and accuracy of each epoch."""
         return self.classifier.history
 
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window."""
+        return self.classifier.predict_proba(self.view(windows))
+
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
         """What the last layer sees of each window."""
-        return self.classifier.embed(first_sensors(windows, self.count))
+        return self.classifier.embed(self.view(windows))
 
 
 def first_sensors(windows: WindowSet, count: int) -> WindowSet:

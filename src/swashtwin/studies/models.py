@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from swashtwin.features import FeatureTable, extract_features
 from swashtwin.networks import NETWORKS, build_network
 from swashtwin.order_threshold import rising_orders, threshold_orders
 from swashtwin.seeding import derive_seed
-from swashtwin.studies.composed import Ensemble, FewerSensors, first_sensors
+from swashtwin.studies.composed import Ensemble, Viewed, first_sensors
 from swashtwin.training import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings, fit
 from swashtwin.windows import WindowSet
 
@@ -192,12 +193,13 @@ def train_model(
         return _threshold(train, manifest)
     if not model.is_network:
         return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
-    heard = train if model.sensors is None else first_sensors(train, model.sensors)
+    view = None if model.sensors is None else partial(first_sensors, count=model.sensors)
+    heard = train if view is None else view(train)
     network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
     seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
     used = tuple(manifest)
     fitted = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
-    members = fitted if model.sensors is None else [FewerSensors(one, model.sensors) for one in fitted]
+    members = fitted if view is None else [Viewed(one, view) for one in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
 
 

@@ -15,7 +15,7 @@ from swashtwin.errors import InputError
 from swashtwin.evaluation import Classifier, Scores, evaluate
 from swashtwin.recording import Recording
 from swashtwin.signals import add_noise
-from swashtwin.studies.composed import FewerSensors
+from swashtwin.studies.composed import Viewed
 from swashtwin.studies.fillings import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
 from swashtwin.studies.material import Material, again_cut, cells_of
 from swashtwin.studies.models import Model, train_model
@@ -261,7 +261,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
 
 
 def _embedding(classifier: Classifier, task: Task, material: Material) -> Embedding | None:
-    if not isinstance(classifier, FittedClassifier | FewerSensors):
+    if not isinstance(classifier, FittedClassifier | Viewed):
         return None
     tests = material.tests
     return Embedding(

@@ -11,7 +11,7 @@ drawn from the priors. By this the study chooses among what needs no measured fa
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,6 +39,7 @@ from swashtwin.order_threshold import OrderThreshold, rising_orders, threshold_o
 from swashtwin.recording import Recording
 from swashtwin.rig import SIZES, rig_recordings
 from swashtwin.seeding import derive_seed
+from swashtwin.studies.composed import Viewed
 from swashtwin.studies.table import StudyTable, origin_of
 from swashtwin.studies.zero_shot_data import (
     CALIBRATED,
@@ -71,7 +72,7 @@ from swashtwin.studies.zero_shot_table import (
     trial_of,
 )
 from swashtwin.studies.zero_shot_twins import pump_of
-from swashtwin.training import TrainingSettings, fit
+from swashtwin.training import FittedClassifier, TrainingSettings, fit
 from swashtwin.version import VERSION
 from swashtwin.windows import WindowSet
 
@@ -221,7 +222,7 @@ def _learned(
     lines = against_healthy(views["lines"], references)
     on_orders = BiTCN(train.n_channels, len(train.classes), **settings.order_network)
     fitted = _trained(on_orders, _as_orders(train, lines), data, name, settings)
-    yield from _scored(name, NET_HEALTHY, _OnOrders(fitted, lines), data)
+    yield from _scored(name, NET_HEALTHY, Viewed(fitted, partial(_as_orders, lines=lines)), data)
 
 
 def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
@@ -233,27 +234,10 @@ def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
     return synthetic if np.any(synthetic.label == "normal") else data.sets[POSTERIOR]
 
 
-def _trained(network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings) -> Classifier:
+def _trained(
+    network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings
+) -> FittedClassifier:
     return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.known(name))
-
-
-@dataclass(frozen=True, eq=False)
-class _OnOrders:
-    """A network that reads levels at shaft orders in place of readings."""
-
-    classifier: Classifier
-    lines: Extractor
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        return self.classifier.classes
-
-    @property
-    def manifest(self) -> tuple[str, ...]:
-        return self.classifier.manifest
-
-    def predict_proba(self, windows: WindowSet) -> np.ndarray:
-        return self.classifier.predict_proba(_as_orders(windows, self.lines))
 
 
 def _as_orders(windows: WindowSet, lines: Extractor) -> WindowSet:

@@ -33,7 +33,7 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Score a classifier on the recordings of an index that had no part in it."""
-    from swashtwin import evaluation
+    from swashtwin.evaluation import evaluate as evaluation_of, score_confidence, unseen_recordings
     from swashtwin.diagnosis import load_classifier
     from swashtwin.readers import read_recordings
     from swashtwin.recording import select
@@ -41,10 +41,10 @@ def evaluate(
 
     classifier = load_classifier(model)
     recordings = read_recordings(source)
-    chosen = select(recordings, ids=ids) if ids else evaluation.unseen_recordings(classifier, recordings)
+    chosen = select(recordings, ids=ids) if ids else unseen_recordings(classifier, recordings)
     test = cut_windows(chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
-    scores = evaluation.evaluate(classifier, test, level=level, seed=seed)
-    trusted = evaluation.score_confidence(classifier, test) if classifier.confidence is not None else None
+    scores = evaluation_of(classifier, test, level=level, seed=seed)
+    trusted = score_confidence(classifier, test) if classifier.confidence is not None else None
     names = [one.recording_id for one in chosen]
     if not ids and len(names) < len(recordings):
         note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
@@ -78,21 +78,22 @@ def diagnose(
     as_json: Json = False,
 ) -> None:
     """Name the class of each recording, and what a reader should know before trusting it."""
-    from swashtwin import diagnosis
+    from swashtwin.diagnosis import Evidence, explain, load_classifier
+    from swashtwin.diagnosis import diagnose as diagnosis_of
 
-    classifier = diagnosis.load_classifier(model)
+    classifier = load_classifier(model)
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
     recordings = open_all(paths, **facts)
-    verdicts = [diagnosis.diagnose(classifier, recording, error_rate=error_rate) for recording in recordings]
+    verdicts = [diagnosis_of(classifier, recording, error_rate=error_rate) for recording in recordings]
     page = None
-    evidence: list[diagnosis.Evidence] = []
+    evidence: list[Evidence] = []
     if report is not None:
         if report.suffix == ".html":
             require_target(report)
         evidence = [
-            diagnosis.explain(classifier, recording, verdict, pistons=pistons)
+            explain(classifier, recording, verdict, pistons=pistons)
             for recording, verdict in zip(recordings[:EXPLAINED], verdicts, strict=False)
         ]
         pairs = zip_longest(verdicts, evidence)

@@ -40,7 +40,7 @@ def synthesize(
     """
     if residual and not background:
         raise typer.BadParameter("is a background; leave --no-background out.", param_hint="--residual")
-    from swashtwin import augmentation
+    from swashtwin.augmentation import synthesize as synthesized
     from swashtwin.calibration import load_calibration
     from swashtwin.readers import read_recordings
     from swashtwin.units import parse
@@ -58,7 +58,7 @@ def synthesize(
     recordings = read_recordings(like)
     classes = sorted({one.label for one in recordings if one.label is not None} | {label})
     measured = cut_windows(recordings, length=length, classes=classes)
-    windows = augmentation.synthesize(
+    windows = synthesized(
         twin,
         label=label,
         count=count,

@@ -35,15 +35,12 @@ from swashtwin.calibration import (
     objective_of,
     objective_without_recordings,
 )
-from swashtwin.calibration.amortized_inputs import corrupted, points_drawn, simulated
-from swashtwin.calibration.identifiability import IDENTIFIED_STD, estimates_of, posterior_covariance
-from swashtwin.condition import OperatingCondition
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.pump import Interfaces
-from swashtwin.pump_files import load_pump
+from swashtwin.calibration.methods.amortized_inputs import corrupted, points_drawn, simulated
+from swashtwin.calibration.uncertainty.identifiability_report import IDENTIFIED_STD, estimates_of, posterior_covariance
+from swashtwin.foundation import MPa, mm, rpm
+from swashtwin.physics import Twin
+from swashtwin.pump import Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.signals import add_noise
-from swashtwin.twin import Twin
-from swashtwin.units import MPa, mm, rpm
 
 N_PERTURBED = 200
 """Twins on which the network's intervals are judged with model error."""

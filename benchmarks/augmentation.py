@@ -16,26 +16,18 @@ import time
 
 import torch
 
-from swashtwin.augmentation import (
-    FILLERS,
-    Filler,
-    TwinFiller,
-    copied_share,
-    discriminative_score,
-    spectral_distance,
-    train_synthetic_test_real,
-)
-from swashtwin.augmentation.filler import in_cell
+from swashtwin.bench import FILLERS, rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.studies.cells import cut_evenly
+from swashtwin.bench.studies.scenario import MACHINED
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
-from swashtwin.condition import OperatingCondition
-from swashtwin.pump_files import load_pump
-from swashtwin.recording import Recording
-from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies.cells import cut_evenly
-from swashtwin.studies.scenario import MACHINED
-from swashtwin.twin import Twin
-from swashtwin.units import MPa, rpm
-from swashtwin.windows import WindowSet
+from swashtwin.foundation import MPa, rpm
+from swashtwin.learning import WindowSet
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, load_pump
+from swashtwin.recordings import Recording
+from swashtwin.synthesis import Filler, TwinFiller, copied_share, discriminative_score, in_cell, spectral_distance
+from swashtwin.synthesis.fidelity import train_synthetic_test_real
 
 SIZE = RigSize(specimens=6, repeats=3, duration=3.0)
 LABEL = "swash_plate"

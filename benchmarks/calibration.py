@@ -25,15 +25,13 @@ import torch
 from torch import Tensor
 
 from swashtwin.calibration import IPINN, GaussNewton, Objective, calibrate, measure, objective_of
-from swashtwin.condition import OperatingCondition
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.integrators import RK4, HarmonicBalance, SteadySolver, rk4_limit, rk4_trajectory, state_matrix
-from swashtwin.pump import Interfaces
-from swashtwin.pump_files import load_pump
-from swashtwin.recording import Recording
+from swashtwin.foundation import MPa, mm, rpm
+from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
+from swashtwin.physics.solvers.runge_kutta import rk4_limit, state_matrix
+from swashtwin.physics.solvers.trajectories import rk4_trajectory
+from swashtwin.pump import Interfaces, OperatingCondition, SwashPlateDefect, load_pump
+from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
-from swashtwin.twin import Twin
-from swashtwin.units import MPa, mm, rpm
 
 FACTORS = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """Truth over nominal values."""

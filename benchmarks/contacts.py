@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.contacts import SlipperContact, loose_motion
-from swashtwin.excitation import impacts
-from swashtwin.faults import Fault, LooseSlipper, SwashPlateDefect
-from swashtwin.pump_files import load_pump
-from swashtwin.twin import Twin, carry_over, film_of, with_film
-from swashtwin.units import MPa, celsius, mm, rpm, um
+from swashtwin.foundation import MPa, celsius, mm, rpm, um
+from swashtwin.physics import SlipperContact, Twin, carry_over, film_of, with_film
+from swashtwin.physics.contacts.loose_slipper import loose_motion
+from swashtwin.physics.excitation import impacts
+from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, SwashPlateDefect, load_pump
 
 PUMP = load_pump("25scy14-1b")
 AT_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))

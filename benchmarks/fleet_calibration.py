@@ -14,17 +14,16 @@ import json
 import numpy as np
 import torch
 
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.fleet import film_factors
+from swashtwin.bench.rigs.measuring import Run
+from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, calibrate_fleet, measure, objective_of
-from swashtwin.condition import OperatingCondition
-from swashtwin.pump import Interfaces
-from swashtwin.pump_files import load_pump
-from swashtwin.recording import Recording
-from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.rig.fleet import film_factors
-from swashtwin.rig.measuring import Run
+from swashtwin.foundation import MPa, rpm
+from swashtwin.physics import Twin
+from swashtwin.pump import Interfaces, OperatingCondition, load_pump
+from swashtwin.recordings import Recording
 from swashtwin.signals import spectrum_value_error
-from swashtwin.twin import Twin
-from swashtwin.units import MPa, rpm
 
 NUISANCES = {"none": Nuisances(), "usual": Nuisances.usual()}
 Pairs = list[tuple[Recording, Run]]

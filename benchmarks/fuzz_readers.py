@@ -27,8 +27,9 @@ from select import select
 import h5py
 import numpy as np
 
-from swashtwin.errors import SwashTwinError
-from swashtwin.readers import (
+from swashtwin.foundation import SwashTwinError
+from swashtwin.recordings import (
+    Recording,
     open_recording,
     open_recordings,
     read_recording,
@@ -36,7 +37,6 @@ from swashtwin.readers import (
     write_recording,
     write_store,
 )
-from swashtwin.recording import Recording
 
 RATE = 25600.0
 TELLS_ONCE = ("mat73", "hdf5_foreign")

@@ -17,15 +17,16 @@ import numpy as np
 import torch
 from joblib import Parallel, delayed
 
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.fleet import RECESS
+from swashtwin.bench.rigs.measuring import Run, true_values
+from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, measure, objective_of
-from swashtwin.calibration.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
-from swashtwin.calibration.identifiability import estimates_of, sandwich
-from swashtwin.pump_files import load_pump
-from swashtwin.recording import Recording
-from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.rig.fleet import RECESS
-from swashtwin.rig.measuring import Run, true_values
-from swashtwin.twin import Twin
+from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, sandwich
+from swashtwin.physics import Twin
+from swashtwin.pump import load_pump
+from swashtwin.recordings import Recording
 
 NUISANCES = {"none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing()}
 LABELS = ("normal", "swash_plate")

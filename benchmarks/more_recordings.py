@@ -16,15 +16,15 @@ from collections.abc import Iterator
 import torch
 from joblib import Parallel, delayed
 
-from swashtwin.evaluation import evaluate
-from swashtwin.recording import Recording
-from swashtwin.rig import SIZES, RigSize, rig_recordings
-from swashtwin.studies.cases import SCENARIOS
-from swashtwin.studies.cells import cut_evenly
-from swashtwin.studies.material import Material, prepare
-from swashtwin.studies.models import DEFAULT, MODELS, train_model
-from swashtwin.studies.table import spread
-from swashtwin.windows import WindowSet
+from swashtwin.bench import SIZES, rig_recordings
+from swashtwin.bench.results.table import spread
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.rivals.models import DEFAULT, MODELS, train_model
+from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.bench.studies.cells import cut_evenly
+from swashtwin.bench.studies.dataset import Material, prepare
+from swashtwin.learning import WindowSet, evaluate
+from swashtwin.recordings import Recording
 
 SCENARIO = SCENARIOS["paper"]
 MORE_REPEATS, MORE_PUMPS = 12, 20

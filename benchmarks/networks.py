@@ -27,10 +27,8 @@ import torch
 from torch.nn import functional
 
 from swashtwin.diagnosis import export_onnx
-from swashtwin.networks import NETWORKS, Network, build_network
-from swashtwin.recording import Recording
-from swashtwin.training import TrainingSettings, fit
-from swashtwin.windows import cut_windows
+from swashtwin.learning import NETWORKS, Network, TrainingSettings, build_network, cut_windows, fit
+from swashtwin.recordings import Recording
 
 PAPER = "bitcn, the paper's (stride 1)"
 TOGETHER = 64

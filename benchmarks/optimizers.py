@@ -36,13 +36,13 @@ from swashtwin.calibration import (
     DirectAdam,
     GaussNewton,
     Objective,
-    Search,
     measure,
     objective_of,
 )
-from swashtwin.calibration.identifiability import estimates_of, posterior_covariance
+from swashtwin.calibration.methods.search import Search
+from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, posterior_covariance
+from swashtwin.foundation import stream
 from swashtwin.pump import PARAMETERS, Interfaces
-from swashtwin.seeding import stream
 
 TRUTHS = {
     "C_v x1.6, K_v x0.7, C_Hz x2.5": FACTORS,

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.studies import StudyResult
-from swashtwin.studies.gathering import gathered
-from swashtwin.studies.models import DEFAULT
-from swashtwin.studies.naming import classifier_words, training_set_words
+from swashtwin.bench import StudyResult, gathered
+from swashtwin.bench.results.naming import classifier_words, training_set_words
+from swashtwin.bench.rivals.models import DEFAULT
 
 LEVELS = ("L2", "L3", "L4")
 LONG = {

@@ -14,15 +14,24 @@ from collections.abc import Sequence
 import torch
 from joblib import Parallel, delayed
 
-from swashtwin.calibration import IPINN, Calibrator, GaussNewton, Nuisances, calibrate, measure, objective_of
-from swashtwin.calibration.agreement import Agreement, agreement
-from swashtwin.pump_files import load_pump
-from swashtwin.recording import Recording
-from swashtwin.rig import SIZES, rig_recordings
-from swashtwin.rig.fleet import RECESS
-from swashtwin.studies.table import spread
-from swashtwin.twin import Twin
-from swashtwin.units import MPa
+from swashtwin.bench import SIZES, rig_recordings
+from swashtwin.bench.results.table import spread
+from swashtwin.bench.rigs.fleet import RECESS
+from swashtwin.calibration import (
+    IPINN,
+    Agreement,
+    Calibrator,
+    GaussNewton,
+    Nuisances,
+    agreement,
+    calibrate,
+    measure,
+    objective_of,
+)
+from swashtwin.foundation import MPa
+from swashtwin.physics import Twin
+from swashtwin.pump import load_pump
+from swashtwin.recordings import Recording
 
 METHODS: dict[str, tuple[Calibrator, Nuisances]] = {
     "ipinn": (IPINN(), Nuisances()),

@@ -30,10 +30,8 @@ BLOCK = 1 << 20
 def make(folder: Path, size: int) -> int:
     """Write the source, a copy of its numbers without any format, and a classifier; give the readings per channel."""
     from swashtwin.diagnosis import save_classifier
-    from swashtwin.networks import build_network
-    from swashtwin.recording import Recording
-    from swashtwin.training import TrainingSettings, fit
-    from swashtwin.windows import cut_windows
+    from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
+    from swashtwin.recordings import Recording
 
     generator = np.random.default_rng(0)
     readings = max(LENGTH, size // (4 * CHANNELS))
@@ -76,7 +74,7 @@ def h5py_reads(folder: Path) -> str:
 
 def convert(folder: Path) -> str:
     """Convert the source to a store."""
-    from swashtwin.readers import open_recording, write_store
+    from swashtwin.recordings import open_recording, write_store
 
     write_store([open_recording(folder / "source.h5")], folder / "store.h5")
     return f"{(folder / 'store.h5').stat().st_size} bytes"
@@ -84,8 +82,8 @@ def convert(folder: Path) -> str:
 
 def windows(folder: Path) -> str:
     """Cut the store into windows, in batches."""
-    from swashtwin.readers import open_store
-    from swashtwin.windows import window_batches
+    from swashtwin.learning import window_batches
+    from swashtwin.recordings import open_store
 
     (stored,) = open_store(folder / "store.h5")
     return f"{sum(len(part) for part in window_batches(stored, length=LENGTH))} windows"
@@ -94,7 +92,7 @@ def windows(folder: Path) -> str:
 def diagnose(folder: Path) -> str:
     """Diagnose the store with a small network."""
     from swashtwin.diagnosis import diagnose, load_classifier
-    from swashtwin.readers import open_store
+    from swashtwin.recordings import open_store
 
     (stored,) = open_store(folder / "store.h5")
     return f"{diagnose(load_classifier(folder / 'model.safetensors'), stored).n_windows} windows"

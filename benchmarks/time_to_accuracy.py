@@ -16,11 +16,11 @@ from typing import Any
 
 import torch
 
-from swashtwin.evaluation import evaluate
-from swashtwin.rig import SIZES, rig_recordings
-from swashtwin.studies.cases import SCENARIOS
-from swashtwin.studies.material import Material, prepare
-from swashtwin.studies.models import DEFAULT, MODELS, PAPERS_OWN, Model, train_model
+from swashtwin.bench import SIZES, rig_recordings
+from swashtwin.bench.rivals.models import DEFAULT, MODELS, PAPERS_OWN, Model, train_model
+from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.bench.studies.dataset import Material, prepare
+from swashtwin.learning import evaluate
 
 
 def trained(name: str, model: Model, material: Material, seed: int) -> dict[str, Any]:

@@ -8,10 +8,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import pytest
 import torch
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.pump import Pump
-from swashtwin.pump_files import load_pump
-from swashtwin.units import MPa, rpm
+from swashtwin.foundation import MPa, rpm
+from swashtwin.pump import OperatingCondition, Pump, load_pump
 
 torch.set_num_threads(1)
 

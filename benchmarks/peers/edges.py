@@ -20,13 +20,13 @@ from torch import Tensor
 from peers.figures import Line, save
 from peers.measuring import alone, settle
 from peers.problem import pump_twin
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.integrators import Trajectory, rk4_limit, rk4_map, rk4_trajectory_with_breaks, state_matrix
-from swashtwin.pump import Interfaces
-from swashtwin.recess import slipper_profile, stages
-from swashtwin.report.drawing import name_decades, panels
-from swashtwin.report.style import CALIBRATED, MEASURED, NOMINAL, styled
-from swashtwin.twin import Twin
+from swashtwin.physics import Twin
+from swashtwin.physics.recess import slipper_profile, stages
+from swashtwin.physics.solvers.runge_kutta import rk4_limit, rk4_map, state_matrix
+from swashtwin.physics.solvers.trajectories import Trajectory, rk4_trajectory_with_breaks
+from swashtwin.pump import Interfaces, SwashPlateDefect
+from swashtwin.report import CALIBRATED, MEASURED, name_decades, panels, styled
+from swashtwin.report.style import NOMINAL
 
 PARTS = 64
 """Moments of one passage at which motions are compared."""

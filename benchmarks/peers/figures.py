@@ -12,8 +12,7 @@ from matplotlib.ticker import NullLocator
 from peers import throughput
 from peers.measuring import Entry, alone, times_over_steps
 from peers.problem import STEPS_PER_REVOLUTION
-from swashtwin.report.drawing import apart, name_decades, panels
-from swashtwin.report.style import CALIBRATED, MEASURED, styled
+from swashtwin.report import CALIBRATED, MEASURED, apart, name_decades, panels, styled
 
 STEPS = (1_000, 3_000, 10_000, 30_000, 72_000, 288_000)
 SETS = (1, 3, 10, 30, 100, 300, 1000)

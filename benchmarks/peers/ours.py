@@ -8,16 +8,9 @@ from torch import Tensor
 
 from peers.contender import Contender, TorchTrajectory
 from peers.problem import FACTORS, Problem, equations, in_time, pump_twin
-from swashtwin.contacts import Marching as March
-from swashtwin.contacts import SlipperContact
-from swashtwin.integrators import (
-    RK4,
-    SteadySolver,
-    first_order_hold_trajectory,
-    rk4_trajectory,
-    rk4_trajectory_of_lines,
-)
-from swashtwin.twin import Twin
+from swashtwin.physics import RK4, SlipperContact, SteadySolver, Twin
+from swashtwin.physics.contacts.steady import Marching as March
+from swashtwin.physics.solvers.trajectories import first_order_hold_trajectory, rk4_trajectory, rk4_trajectory_of_lines
 
 
 class Steady(Contender):

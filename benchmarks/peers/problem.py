@@ -13,12 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.integrators import HarmonicBalance
-from swashtwin.pump_files import load_pump
-from swashtwin.twin import Twin
-from swashtwin.units import MPa, mm, rpm
+from swashtwin.foundation import MPa, mm, rpm
+from swashtwin.physics import HarmonicBalance, Twin
+from swashtwin.pump import OperatingCondition, SwashPlateDefect, load_pump
 
 STEPS_PER_REVOLUTION = 72_000
 """A round number just above what stability demands: a step of 0.969 us where the limit is 1.00 us."""

@@ -9,7 +9,7 @@ from peers.measuring import seconds, settle
 from peers.ours import Steady
 from peers.problem import Probe, Problem, pump_twin
 from peers.throughput import gradient_of_sets
-from swashtwin.integrators import HarmonicBalance
+from swashtwin.physics import HarmonicBalance
 
 SETS = 200
 CALLS = 20

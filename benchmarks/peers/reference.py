@@ -11,7 +11,7 @@ from peers.measuring import gains, settle
 from peers.numba_adjoint import Numba
 from peers.ours import LiftingOff, SteadyRungeKutta
 from peers.problem import SAMPLED_EVERY, STEPS_PER_REVOLUTION, Problem, equations, pump_twin
-from swashtwin.contacts import Marching, slipper_steady_state
+from swashtwin.physics.contacts.steady import Marching, slipper_steady_state
 
 REFINED = 4
 RADAU_SHARE = 4
@@ -35,7 +35,7 @@ def lifting(n_steps: int) -> dict[str, Any]:
     settle()
     values = pump_twin().values.numpy()
     finer = partial(slipper_steady_state, marching=Marching(steps=REFINED * Marching().steps))
-    with patch("swashtwin.twin.coupling.slipper_steady_state", finer):
+    with patch("swashtwin.physics.twin.coupling.slipper_steady_state", finer):
         fine = LiftingOff(Problem(n_steps))
         motion = gains(fine.velocities(values)[::SAMPLED_EVERY])
         return {"quarter": motion, "radau": None, "slopes": fine.gradient(values)[1] * values}

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from peers.measuring import seconds, settle
 from peers.problem import Problem, pump_twin
-from swashtwin.augmentation import synthesize
+from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.signals import add_noise
-from swashtwin.windows import WindowSet, cut_windows
+from swashtwin.synthesis import synthesize
 
 WINDOW, SAMPLE_RATE = 2048, 25600.0
 CORES = 2

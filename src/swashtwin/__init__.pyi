@@ -1,15 +1,11 @@
 """Public names, and where each lives."""
 
-from .augmentation import DEFAULT_VARIATION as DEFAULT_VARIATION
-from .augmentation import FILLERS as FILLERS
-from .augmentation import Filler as Filler
-from .augmentation import TwinFiller as TwinFiller
-from .augmentation import Variation as Variation
-from .augmentation import synthesize as synthesize
-from .baselines import BASELINES as BASELINES
-from .baselines import FittedBaseline as FittedBaseline
-from .baselines import fit_baseline as fit_baseline
-from .baselines import fit_extra_trees as fit_extra_trees
+from .bench import FILLERS as FILLERS
+from .bench import StudyResult as StudyResult
+from .bench import build_rig as build_rig
+from .bench import read_public_set as read_public_set
+from .bench import rig_recordings as rig_recordings
+from .bench import run_study as run_study
 from .calibration import CMAES as CMAES
 from .calibration import IPINN as IPINN
 from .calibration import LBFGS as LBFGS
@@ -38,9 +34,6 @@ from .calibration import objective_without_recordings as objective_without_recor
 from .calibration import profile as profile
 from .calibration import sample_posterior as sample_posterior
 from .calibration import save_amortized as save_amortized
-from .condition import OperatingCondition as OperatingCondition
-from .contacts import ContactCheck as ContactCheck
-from .contacts import SlipperContact as SlipperContact
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import Evidence as Evidence
 from .diagnosis import Trust as Trust
@@ -49,126 +42,133 @@ from .diagnosis import explain as explain
 from .diagnosis import export_onnx as export_onnx
 from .diagnosis import load_classifier as load_classifier
 from .diagnosis import save_classifier as save_classifier
-from .errors import ArtifactError as ArtifactError
-from .errors import DataError as DataError
-from .errors import InputError as InputError
-from .errors import LeakError as LeakError
-from .errors import MissingExtraError as MissingExtraError
-from .errors import MissingFileError as MissingFileError
-from .errors import StabilityError as StabilityError
-from .errors import SwashTwinError as SwashTwinError
-from .errors import UnitError as UnitError
-from .evaluation import LEVELS as LEVELS
-from .evaluation import ConfidenceScores as ConfidenceScores
-from .evaluation import Scores as Scores
-from .evaluation import evaluate as evaluate
-from .evaluation import learn_confidence as learn_confidence
-from .evaluation import score_confidence as score_confidence
-from .evaluation import unseen_recordings as unseen_recordings
-from .faults import CLASSES as CLASSES
-from .faults import BoreDefect as BoreDefect
-from .faults import DamScratch as DamScratch
-from .faults import GrooveErosion as GrooveErosion
-from .faults import LooseSlipper as LooseSlipper
-from .faults import PistonWear as PistonWear
-from .faults import SealingLandScratch as SealingLandScratch
-from .faults import SwashPlateDefect as SwashPlateDefect
-from .faults import TiltedBlockFace as TiltedBlockFace
-from .faults import ValvePlateWear as ValvePlateWear
-from .faults import canonical_label as canonical_label
-from .features import extract_features as extract_features
-from .indicators import Band as Band
-from .indicators import IndicatorTable as IndicatorTable
-from .indicators import indicators_of as indicators_of
-from .indicators import spectrum_of as spectrum_of
-from .indicators import stacked as stacked
-from .indicators import trend_of as trend_of
-from .inspection import InspectionReport as InspectionReport
-from .inspection import inspect_recording as inspect_recording
-from .inspection import inspect_recordings as inspect_recordings
-from .integrators import RK4 as RK4
-from .integrators import HarmonicBalance as HarmonicBalance
-from .networks import NETWORKS as NETWORKS
-from .networks import BiTCN as BiTCN
-from .networks import Network as Network
-from .networks import SpectralBiTCN as SpectralBiTCN
-from .networks import build_network as build_network
-from .order_domain import ShaftAngle as ShaftAngle
-from .order_domain import resampled_by_angle as resampled_by_angle
-from .order_domain import stated_angle as stated_angle
-from .order_domain import tachometer_speed as tachometer_speed
-from .order_domain import tracked_speed as tracked_speed
+from .foundation import VERSION as VERSION
+from .foundation import ArtifactError as ArtifactError
+from .foundation import DataError as DataError
+from .foundation import InputError as InputError
+from .foundation import LeakError as LeakError
+from .foundation import MissingExtraError as MissingExtraError
+from .foundation import MissingFileError as MissingFileError
+from .foundation import MPa as MPa
+from .foundation import StabilityError as StabilityError
+from .foundation import SwashTwinError as SwashTwinError
+from .foundation import UnitError as UnitError
+from .foundation import bar as bar
+from .foundation import celsius as celsius
+from .foundation import deg as deg
+from .foundation import hertz as hertz
+from .foundation import mm as mm
+from .foundation import parse as parse
+from .foundation import rpm as rpm
+from .foundation import um as um
+from .learning import BASELINES as BASELINES
+from .learning import LEVELS as LEVELS
+from .learning import NETWORKS as NETWORKS
+from .learning import PAPER_TRAINING as PAPER_TRAINING
+from .learning import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
+from .learning import BiTCN as BiTCN
+from .learning import ConfidenceScores as ConfidenceScores
+from .learning import FittedBaseline as FittedBaseline
+from .learning import FittedClassifier as FittedClassifier
+from .learning import Network as Network
+from .learning import Scores as Scores
+from .learning import SpectralBiTCN as SpectralBiTCN
+from .learning import TrainingSettings as TrainingSettings
+from .learning import WindowSet as WindowSet
+from .learning import build_network as build_network
+from .learning import cut_windows as cut_windows
+from .learning import evaluate as evaluate
+from .learning import extract_features as extract_features
+from .learning import fit as fit
+from .learning import fit_baseline as fit_baseline
+from .learning import fit_extra_trees as fit_extra_trees
+from .learning import group_folds as group_folds
+from .learning import hold_out as hold_out
+from .learning import hold_out_specimens as hold_out_specimens
+from .learning import learn_confidence as learn_confidence
+from .learning import load_windows as load_windows
+from .learning import recording_groups as recording_groups
+from .learning import save_windows as save_windows
+from .learning import score_confidence as score_confidence
+from .learning import split_by_recording as split_by_recording
+from .learning import unseen_recordings as unseen_recordings
+from .learning import window_batches as window_batches
+from .physics import RK4 as RK4
+from .physics import ContactCheck as ContactCheck
+from .physics import Course as Course
+from .physics import HarmonicBalance as HarmonicBalance
+from .physics import OrderLines as OrderLines
+from .physics import Scales as Scales
+from .physics import SensorPath as SensorPath
+from .physics import SlipperContact as SlipperContact
+from .physics import SlipperFilm as SlipperFilm
+from .physics import Twin as Twin
+from .physics import accelerations as accelerations
+from .physics import carry_over as carry_over
+from .physics import course_blocks as course_blocks
+from .physics import film_of as film_of
+from .physics import film_values as film_values
+from .physics import simulate_course as simulate_course
+from .physics import steady_blocks as steady_blocks
+from .physics import whole_revolutions as whole_revolutions
+from .physics import with_film as with_film
+from .pump import CLASSES as CLASSES
+from .pump import BoreDefect as BoreDefect
+from .pump import DamScratch as DamScratch
+from .pump import GrooveErosion as GrooveErosion
 from .pump import Interface as Interface
 from .pump import Interfaces as Interfaces
+from .pump import LooseSlipper as LooseSlipper
+from .pump import OperatingCondition as OperatingCondition
+from .pump import PistonWear as PistonWear
 from .pump import Pump as Pump
-from .pump_files import available_pumps as available_pumps
-from .pump_files import load_pump as load_pump
-from .pump_files import new_pump as new_pump
-from .quantities import read_condition as read_condition
-from .quantities import read_fault as read_fault
-from .readers import narrow_index as narrow_index
-from .readers import open_recording as open_recording
-from .readers import open_recordings as open_recordings
-from .readers import open_store as open_store
-from .readers import propose_index as propose_index
-from .readers import read_public_set as read_public_set
-from .readers import read_recording as read_recording
-from .readers import read_recordings as read_recordings
-from .readers import save_index as save_index
-from .readers import write_blocks as write_blocks
-from .readers import write_index as write_index
-from .readers import write_recording as write_recording
-from .readers import write_series as write_series
-from .readers import write_store as write_store
-from .recording import Recording as Recording
-from .recording import joined as joined
-from .recording import select as select
+from .pump import SealingLandScratch as SealingLandScratch
+from .pump import SwashPlateDefect as SwashPlateDefect
+from .pump import TiltedBlockFace as TiltedBlockFace
+from .pump import ValvePlateWear as ValvePlateWear
+from .pump import available_pumps as available_pumps
+from .pump import canonical_label as canonical_label
+from .pump import load_pump as load_pump
+from .pump import new_pump as new_pump
+from .pump import read_condition as read_condition
+from .pump import read_fault as read_fault
+from .recordings import InspectionReport as InspectionReport
+from .recordings import Recording as Recording
+from .recordings import inspect_recording as inspect_recording
+from .recordings import inspect_recordings as inspect_recordings
+from .recordings import joined as joined
+from .recordings import narrow_index as narrow_index
+from .recordings import open_recording as open_recording
+from .recordings import open_recordings as open_recordings
+from .recordings import open_store as open_store
+from .recordings import propose_index as propose_index
+from .recordings import read_recording as read_recording
+from .recordings import read_recordings as read_recordings
+from .recordings import save_index as save_index
+from .recordings import select as select
+from .recordings import write_blocks as write_blocks
+from .recordings import write_index as write_index
+from .recordings import write_recording as write_recording
+from .recordings import write_series as write_series
+from .recordings import write_store as write_store
 from .report import write_report as write_report
-from .rig import build_rig as build_rig
-from .rig import rig_recordings as rig_recordings
+from .signals import Band as Band
+from .signals import IndicatorTable as IndicatorTable
+from .signals import ShaftAngle as ShaftAngle
 from .signals import add_noise as add_noise
-from .studies import StudyResult as StudyResult
-from .studies import run_study as run_study
-from .training import PAPER_TRAINING as PAPER_TRAINING
-from .training import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
-from .training import FittedClassifier as FittedClassifier
-from .training import TrainingSettings as TrainingSettings
-from .training import fit as fit
-from .twin import Course as Course
-from .twin import OrderLines as OrderLines
-from .twin import Scales as Scales
-from .twin import SensorPath as SensorPath
-from .twin import SlipperFilm as SlipperFilm
-from .twin import Twin as Twin
-from .twin import accelerations as accelerations
-from .twin import carry_over as carry_over
-from .twin import course_blocks as course_blocks
-from .twin import film_of as film_of
-from .twin import film_values as film_values
-from .twin import simulate_course as simulate_course
-from .twin import steady_blocks as steady_blocks
-from .twin import whole_revolutions as whole_revolutions
-from .twin import with_film as with_film
-from .units import MPa as MPa
-from .units import bar as bar
-from .units import celsius as celsius
-from .units import deg as deg
-from .units import hertz as hertz
-from .units import mm as mm
-from .units import parse as parse
-from .units import rpm as rpm
-from .units import um as um
-from .version import VERSION as VERSION
-from .windows import WindowSet as WindowSet
-from .windows import cut_windows as cut_windows
-from .windows import group_folds as group_folds
-from .windows import hold_out as hold_out
-from .windows import hold_out_specimens as hold_out_specimens
-from .windows import load_windows as load_windows
-from .windows import recording_groups as recording_groups
-from .windows import save_windows as save_windows
-from .windows import split_by_recording as split_by_recording
-from .windows import window_batches as window_batches
+from .signals import indicators_of as indicators_of
+from .signals import resampled_by_angle as resampled_by_angle
+from .signals import spectrum_of as spectrum_of
+from .signals import stacked as stacked
+from .signals import stated_angle as stated_angle
+from .signals import tachometer_speed as tachometer_speed
+from .signals import tracked_speed as tracked_speed
+from .signals import trend_of as trend_of
+from .synthesis import DEFAULT_VARIATION as DEFAULT_VARIATION
+from .synthesis import Filler as Filler
+from .synthesis import TwinFiller as TwinFiller
+from .synthesis import Variation as Variation
+from .synthesis import synthesize as synthesize
 
 __all__ = [
     "BASELINES",
@@ -191,12 +191,14 @@ __all__ = [
     "BiTCN",
     "BoreDefect",
     "Calibration",
+    "ConfidenceScores",
     "ContactCheck",
     "Course",
     "DamScratch",
     "DataError",
     "Diagnosis",
     "DirectAdam",
+    "Evidence",
     "Filler",
     "FittedBaseline",
     "FittedClassifier",
@@ -227,6 +229,8 @@ __all__ = [
     "Scores",
     "SealingLandScratch",
     "SensorPath",
+    "SeveritySettings",
+    "SeverityTrend",
     "ShaftAngle",
     "SlipperContact",
     "SlipperFilm",
@@ -237,6 +241,7 @@ __all__ = [
     "SwashTwinError",
     "TiltedBlockFace",
     "TrainingSettings",
+    "Trust",
     "Twin",
     "TwinFiller",
     "UnitError",
@@ -260,8 +265,10 @@ __all__ = [
     "cut_windows",
     "deg",
     "diagnose",
+    "estimate_severity",
     "evaluate",
     "expected_information_gain",
+    "explain",
     "export_onnx",
     "extract_features",
     "film_of",
@@ -278,6 +285,7 @@ __all__ = [
     "inspect_recording",
     "inspect_recordings",
     "joined",
+    "learn_confidence",
     "load_amortized",
     "load_calibration",
     "load_classifier",
@@ -288,11 +296,15 @@ __all__ = [
     "narrow_index",
     "new_pump",
     "objective_without_recordings",
+    "open_recording",
+    "open_recordings",
+    "open_store",
     "parse",
     "profile",
     "propose_index",
     "read_condition",
     "read_fault",
+    "read_public_set",
     "read_recording",
     "read_recordings",
     "recording_groups",
@@ -305,6 +317,7 @@ __all__ = [
     "save_classifier",
     "save_index",
     "save_windows",
+    "score_confidence",
     "select",
     "simulate_course",
     "spectrum_of",
@@ -319,10 +332,12 @@ __all__ = [
     "um",
     "unseen_recordings",
     "whole_revolutions",
+    "window_batches",
     "with_film",
     "write_blocks",
     "write_index",
     "write_recording",
     "write_report",
     "write_series",
+    "write_store",
 ]

@@ -5,15 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.evaluation import Scores, evaluate
-from swashtwin.faults import CLASSES
-from swashtwin.recording import Recording
-from swashtwin.seeding import stream
-from swashtwin.studies import Embedding, Outcome, Run, Task
-from swashtwin.training import Epoch
-from swashtwin.units import MPa, rpm
-from swashtwin.windows import WindowSet, cut_windows
+from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
+from swashtwin.foundation import MPa, rpm, stream
+from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
+from swashtwin.pump import CLASSES, OperatingCondition
+from swashtwin.recordings import Recording
 
 ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.recording import Recording
-from swashtwin.units import MPa
+from swashtwin.foundation import MPa
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
 
 RATE = 10000.0
 TIME = np.arange(40000) / RATE

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.readers import read_recording, write_recording
-from swashtwin.recording import Recording
-from swashtwin.units import MPa, celsius, rpm
+from swashtwin.foundation import MPa, celsius, rpm
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, read_recording, write_recording
 
 WRITABLE = ("h5", "mat", "wav", "csv", "tdms", "parquet", "npz", "mf4")
 READABLE = (*WRITABLE, "uff")

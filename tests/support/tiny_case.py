@@ -3,12 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
+from swashtwin.bench import Plan, plan_of, rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.rivals.models import Model
+from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.calibration import GaussNewton
-from swashtwin.recording import Recording
-from swashtwin.rig import RigSize, rig_recordings
-from swashtwin.studies import Model, Plan, plan_of
-from swashtwin.studies.scenario import Scenario
-from swashtwin.training import TrainingSettings
+from swashtwin.learning import TrainingSettings
+from swashtwin.recordings import Recording
 
 TINY = Scenario(windows=2, scarce_windows=3, synthetic=6, held_out=1, method=GaussNewton(starts=1))
 NETWORK = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1, normalization="set"))

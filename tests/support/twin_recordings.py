@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.pump import Interfaces, Pump
-from swashtwin.recording import Recording
+from swashtwin.foundation import mm
+from swashtwin.physics import Twin
+from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
-from swashtwin.twin import Twin
-from swashtwin.units import mm
 
 DAMPER = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """Truth over nominal: C_v, K_v and C_Hz are off."""

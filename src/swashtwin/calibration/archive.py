@@ -3,13 +3,9 @@
 from dataclasses import asdict, fields
 from typing import Any, get_args
 
-from swashtwin.condition import OperatingCondition
-from swashtwin.contacts import SlipperContact
-from swashtwin.errors import ArtifactError
-from swashtwin.faults import Fault
-from swashtwin.pump import Bearings, Interfaces, Pump, Sensor
-from swashtwin.pump_files import SECTIONS
-from swashtwin.twin import Scales, SensorPath, Twin
+from swashtwin.foundation import ArtifactError
+from swashtwin.physics import Scales, SensorPath, SlipperContact, Twin
+from swashtwin.pump import SECTIONS, Bearings, Fault, Interfaces, OperatingCondition, Pump, Sensor
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration.agreement import Agreement, Fit, Spectra, Waveforms
 from swashtwin.calibration.archive import twin_from_dict
-from swashtwin.calibration.identifiability import Estimate
-from swashtwin.calibration.posterior import Posterior
+from swashtwin.calibration.methods.search import History
+from swashtwin.calibration.objective.agreement import Agreement, Fit, Spectra, Waveforms
 from swashtwin.calibration.result import FORMAT, Calibration
-from swashtwin.calibration.search import History
-from swashtwin.condition import OperatingCondition
-from swashtwin.errors import ArtifactError, MissingFileError
+from swashtwin.calibration.uncertainty.identifiability_report import Estimate
+from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.foundation import ArtifactError, MissingFileError
+from swashtwin.pump import OperatingCondition
 
 
 def load_calibration(path: Path | str) -> Calibration:

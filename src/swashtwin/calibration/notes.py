@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from swashtwin.calibration.identifiability import Estimate
-from swashtwin.calibration.measurement import GRAVITY
-from swashtwin.calibration.objective import Objective
-from swashtwin.calibration.search import Search
-from swashtwin.calibration.suspicion import suspicions
+from swashtwin.calibration.methods.search import Search
+from swashtwin.calibration.objective.measurement import GRAVITY
+from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.calibration.uncertainty.identifiability_report import Estimate
+from swashtwin.calibration.uncertainty.misfit_hypotheses import suspicions
 
 MISFIT = 2.0
 """RMS of the missed lines, in what was expected of them, from which a twin is said to lack something."""

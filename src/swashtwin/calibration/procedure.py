@@ -9,23 +9,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.agreement import fit_of
-from swashtwin.calibration.checkpoint import Checkpoint, ResumableCalibrator
-from swashtwin.calibration.identifiability import estimates_of, posterior_covariance
-from swashtwin.calibration.ipinn import IPINN
-from swashtwin.calibration.likelihood import Likelihood
-from swashtwin.calibration.measurement import DEFAULT_BAND, Lines, Measurement, measure
+from swashtwin.calibration.fleet.likelihood import Likelihood
+from swashtwin.calibration.fleet.population import Population
+from swashtwin.calibration.methods.checkpoint import Checkpoint, ResumableCalibrator
+from swashtwin.calibration.methods.ipinn import IPINN
+from swashtwin.calibration.methods.search import Calibrator, Progress, Search
 from swashtwin.calibration.notes import notes_of
-from swashtwin.calibration.objective import NONE, Objective, objective_of
-from swashtwin.calibration.population import Population
-from swashtwin.calibration.posterior import Posterior
+from swashtwin.calibration.objective.agreement import fit_of
+from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure
+from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
+from swashtwin.calibration.objective.unknowns import Nuisances
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.search import Calibrator, Progress, Search
-from swashtwin.calibration.unknowns import Nuisances
-from swashtwin.errors import InputError
-from swashtwin.recording import Recording
-from swashtwin.twin import Twin
-from swashtwin.version import VERSION
+from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, posterior_covariance
+from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.foundation import VERSION, InputError
+from swashtwin.physics import Twin
+from swashtwin.recordings import Recording
 
 
 def calibrate(

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.archive import twin_to_dict
-from swashtwin.calibration.identifiability import Estimate
-from swashtwin.calibration.posterior import Posterior
-from swashtwin.calibration.search import History
-from swashtwin.files import write_text
+from swashtwin.calibration.methods.search import History
+from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
+from swashtwin.calibration.uncertainty.identifiability_report import Estimate
+from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.foundation import write_text
+from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS
-from swashtwin.twin import Twin
 
 FORMAT = "swashtwin calibration 3"
 

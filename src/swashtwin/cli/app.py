@@ -92,7 +92,7 @@ app.command("export", rich_help_panel=_LEARNING)(exporting.export)
 
 def _print_version(wanted: bool) -> bool:
     if wanted:
-        from swashtwin.version import VERSION
+        from swashtwin.foundation import VERSION
 
         typer.echo(VERSION)
         raise typer.Exit

@@ -11,7 +11,7 @@ from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import Index, Json, Length, Seed
 
 if TYPE_CHECKING:
-    from swashtwin.windows import WindowSet
+    from swashtwin.learning import WindowSet
 
 
 def augment(
@@ -42,12 +42,11 @@ def augment(
     those of its class at other pressures are drawn from. What is printed of likeness is explained in
     docs/augmentation.md.
     """
-    from swashtwin.augmentation import FILLERS
-    from swashtwin.augmentation.filler import in_cell
-    from swashtwin.errors import DataError, InputError
-    from swashtwin.readers import declared_classes, open_recordings
-    from swashtwin.units import parse
-    from swashtwin.windows import check_disjoint, cut_windows, save_windows
+    from swashtwin.bench import FILLERS
+    from swashtwin.foundation import DataError, InputError, parse
+    from swashtwin.learning import check_disjoint, cut_windows, save_windows
+    from swashtwin.recordings import declared_classes, open_recordings
+    from swashtwin.synthesis import in_cell
 
     if method not in FILLERS:
         raise typer.BadParameter(f"{method!r} is none of {', '.join(FILLERS)}.", param_hint="--method")
@@ -95,7 +94,7 @@ def augment(
 
 
 def _likeness(train: "WindowSet", compared: "WindowSet", made: "WindowSet", seed: int) -> dict[str, Any]:
-    from swashtwin.augmentation import copied_share, discriminative_score, spectral_distance
+    from swashtwin.synthesis import copied_share, discriminative_score, spectral_distance
 
     distance = dict(zip(made.channels, spectral_distance(compared, made).tolist(), strict=True))
     told = len(set(compared.recording_id.tolist())) > 1 and len(made) > 1

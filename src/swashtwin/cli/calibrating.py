@@ -38,9 +38,8 @@ from swashtwin.cli.options import (
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, Calibrator, Estimate, LearningRates, Objective
-    from swashtwin.integrators import SteadySolver
-    from swashtwin.recording import Recording
-    from swashtwin.twin import Twin
+    from swashtwin.physics import SteadySolver, Twin
+    from swashtwin.recordings import Recording
 
 
 class Method(StrEnum):
@@ -136,11 +135,10 @@ def calibrate(
     not test a classifier later (swashtwin split).
     """  # fmt: skip
     from swashtwin.calibration import load_population
-    from swashtwin.pump_files import load_pump
-    from swashtwin.readers import read_recordings
-    from swashtwin.recording import select
-    from swashtwin.twin import Twin
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.physics import Twin
+    from swashtwin.pump import load_pump
+    from swashtwin.recordings import read_recordings, select
 
     require_target(out, ".json")
     own = given(epochs=epochs, learning_rate=learning_rate, spectrum=spectrum and spectrum.value, starts=starts)
@@ -203,7 +201,7 @@ class _Job:
 
     def objective(self) -> "Objective":
         """The objective of the search."""
-        from swashtwin.calibration.procedure import prepared
+        from swashtwin.calibration import prepared
 
         return prepared(self.twins, self.recordings, **self.told)
 

@@ -23,7 +23,7 @@ def calibration(
     as_json: Json = False,
 ) -> None:
     """Errors on recordings held out, coverage and cost of every way to calibrate, on pumps of the virtual rig."""
-    from swashtwin.studies.calibration import CONTENDERS, CalibrationStudySettings, run_calibration_study
+    from swashtwin.bench import CONTENDERS, CalibrationStudySettings, run_calibration_study
 
     chosen = tuple(CONTENDERS) if methods is None else tuple(one.strip() for one in methods.split(","))
     settings = CalibrationStudySettings(

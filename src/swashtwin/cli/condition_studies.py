@@ -17,8 +17,8 @@ def conditions(
     as_json: Json = False,
 ) -> None:
     """What classifiers score at a speed and pressure they were never trained on, and what helps against it."""
-    from swashtwin.readers import read_recordings
-    from swashtwin.studies.conditions import run_conditions
+    from swashtwin.bench import run_conditions
+    from swashtwin.recordings import read_recordings
 
     with progress("training for new conditions") as bar:
         found = run_conditions(

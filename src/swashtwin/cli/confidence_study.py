@@ -17,7 +17,7 @@ def confidence(
     as_json: Json = False,
 ) -> None:
     """Whether a classifier knows when it may be wrong: calibration, coverage, and faults that nobody trained."""
-    from swashtwin.studies.confidence import ConfidenceStudySettings, run_confidence
+    from swashtwin.bench import ConfidenceStudySettings, run_confidence
 
     with progress("training on pumps of the virtual rig") as bar:
         found = run_confidence(

@@ -14,7 +14,7 @@ from swashtwin.cli.recordings import open_all
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import Diagnosis, Evidence
-    from swashtwin.evaluation import ConfidenceScores, Scores
+    from swashtwin.learning import ConfidenceScores, Scores
 
 EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
@@ -33,11 +33,10 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Score a classifier on the recordings of an index that had no part in it."""
-    from swashtwin.evaluation import evaluate as evaluation_of, score_confidence, unseen_recordings
     from swashtwin.diagnosis import load_classifier
-    from swashtwin.readers import read_recordings
-    from swashtwin.recording import select
-    from swashtwin.windows import cut_windows
+    from swashtwin.learning import cut_windows, score_confidence, unseen_recordings
+    from swashtwin.learning import evaluate as evaluation_of
+    from swashtwin.recordings import read_recordings, select
 
     classifier = load_classifier(model)
     recordings = read_recordings(source)
@@ -115,7 +114,7 @@ def diagnose(
 
 def _page(items: "list[Diagnosis | Evidence]", target: Path) -> Path:
     """Where the page was written: `target` itself where it is an HTML file, which needs no other."""
-    from swashtwin.files import write_text
+    from swashtwin.foundation import write_text
     from swashtwin.report import write_report
 
     if target.suffix != ".html":

@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.errors import InputError, SwashTwinError
+from swashtwin.foundation import InputError, SwashTwinError
 
 BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
 """Exit codes; 0 is done and 2 a wrong command line."""

@@ -54,9 +54,9 @@ def calibrate_fleet(
     The index names each recording's specimen. Calibrating is training: the recordings used must not test a classifier.
     """
     import swashtwin.calibration as calibration
-    from swashtwin.pump_files import load_pump
-    from swashtwin.readers import read_recordings
-    from swashtwin.twin import Twin
+    from swashtwin.physics import Twin
+    from swashtwin.pump import load_pump
+    from swashtwin.recordings import read_recordings
 
     defect = fault_of(fault, length, width, depth, dimensions)
     drawing = load_pump(pump)

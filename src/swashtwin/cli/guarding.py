@@ -12,7 +12,7 @@ from swashtwin.cli.options import Jobs, Json, Length, ReportFolder, Seed, list_o
 from swashtwin.cli.studying import tell_study, this_command
 
 if TYPE_CHECKING:
-    from swashtwin.recording import Recording
+    from swashtwin.recordings import Recording
 
 Source = Annotated[Path, typer.Argument(help="Index file or the folder that holds one, a store, or a --public-set.")]
 PublicSet = Annotated[
@@ -28,7 +28,7 @@ def guard(
     source: Source, public_set: PublicSet = None, only: Only = None, seed: Seed = 0, as_json: Json = False
 ) -> None:
     """Look for what would fool a classifier: copies, and classes that rate, gain, date or one machine give away."""
-    from swashtwin.leaks import confounding, copied_recordings
+    from swashtwin.learning import confounding, copied_recordings
 
     recordings = _taken(source, public_set, only)
     copies, found = copied_recordings(recordings), confounding(recordings, seed=seed)
@@ -70,8 +70,8 @@ def audit(
 
     A leak that is found is the answer, not an error: the exit code is 0 unless --strict is given.
     """
-    from swashtwin.leaks import audit as audited
-    from swashtwin.leaks import read_audit_rows, rows_of
+    from swashtwin.learning import audit as audited
+    from swashtwin.learning import read_audit_rows, rows_of
 
     kept = tuple(whole or ["recording"])
     more = tuple(name for name in kept if name not in ("recording", "specimen"))
@@ -109,7 +109,7 @@ def leakage(
     as_json: Json = False,
 ) -> None:
     """The leak premium: the score on random windows beside that on whole recordings, machines, conditions held out."""
-    from swashtwin.studies.leakage import run_leakage
+    from swashtwin.bench import run_leakage
 
     recordings = _taken(source, public_set, only)
     with progress("leakage") as bar:
@@ -129,9 +129,9 @@ def leakage(
 
 def _taken(source: Path, public_set: str | None, only: list[str] | None) -> "list[Recording]":
     """Recordings of an index, a store or a public set, those alone that are asked for."""
-    from swashtwin.errors import DataError
-    from swashtwin.readers import read_recordings
-    from swashtwin.readers.public_sets import read_public_set
+    from swashtwin.bench import read_public_set
+    from swashtwin.foundation import DataError
+    from swashtwin.recordings import read_recordings
 
     recordings = read_recordings(source) if public_set is None else read_public_set(public_set, source)
     for name, text in pairs_of(only, "--only").items():

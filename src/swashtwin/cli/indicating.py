@@ -16,8 +16,8 @@ from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaf
 from swashtwin.cli.summaries import MOST_ROWS, All
 
 if TYPE_CHECKING:
-    from swashtwin.indicators import Indicator, IndicatorTable
-    from swashtwin.recording import Recording
+    from swashtwin.recordings import Recording
+    from swashtwin.signals import Indicator, IndicatorTable
 
 Sources = Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")]
 Pistons = Annotated[
@@ -81,7 +81,7 @@ def features(
     )
     made = _table_of(read_all(source, **facts), pistons, band, family, tachometer, pulses, track)
     if out is not None:
-        from swashtwin.files import write_text
+        from swashtwin.foundation import write_text
 
         write_text(out, made.csv)
 
@@ -125,9 +125,9 @@ def spectrum(
     as_json: Json = False,
 ) -> None:
     """Amplitude, envelope or order spectrum, or cepstrum, with the lines of shaft and pistons marked: CSV and SVG."""
-    from swashtwin.files import write_text
-    from swashtwin.indicators import Band, spectrum_of
-    from swashtwin.report.indicator_figures import spectrum_drawing
+    from swashtwin.foundation import write_text
+    from swashtwin.report import spectrum_drawing
+    from swashtwin.signals import Band, spectrum_of
 
     target = out or Path(f"{file.stem}_{kind.value}.svg")
     numbers = _targets(target, [file])
@@ -208,9 +208,9 @@ def trend(
 
     No ISO zone is printed (none is made for axial piston pumps). A baseline takes five healthy recordings at least.
     """
-    from swashtwin.files import write_text
-    from swashtwin.indicators import trend_of
-    from swashtwin.report.indicator_figures import trend_drawing
+    from swashtwin.foundation import write_text
+    from swashtwin.report import trend_drawing
+    from swashtwin.signals import trend_of
 
     numbers = None if out is None else _targets(out, source)
     facts = given(
@@ -251,8 +251,8 @@ def _table_of(
     pulses: int | None,
     track: str | None,
 ) -> "IndicatorTable":
-    from swashtwin.errors import DataError, InputError
-    from swashtwin.indicators import BANDS, FAMILIES, Band, indicators_of, stacked
+    from swashtwin.foundation import DataError, InputError
+    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, stacked
 
     require_one_way(tachometer, pulses, track)
     wanted = tuple(Band.parse(text) for text in bands or ()) or BANDS

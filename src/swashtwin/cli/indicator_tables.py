@@ -8,7 +8,7 @@ from swashtwin.cli.console import say, table
 from swashtwin.cli.summaries import condition_words, grouped, median_of, spread_of
 
 if TYPE_CHECKING:
-    from swashtwin.indicators import Row, Trend
+    from swashtwin.signals import Row, Trend
 
 _STATUS = ("within", "above", "below", "no baseline")
 _FURTHEST = 3

@@ -13,8 +13,7 @@ from swashtwin.cli.recordings import read_all
 from swashtwin.cli.summaries import MOST_ROWS, All, condition_words, grouped, spread_of
 
 if TYPE_CHECKING:
-    from swashtwin.inspection import InspectionReport, RecordingReport
-    from swashtwin.recording import Recording
+    from swashtwin.recordings import InspectionReport, Recording, RecordingReport
 
 
 def inspect(
@@ -27,7 +26,7 @@ def inspect(
     as_json: Json = False,
 ) -> None:
     """Name what is wrong with recordings before they are used. Exit code 3 where something must not be used."""
-    from swashtwin.inspection import inspect_recordings
+    from swashtwin.recordings import inspect_recordings
 
     facts = given(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
     recordings = read_all(paths, **facts)
@@ -58,8 +57,8 @@ def _show_each(reports: "tuple[RecordingReport, ...]") -> None:
 
 
 def _show_summary(reports: "tuple[RecordingReport, ...]", recordings: "list[Recording]") -> None:
-    from swashtwin.inspection import stated_speed
-    from swashtwin.windows.grouping import stated_pressure
+    from swashtwin.learning import stated_pressure
+    from swashtwin.recordings import stated_speed
 
     ids = [one.recording_id for one in recordings]
     speeds = [stated_speed(one) for one in recordings]

@@ -85,18 +85,20 @@ def train(
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
     from swashtwin.diagnosis import save_classifier
-    from swashtwin.evaluation import learn_confidence
-    from swashtwin.networks import build_network
-    from swashtwin.readers import declared_classes, open_recordings
-    from swashtwin.training import RECOMMENDED_TRAINING, fit, require_enough
-    from swashtwin.windows import (
+    from swashtwin.learning import (
+        RECOMMENDED_TRAINING,
+        build_network,
         check_disjoint,
         cut_windows,
+        fit,
+        learn_confidence,
         load_windows,
         recording_groups,
+        require_enough,
         split_by_recording,
         without_overlap,
     )
+    from swashtwin.recordings import declared_classes, open_recordings
 
     require_target(out)
     settings = replace(
@@ -182,7 +184,7 @@ def train(
 
 
 def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
-    from swashtwin.errors import LeakError
+    from swashtwin.foundation import LeakError
 
     seen = sorted(manifest.intersection(held_out))
     if seen:

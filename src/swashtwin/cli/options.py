@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from swashtwin.errors import SwashTwinError
+from swashtwin.foundation import SwashTwinError
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Nuisances
-    from swashtwin.condition import OperatingCondition
-    from swashtwin.faults import Fault
-    from swashtwin.integrators import SteadySolver
+    from swashtwin.physics import SteadySolver
+    from swashtwin.pump import Fault, OperatingCondition
 
 T = TypeVar("T")
 
@@ -101,7 +100,7 @@ Names = Annotated[list[str] | None, typer.Option(help="What to call each of the 
 
 def condition_of(speed: str, pressure: str, temperature: str | None) -> "OperatingCondition":
     """Operating condition of the options."""
-    from swashtwin.quantities import read_condition
+    from swashtwin.pump import read_condition
 
     return read_condition(speed=speed, discharge_pressure=pressure, oil_temperature=temperature)
 
@@ -110,7 +109,7 @@ def fault_of(
     kind: str, length: str | None, width: str | None, depth: str | None, dimensions: list[str] | None
 ) -> "Fault | None":
     """Fault of the options."""
-    from swashtwin.quantities import read_fault
+    from swashtwin.pump import read_fault
 
     named = {"length": length, "width": width, "depth": depth} | pairs_of(dimensions, "--dimension")
     return read_fault(kind, **{name: text for name, text in named.items() if text is not None})
@@ -118,8 +117,8 @@ def fault_of(
 
 def solver_of(name: Solver, step: str | None) -> "SteadySolver":
     """Solver of the options; a step without rk4 is a wrong command line."""
-    from swashtwin.integrators import RK4, HarmonicBalance
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.physics import RK4, HarmonicBalance
 
     if name is Solver.rk4:
         return RK4(step=None if step is None else parse(step, "s", name="step"))

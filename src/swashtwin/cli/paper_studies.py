@@ -14,7 +14,7 @@ from swashtwin.cli.options import Json, as_folder, list_of
 from swashtwin.cli.studying import StudySize, tell_study, this_command
 
 if TYPE_CHECKING:
-    from swashtwin.studies import Plan, Workers
+    from swashtwin.bench import Plan, Workers
 
 
 class Backend(StrEnum):
@@ -106,7 +106,7 @@ def command_of(study: str) -> Callable[..., None]:
             raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
         if rig and out is None:
             raise typer.BadParameter("is needed by --rig: the fleets are built into it.", param_hint="--out")
-        from swashtwin.studies import Workers, models_of, plan_of
+        from swashtwin.bench import Workers, models_of, plan_of
 
         plan = plan_of(study, size.value)
         if models is not None:
@@ -137,9 +137,8 @@ def _carry_out(
     device: str,
     as_json: bool,
 ) -> None:
-    from swashtwin.readers import read_recordings
-    from swashtwin.studies import Fleets, run_plan
-    from swashtwin.studies.sources import Known
+    from swashtwin.bench import Fleets, Known, run_plan
+    from swashtwin.recordings import read_recordings
 
     hint = (
         "with --out, finished runs would be kept" if out is None else "finished runs are kept; the same command resumes"

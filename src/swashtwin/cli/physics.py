@@ -40,11 +40,11 @@ def synthesize(
     """
     if residual and not background:
         raise typer.BadParameter("is a background; leave --no-background out.", param_hint="--residual")
-    from swashtwin.augmentation import synthesize as synthesized
     from swashtwin.calibration import load_calibration
-    from swashtwin.readers import read_recordings
-    from swashtwin.units import parse
-    from swashtwin.windows import cut_windows, save_windows
+    from swashtwin.foundation import parse
+    from swashtwin.learning import cut_windows, save_windows
+    from swashtwin.recordings import read_recordings
+    from swashtwin.synthesis import synthesize as synthesized
 
     found = load_calibration(calibration)
     twin = found.nominal if nominal else found.twin

@@ -24,7 +24,7 @@ def new(
     as_json: Json = False,
 ) -> None:
     """Write a commented copy of a pump file, to be edited."""
-    from swashtwin.pump_files import new_pump
+    from swashtwin.pump import new_pump
 
     path = new_pump(name, like=like, folder=folder)
     tell({"pump": path}, as_json, lambda: say(f"{path}\nEdit it, then: swashtwin pump show {path}"))
@@ -36,7 +36,7 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show every number of a pump in SI units, with its source."""
-    from swashtwin.pump_files import available_pumps, load_pump
+    from swashtwin.pump import available_pumps, load_pump
 
     pump = load_pump(name)
     parameters = [

@@ -22,7 +22,7 @@ def public(
     as_json: Json = False,
 ) -> None:
     """Public sets of real recordings: the score on an honest split beside the one on a random split."""
-    from swashtwin.studies.public import run_public
+    from swashtwin.bench import run_public
 
     with progress("public sets") as bar:
         study = run_public(
@@ -40,7 +40,7 @@ def scarce(
     data: Data, seeds: Seeds = "0,1,2,3,4", out: ReportFolder = None, jobs: Jobs = 2, as_json: Json = False
 ) -> None:
     """A scarce cell of a real pump's recordings: filling it from data alone against leaving it."""
-    from swashtwin.studies.public import run_scarce
+    from swashtwin.bench import run_scarce
 
     with progress("scarce cells") as bar:
         study = run_scarce(

@@ -23,13 +23,12 @@ from swashtwin.cli.options import (
     said_as_options,
 )
 from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaft_angle, vibration_of
-from swashtwin.files import whole_folder
+from swashtwin.foundation import whole_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swashtwin.recording import Recording
-    from swashtwin.stored import StoredRecording
+    from swashtwin.recordings import Recording, StoredRecording
 
 
 class RigFormat(StrEnum):
@@ -60,7 +59,7 @@ class Dealing(StrEnum):
 
 def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
     """Recordings of indexes, folders with an index, stores, and single files with `facts`."""
-    from swashtwin.readers import read_recording, read_recordings
+    from swashtwin.recordings import read_recording, read_recordings
 
     recordings = []
     for path in paths:
@@ -74,7 +73,7 @@ def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
 
 def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
     """As `read_all`, but the readings stay in their files until they are asked for."""
-    from swashtwin.readers import open_recording, open_recordings
+    from swashtwin.recordings import open_recording, open_recordings
 
     recordings = []
     for path in paths:
@@ -88,8 +87,8 @@ def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
 
 def refuse_source(target: Path, paths: list[Path]) -> None:
     """Refuse a file to write that is one of those read."""
-    from swashtwin.errors import InputError
-    from swashtwin.readers import source_files
+    from swashtwin.foundation import InputError
+    from swashtwin.recordings import source_files
 
     for path in paths:
         if any(target.resolve() == one.resolve() for one in source_files(path)):
@@ -98,7 +97,7 @@ def refuse_source(target: Path, paths: list[Path]) -> None:
 
 def _of_many(path: Path, facts: dict[str, object]) -> bool:
     """Whether a source says itself what its recordings are; no option may then say it again."""
-    from swashtwin.readers import is_store
+    from swashtwin.recordings import is_store
 
     if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
         return False
@@ -117,7 +116,7 @@ def rig(
     as_json: Json = False,
 ) -> None:
     """Write the recordings of a virtual rig, and an index of them. It stands in for a machine and is none."""
-    from swashtwin.rig import RIG_VERSION, build_rig
+    from swashtwin.bench import RIG_VERSION, build_rig
 
     with whole_folder(out), progress("recording") as bar:
         index_file = build_rig(out, seed=seed, size=size.value, file_format=file_format.value, progress=bar)
@@ -149,7 +148,7 @@ def index(
     as_json: Json = False,
 ) -> None:
     """Propose an index of a folder's files, to look over and correct; a terminal is asked what nobody says."""
-    from swashtwin.readers import propose_index, save_index
+    from swashtwin.recordings import propose_index, save_index
 
     path = out or folder / "recordings.toml"
     proposal = propose_index(
@@ -208,7 +207,7 @@ def convert(
     as_json: Json = False,
 ) -> None:
     """Write recordings of any format, also such as are larger than memory, to one chunked HDF5 store."""
-    from swashtwin.readers import write_store
+    from swashtwin.recordings import write_store
 
     refuse_source(out, paths)
     _refuse_existing(out, overwrite)
@@ -246,8 +245,8 @@ def _along_the_angle(
     shaft: tuple[str | None, int | None, str | None],
 ) -> "list[Recording]":
     """The recordings at even steps of the shaft's angle, all played back at one speed."""
-    from swashtwin.order_domain import resampled_by_angle, stated_angle
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.signals import resampled_by_angle, stated_angle
 
     require_one_way(*shaft)
     if played_at is None:
@@ -282,7 +281,7 @@ def split(
 
     Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
     """
-    from swashtwin.readers import narrow_index, read_recordings
+    from swashtwin.recordings import narrow_index, read_recordings
 
     if folds is not None and dealing is Dealing.each:
         raise typer.BadParameter("each group is a fold with --dealing each; leave it out.", param_hint="--folds")
@@ -318,7 +317,7 @@ def _sides(
     seed: int,
 ) -> dict[str, dict[str, list[str]]]:
     """Recording ids of each role, by the folder that they are to stand in."""
-    from swashtwin.windows import cut_windows, group_folds, recording_groups, split_by_recording
+    from swashtwin.learning import cut_windows, group_folds, recording_groups, split_by_recording
 
     shortest = min(recording.signal.shape[1] for recording in recordings)
     whole = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
@@ -347,7 +346,7 @@ def _asked(key: str, question: str) -> str | None:
 
 
 def _refuse_existing(path: Path, overwrite: bool) -> None:
-    from swashtwin.errors import InputError
+    from swashtwin.foundation import InputError
 
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists and may have been edited; replace it with --overwrite, or name another --out.")

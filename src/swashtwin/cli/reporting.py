@@ -15,8 +15,8 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Gather every finished run of a folder into one page: tables and figures, the paper's figures beside ours."""
+    from swashtwin.bench import gathered
     from swashtwin.report import write_report
-    from swashtwin.studies.gathering import gathered
 
     found = gathered(folder)
     page = write_report(*found, folder=out)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from swashtwin.calibration import SeverityTrend
-    from swashtwin.recording import Recording
+    from swashtwin.recordings import Recording
 
 
 def severity(
@@ -54,9 +54,8 @@ def severity(
     severities are searched.
     """
     from swashtwin.calibration import estimate_severity, load_calibration
-    from swashtwin.errors import DataError
-    from swashtwin.readers import read_recordings
-    from swashtwin.recording import select
+    from swashtwin.foundation import DataError
+    from swashtwin.recordings import read_recordings, select
 
     kind = fault_of(fault, length, width, depth, dimensions)
     if kind is None:
@@ -91,7 +90,7 @@ def _sides(recordings: "Iterable[Recording]", taught: "Collection[str]") -> "tup
 
 def _free(asked: list[str] | None, held: set[str], kind: type) -> list[str] | None:
     """Further dimensions to search: those asked for, else the usual ones that were not given."""
-    from swashtwin.calibration.dimensions import USUALLY_FREE
+    from swashtwin.calibration import USUALLY_FREE
 
     return asked if asked else [name for name in USUALLY_FREE.get(kind, ()) if name not in held]
 
@@ -126,7 +125,7 @@ def study_severity(
     as_json: Json = False,
 ) -> None:
     """Severity by inversion on the virtual rig's trends: error against the hidden truth, by fault and dimension."""
-    from swashtwin.studies import run_severity
+    from swashtwin.bench import run_severity
 
     numbers = list_of(seeds, int, "--seeds") or [2, 3]
     with progress("severities") as bar:
@@ -141,7 +140,7 @@ def study_fault_map(
     as_json: Json = False,
 ) -> None:
     """Which parameters move with which fault, on the virtual rig, and whether that tells faults apart."""
-    from swashtwin.studies import run_fault_map
+    from swashtwin.bench import run_fault_map
 
     numbers = list_of(seeds, int, "--seeds") or [2, 3]
     with progress("moves") as bar:

@@ -7,8 +7,8 @@ import typer
 from swashtwin.cli.options import list_of
 
 if TYPE_CHECKING:
-    from swashtwin.order_domain import ShaftAngle
-    from swashtwin.recording import Recording
+    from swashtwin.recordings import Recording
+    from swashtwin.signals import ShaftAngle
 
 Tachometer = Annotated[str | None, typer.Option(help="Channel with the pulses of a tachometer.")]
 Pulses = Annotated[int | None, typer.Option(min=1, help="Pulses of the tachometer per turn; 1 by default.")]
@@ -32,7 +32,7 @@ def shaft_angle(
     recording: "Recording", tachometer: str | None, pulses: int | None, track: str | None
 ) -> "ShaftAngle | None":
     """The shaft's angle where an option says how to find it."""
-    from swashtwin.order_domain import tachometer_speed, tracked_speed
+    from swashtwin.signals import tachometer_speed, tracked_speed
 
     if tachometer is not None:
         return tachometer_speed(recording, tachometer, pulses or 1)

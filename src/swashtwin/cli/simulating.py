@@ -30,11 +30,10 @@ from swashtwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from swashtwin.augmentation import Variation
-    from swashtwin.condition import OperatingCondition
-    from swashtwin.integrators import SteadySolver
-    from swashtwin.recording import Recording
-    from swashtwin.twin import Course, Twin
+    from swashtwin.physics import Course, SteadySolver, Twin
+    from swashtwin.pump import OperatingCondition
+    from swashtwin.recordings import Recording
+    from swashtwin.synthesis import Variation
 
 _STREAMED = (".h5", ".hdf5")
 _MOST_IN_MEMORY = 4 * 10**9
@@ -91,9 +90,9 @@ def simulate(
 
     With --n, the shaft's phase is drawn for each recording, and a run that was interrupted goes on where it ended.
     """
-    from swashtwin.contacts import SlipperContact
-    from swashtwin.readers import WRITABLE
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.physics import SlipperContact
+    from swashtwin.recordings import WRITABLE
 
     if n == 1:
         require_target(out, *WRITABLE)
@@ -145,7 +144,7 @@ class _Plan:
 
     def blocks(self, twin: "Twin", phase: float, seed: int, name: str) -> "Iterator[Recording]":
         """One recording of `twin`, a variation of the plan's own."""
-        from swashtwin.twin import course_blocks, steady_blocks
+        from swashtwin.physics import course_blocks, steady_blocks
 
         if self.course is None:
             return steady_blocks(
@@ -159,7 +158,7 @@ class _Plan:
         """Whatever the recordings of a run depend on, but for their count."""
         from dataclasses import asdict
 
-        from swashtwin.calibration.archive import twin_to_dict
+        from swashtwin.calibration import twin_to_dict
 
         course = None if self.course is None else {
             name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.course).items()
@@ -193,8 +192,8 @@ def _course_of(
         return None
     import numpy as np
 
-    from swashtwin.twin import Course
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.physics import Course
 
     ends = (("speed", "rad/s", speed, to_speed), ("pressure", "Pa", pressure, to_pressure))
     speeds, pressures = (
@@ -207,8 +206,8 @@ def _course_of(
 def _twin_of(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
     """Twin of the pump, healthy, or of the calibration, with its fault; `films` moves the values with the oil."""
     from swashtwin.calibration import load_calibration
-    from swashtwin.pump_files import load_pump
-    from swashtwin.twin import Twin, carry_over
+    from swashtwin.physics import Twin, carry_over
+    from swashtwin.pump import load_pump
 
     if calibration is None:
         known = load_pump(pump)
@@ -220,8 +219,8 @@ def _twin_of(pump: str, calibration: Path | None, condition: "OperatingCondition
 
 def _variation_of(temperature: str | None) -> "Variation":
     """The usual spread; a temperature that was given is kept."""
-    from swashtwin.augmentation import Variation
-    from swashtwin.units import parse
+    from swashtwin.foundation import parse
+    from swashtwin.synthesis import Variation
 
     if temperature is None:
         return Variation()
@@ -230,7 +229,7 @@ def _variation_of(temperature: str | None) -> "Variation":
 
 
 def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
-    from swashtwin.twin import whole_revolutions
+    from swashtwin.physics import whole_revolutions
 
     if plan.course is not None or varied:
         raise typer.BadParameter("needs a steady speed: --no-vary, and no course.", param_hint="--whole-revolutions")
@@ -238,8 +237,7 @@ def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
 
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
-    from swashtwin.readers import require_room, write_blocks, write_recording
-    from swashtwin.recording import joined
+    from swashtwin.recordings import joined, require_room, write_blocks, write_recording
 
     squares: list[Any] = []
     counts: list[int] = []
@@ -275,10 +273,10 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:
-    from swashtwin.augmentation import drawn
-    from swashtwin.readers import write_series
-    from swashtwin.seeding import derive_seed, stream
-    from swashtwin.twin import carry_over
+    from swashtwin.foundation import derive_seed, stream
+    from swashtwin.physics import carry_over
+    from swashtwin.recordings import write_series
+    from swashtwin.synthesis import drawn
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = plan.twin if variation is None else drawn(plan.twin, variation, plan.seed, number)

@@ -11,10 +11,10 @@ import typer
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Jobs, Json, ReportFolder, Seed, as_folder, list_of
-from swashtwin.files import whole_folder
+from swashtwin.foundation import whole_folder
 
 if TYPE_CHECKING:
-    from swashtwin.studies import StudyTable
+    from swashtwin.bench import StudyTable
 
 
 class StudySize(StrEnum):
@@ -33,10 +33,8 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Build a virtual rig, run Case I of the paper on it, and write a report: the whole way in some minutes."""
-    from swashtwin.readers import read_recordings
-    from swashtwin.rig import SIZES, build_rig
-    from swashtwin.studies import Workers, run_study
-    from swashtwin.studies.sources import require_rig
+    from swashtwin.bench import SIZES, Workers, build_rig, require_rig, run_study
+    from swashtwin.recordings import read_recordings
 
     folder = out / f"rig-{seed}"
     if (folder / "recordings.toml").is_file():
@@ -117,7 +115,7 @@ def misspecification(
     as_json: Json = False,
 ) -> None:
     """What calibration makes of a twin that is wrong in one stated way, and whether it warns of it."""
-    from swashtwin.studies.misspecification import BACKGROUNDS, run_misspecification
+    from swashtwin.bench import BACKGROUNDS, run_misspecification
 
     with progress("wrong twins") as bar:
         study = run_misspecification(

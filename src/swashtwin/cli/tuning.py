@@ -31,9 +31,8 @@ def tune(
     as_json: Json = False,
 ) -> None:
     """Search a network's settings by Optuna, on validation recordings only: training pumps, each left out in turn."""
-    from swashtwin.readers import read_recordings
-    from swashtwin.studies import Workers
-    from swashtwin.studies.tuning import run_tuning
+    from swashtwin.bench import Workers, run_tuning
+    from swashtwin.recordings import read_recordings
 
     with resumable("candidates that were scored are kept; the same command goes on"), progress("tuning") as bar:
         found = run_tuning(

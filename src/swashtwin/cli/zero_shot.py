@@ -22,8 +22,8 @@ def zero_shot(
     as_json: Json = False,
 ) -> None:
     """Zero-shot: faults that nobody has measured, taught by twins of healthy recordings, tested on measured faults."""
-    from swashtwin.readers import read_recordings
-    from swashtwin.studies import run_zero_shot
+    from swashtwin.bench import run_zero_shot
+    from swashtwin.recordings import read_recordings
 
     if (source is None) is not fleet:
         raise typer.BadParameter("give either recordings or --fleet.", param_hint="INDEX")

@@ -10,12 +10,9 @@ from jaxtyping import Float64
 from swashtwin.diagnosis.attribution import line_shares, mean_gradients
 from swashtwin.diagnosis.next_checks import Check, next_checks
 from swashtwin.diagnosis.verdict import Diagnosis, settled_on
-from swashtwin.errors import DataError, InputError
-from swashtwin.inspection import stated_speed
-from swashtwin.recording import Recording
-from swashtwin.stored import StoredRecording, opened
-from swashtwin.training import FittedClassifier
-from swashtwin.windows import cut_windows
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import FittedClassifier, cut_windows
+from swashtwin.recordings import Recording, StoredRecording, opened, stated_speed
 
 MOST_WINDOWS = 24
 """Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""

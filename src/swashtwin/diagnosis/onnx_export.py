@@ -14,11 +14,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from swashtwin.diagnosis.onnx_recurrence import OnnxRecurrence
-from swashtwin.errors import MissingExtraError
-from swashtwin.files import replacing
-from swashtwin.networks import Network
-from swashtwin.training import FittedClassifier, Normalization
-from swashtwin.version import VERSION
+from swashtwin.foundation import VERSION, MissingExtraError, replacing
+from swashtwin.learning import FittedClassifier, Network, Normalization
 
 
 def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:

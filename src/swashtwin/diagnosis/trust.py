@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.training import Confidence, FittedClassifier
+from swashtwin.learning import Confidence, FittedClassifier
 
 
 @dataclass(frozen=True)

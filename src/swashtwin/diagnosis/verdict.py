@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.diagnosis.trust import Trust, trust_in
-from swashtwin.errors import DataError, InputError
-from swashtwin.evaluation import pooled_probabilities
-from swashtwin.recording import Recording
-from swashtwin.stored import StoredRecording
-from swashtwin.training import FittedClassifier
-from swashtwin.windows import WindowLayout, WindowSet, window_batches
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import FittedClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
+from swashtwin.recordings import Recording, StoredRecording
 
 CLOSE = 0.05
 """Relative difference up to which a pressure or speed counts as one that was trained at."""

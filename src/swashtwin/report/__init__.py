@@ -1,5 +1,5 @@
-"""Results as one HTML page, with every figure and its data beside it. The only room that draws."""
+"""Results as one HTML page, with every figure and its data beside it. Nothing else draws."""
 
-from swashtwin.report.writing import write_report
+import lazy_loader
 
-__all__ = ["write_report"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

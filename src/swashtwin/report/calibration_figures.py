@@ -8,13 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
-from swashtwin.excitation import slipper_displacements
-from swashtwin.faults import SwashPlateDefect
-from swashtwin.pump import PARAMETERS
+from swashtwin.physics import Twin, slipper_displacements
+from swashtwin.pump import PARAMETERS, SwashPlateDefect
 from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, ratio_axis, table
 from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, styled
 from swashtwin.report.wording import parameter_words, words
-from swashtwin.twin import Twin
 
 _POINTS = 701
 """Points over one revolution of the excitation."""

@@ -7,17 +7,7 @@ from dataclasses import asdict
 
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.report.calibration_figures import calibration_drawings
-from swashtwin.report.page import (
-    CALIBRATION,
-    PROVENANCE,
-    Bullets,
-    Cell,
-    Group,
-    Part,
-    Picture,
-    Section,
-    Table,
-)
+from swashtwin.report.page import CALIBRATION, PROVENANCE, Bullets, Cell, Group, Part, Picture, Section, Table
 from swashtwin.report.wording import facts, flattened, number, number_cell, parameter_words, percent, plural, words
 
 _FIGURES = (

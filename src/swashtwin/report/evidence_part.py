@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.diagnosis import Evidence
-from swashtwin.diagnosis.evidence import hertz
+from swashtwin.diagnosis import Evidence, hertz
 from swashtwin.report.drawing import Drawing, drawn, panels
 from swashtwin.report.page import VERDICT, Bullets, Cell, Paragraph, Part, Picture, Section, Table
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled

@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from swashtwin.calibration import IdentifiabilityReport, Profile
-from swashtwin.calibration.valley import THRESHOLD
+from swashtwin.calibration import THRESHOLD, IdentifiabilityReport, Profile
 from swashtwin.pump import LETTERS
 from swashtwin.report.drawing import Drawing, drawn, panels, table
 from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, styled

@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from swashtwin.errors import InputError
-from swashtwin.indicators import LineSpectrum, Mark, Trend, TrendPoint
+from swashtwin.foundation import InputError
 from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, table
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled
 from swashtwin.report.wording import plural, words
+from swashtwin.signals import LineSpectrum, Mark, Trend, TrendPoint
 
 MOST_POINTS = 3000
 """Points drawn of one spectrum at most; each is the greatest of the lines it stands for."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from swashtwin.evaluation import LEVELS, Scores
+from swashtwin.learning import LEVELS, Scores
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.page import SCORES, Bullets, Cell, Part, Picture, Section, Table
 from swashtwin.report.wording import number, number_cell, plural, words

@@ -9,15 +9,14 @@ from dataclasses import replace
 from functools import cache, singledispatch
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from jinja2 import Environment, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
 from swashtwin.diagnosis import Diagnosis, Evidence
-from swashtwin.errors import InputError
-from swashtwin.evaluation import Scores
-from swashtwin.files import replacing
+from swashtwin.foundation import VERSION, InputError, replacing
+from swashtwin.learning import Scores
 from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
@@ -25,11 +24,6 @@ from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.page import Part, Section, drawings
 from swashtwin.report.scores_part import scores_part
-from swashtwin.report.study_part import study_part
-from swashtwin.report.table_part import table_part
-from swashtwin.studies.result import StudyResult
-from swashtwin.studies.table import StudyTable
-from swashtwin.version import VERSION
 
 FORMAT = "swashtwin report 1"
 
@@ -39,8 +33,20 @@ _UNKNOWN_ORIGIN = (
 )
 
 
+@runtime_checkable
+class Reportable(Protocol):
+    """A result that brings its own part of the page, such as a study's."""
+
+    @property
+    def study(self) -> str:
+        """Name, such as ``"calibration"``; the names of its figures begin with it where there are several."""
+
+    def report_part(self, key: str) -> Part:
+        """What it adds to the page; the names of its figures begin with `key`."""
+
+
 def write_report(
-    *items: StudyResult | StudyTable | Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence,
+    *items: Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence | Reportable,
     folder: Path | str,
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -91,14 +97,14 @@ def part_of(item: object, key: str) -> Part:
     InputError
         There is nothing to report of its kind.
     """
+    if isinstance(item, Reportable):
+        return item.report_part(key)
     raise InputError(
         f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
         "diagnosis."
     )
 
 
-part_of.register(StudyResult)(study_part)
-part_of.register(StudyTable)(table_part)
 part_of.register(Calibration)(calibration_part)
 part_of.register(Difference)(difference_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
@@ -109,7 +115,7 @@ part_of.register(Evidence)(evidence_part)
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
     """Every section, in the order of its place; of several studies each keeps its own together, under its title."""
-    if len(items) > 1 and all(isinstance(item, StudyTable) for item in items):
+    if len(items) > 1 and all(isinstance(item, Reportable) for item in items):
         return [replace(one, title=f"{_short(part.title)}: {one.title}") for part in parts for one in part.sections]
     return sorted((section for part in parts for section in part.sections), key=lambda section: section.place)
 
@@ -127,10 +133,10 @@ def _answers(parts: Sequence[Part]) -> list[str]:
 
 def _keys(items: Sequence[object]) -> list[str]:
     """Name of each item, numbered where there are several of its kind; of several studies each has its own name."""
-    several = sum(isinstance(item, StudyTable) for item in items) > 1
+    several = sum(isinstance(item, Reportable) for item in items) > 1
     kinds = [
         (item.study.replace("-", "_") if several else "study")
-        if isinstance(item, StudyTable)
+        if isinstance(item, Reportable)
         else type(item).__name__.lower()
         for item in items
     ]

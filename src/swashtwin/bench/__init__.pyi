@@ -1,0 +1,75 @@
+"""Names that other rooms import, and where each lives."""
+
+from .fillers.registry import FILLERS as FILLERS
+from .public.readers.registry import read_public_set as read_public_set
+from .public.running import run_public as run_public
+from .public.scarce import run_scarce as run_scarce
+from .questions.calibration import CONTENDERS as CONTENDERS
+from .questions.calibration import CalibrationStudySettings as CalibrationStudySettings
+from .questions.calibration import run_calibration_study as run_calibration_study
+from .questions.conditions import run_conditions as run_conditions
+from .questions.confidence import ConfidenceStudySettings as ConfidenceStudySettings
+from .questions.confidence import run_confidence as run_confidence
+from .questions.fault_map import run_fault_map as run_fault_map
+from .questions.leakage import run_leakage as run_leakage
+from .questions.misspecification import BACKGROUNDS as BACKGROUNDS
+from .questions.misspecification import run_misspecification as run_misspecification
+from .questions.severity import run_severity as run_severity
+from .questions.tuning import run_tuning as run_tuning
+from .questions.zero_shot import run_zero_shot as run_zero_shot
+from .results.result import StudyResult as StudyResult
+from .results.study_part import study_part as study_part
+from .results.table import StudyTable as StudyTable
+from .results.table_part import table_part as table_part
+from .rigs.writing import RIG_VERSION as RIG_VERSION
+from .rigs.writing import SIZES as SIZES
+from .rigs.writing import build_rig as build_rig
+from .rigs.writing import rig_recordings as rig_recordings
+from .rivals.models import models_of as models_of
+from .studies.collect import gathered as gathered
+from .studies.plan import Plan as Plan
+from .studies.registry import plan_of as plan_of
+from .studies.registry import run_study as run_study
+from .studies.runner import run_plan as run_plan
+from .studies.sources import Fleets as Fleets
+from .studies.sources import Known as Known
+from .studies.sources import require_rig as require_rig
+from .studies.workers import Workers as Workers
+
+__all__ = [
+    "BACKGROUNDS",
+    "CONTENDERS",
+    "FILLERS",
+    "RIG_VERSION",
+    "SIZES",
+    "CalibrationStudySettings",
+    "ConfidenceStudySettings",
+    "Fleets",
+    "Known",
+    "Plan",
+    "StudyResult",
+    "StudyTable",
+    "Workers",
+    "build_rig",
+    "gathered",
+    "models_of",
+    "plan_of",
+    "read_public_set",
+    "require_rig",
+    "rig_recordings",
+    "run_calibration_study",
+    "run_conditions",
+    "run_confidence",
+    "run_fault_map",
+    "run_leakage",
+    "run_misspecification",
+    "run_plan",
+    "run_public",
+    "run_scarce",
+    "run_severity",
+    "run_study",
+    "run_tuning",
+    "run_zero_shot",
+    "study_part",
+    "table_part",
+]

@@ -1,0 +1,1 @@
+"""Generative fillers of scarce cells, for comparison."""

@@ -1,0 +1,162 @@
+"""What the generative fillers share: conditions, batches, the windows made of scores, and what was learnt last."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64, Int64
+from torch import Tensor, nn
+
+from swashtwin.foundation import derive_seed, stream
+from swashtwin.learning import WindowSet
+from swashtwin.synthesis import (
+    SpectralForm,
+    drawn_from,
+    filled_cell,
+    require_count,
+    ring_length,
+    rings_of,
+    sources_of,
+    windows_of,
+)
+
+Draw = Callable[[Tensor, torch.Generator], Tensor]
+"""Scores of new windows, from the condition of each."""
+
+
+@runtime_checkable
+class Generative(Hashable, Protocol):
+    """Settings of a generative model of scores, and how it is learnt."""
+
+    @property
+    def components(self) -> int:
+        """Principal components of the logarithmic spectra whose scores are modeled."""
+
+    def learnt(
+        self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: "Batches"
+    ) -> Draw:
+        """What draws scores under conditions, after it was fitted on these."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Class and pressure as a network takes them."""
+
+    classes: int
+    """Number of classes."""
+    center: float
+    """Mean of the logarithm of the training windows' pressure."""
+    spread: float
+    """Its standard deviation; 1 where there is none."""
+
+    @classmethod
+    def fitted(cls, windows: WindowSet) -> "Conditions":
+        """Those of training windows."""
+        known = np.log(windows.discharge_pressure[np.isfinite(windows.discharge_pressure)])
+        spread = float(known.std()) if known.size else 0.0
+        return cls(len(windows.classes), float(known.mean()) if known.size else 0.0, spread or 1.0)
+
+    def encoded(
+        self, target: Int64[np.ndarray, " window"], pressure: Float[np.ndarray, " window"]
+    ) -> Float64[np.ndarray, "window fact"]:
+        """One column for each class, and the logarithm of the pressure, scaled; 0 where it is not known."""
+        scaled = (np.log(pressure) - self.center) / self.spread
+        return np.concatenate([np.eye(self.classes)[target], np.nan_to_num(scaled)[:, None]], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Batches:
+    """Which windows a step learns from, drawn so that a cell counts as the square root of its size."""
+
+    share: Float64[np.ndarray, " window"]
+    """Probability of each window."""
+    seed: int
+    """Addresses the draws, the weights and the noise of the learning."""
+
+    @classmethod
+    def fitted(cls, windows: WindowSet, seed: int) -> "Batches":
+        """Those of training windows."""
+        cells = np.column_stack([windows.target, np.nan_to_num(windows.cell_pressure)])
+        cell = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+        share = 1 / np.sqrt(np.bincount(cell)[cell])
+        return cls(share / share.sum(), seed)
+
+    def drawn(self, steps: int, size: int) -> Int64[np.ndarray, "step window"]:
+        """Indices of the windows of each step."""
+        rng = stream(self.seed, "batches")
+        return rng.choice(len(self.share), size=(steps, size), p=self.share)
+
+
+def dense(widths: tuple[int, ...], seed: int) -> nn.Sequential:
+    """Linear layers of `widths` with SiLU between them, their weights drawn from `seed`."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        layers: list[nn.Module] = []
+        for entering, leaving in pairwise(widths):
+            layers += [nn.Linear(entering, leaving), nn.SiLU()]
+    return nn.Sequential(*layers[:-1])
+
+
+def filled_by(
+    model: Generative,
+    name: str,
+    train: WindowSet,
+    *,
+    label: str,
+    pressure: float,
+    count: int,
+    seed: int,
+) -> WindowSet:
+    """`count` windows of a cell with scores that `model` draws, and phases and noise of measured windows of the class.
+
+    Each begins at another angle of the shaft. What was learnt from the same windows with the same seed is not learnt
+    again for the next cell.
+    """
+    require_count(count)
+    sources_of(train, label, pressure)
+    measured = train.subset(~train.synthetic & (train.target >= 0))
+    form, conditions, draw = _learnt(model, _Known(measured, measured.fingerprint()), derive_seed(seed, name))
+    place = drawn_from(np.flatnonzero(measured.label == label), label, count, seed)
+    asked = conditions.encoded(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
+    random = torch.Generator().manual_seed(derive_seed(seed, name, "draw", label, pressure))
+    with torch.no_grad():
+        scores = draw(_tensor(asked), random).numpy().astype(float)
+    known = conditions.encoded(measured.target[place], measured.discharge_pressure[place])
+    rings = form.rebuilt(scores, asked, rings_of(measured, place, form.length), known)
+    signal = windows_of(rings, measured, place, stream(seed, name, "angle", label, pressure))
+    return filled_cell(signal, place, train=measured, name=name, label=label, pressure=pressure, seed=seed)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Windows that are equal where their readings and facts are."""
+
+    windows: WindowSet
+    fingerprint: str
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Known) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
+
+@lru_cache(maxsize=1)
+def _learnt(model: Generative, known: _Known, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
+    windows = known.windows
+    lengths = [ring_length(windows, i) for i in range(len(windows))]
+    rings = rings_of(windows, np.arange(len(windows)), max(lengths))
+    conditions = Conditions.fitted(windows)
+    condition = conditions.encoded(windows.target, windows.discharge_pressure)
+    form = SpectralForm.fitted(rings, condition, model.components, seed)
+    scores = form.scores(rings, condition)
+    return form, conditions, model.learnt(_tensor(scores), _tensor(condition), Batches.fitted(windows, seed))
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.as_tensor(values, dtype=torch.float32)

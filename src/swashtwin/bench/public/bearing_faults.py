@@ -1,0 +1,77 @@
+"""CWRU bearings, other fault sizes or the other end: which defect order stands out of the envelope."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from joblib import Parallel, delayed
+
+from swashtwin.bench.public.question import Fold, Question, Setting
+from swashtwin.bench.public.usual import units_of, usual_windows
+from swashtwin.foundation import DataError
+from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import BEARINGS, SEATS, defect_prominences, prewhitened
+
+_WINDOW, _RATE = 2048, 12000.0
+_SIZES = ("7", "14", "21")
+_STRETCH, _STRETCHES = 5.0, 4
+"""Length [s] and number of the overlapping stretches of a recording."""
+_BEARING = {"DE": "SKF 6205", "FE": "SKF 6203"}
+_BANDS = {
+    "whole": ((50.0, 5900.0),),
+    "octaves": ((250.0, 750.0), (750.0, 1500.0), (1500.0, 3000.0), (3000.0, 4500.0), (4500.0, 5900.0)),
+    "kurtogram": None,
+}
+_ESTIMATORS = ("shared weights 0.01", "shared weights 0.1", "shared weights 1")
+
+
+def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
+    """The questions ``cwru/size`` (drive end) and ``cwru/drive_to_fan``."""
+    asked = [recording for recording in recordings if _is_asked(recording)]
+    if not asked:
+        raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
+    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in asked)
+    features = {name: np.concatenate([one[name] for one in described]) for name in described[0]}
+    units = units_of(asked, _group, lambda one: one.attributes["fault_size_mil"], features, _STRETCHES)
+    windows = usual_windows(asked, _WINDOW, _group)
+    settings = tuple(Setting(name, estimator) for name in features for estimator in _ESTIMATORS)
+    drive, fan = (frozenset(f"{end} {size}" for size in _SIZES) for end in ("DE", "FE"))
+    sizes = tuple(Fold(f"{size} mil", drive - {f"DE {size}"}, frozenset({f"DE {size}"})) for size in _SIZES)
+    return [
+        Question("cwru/size", units, settings, sizes, windows),
+        Question("cwru/drive_to_fan", units, settings, (Fold("fan end", drive, fan),), windows),
+    ]
+
+
+def _is_asked(recording: Recording) -> bool:
+    facts = recording.attributes
+    opposite = recording.label == "outer_race" and facts["end"] == "DE" and facts["or_position"] != "6"
+    return (
+        recording.label in SEATS
+        and recording.sample_rate == _RATE
+        and facts["fault_size_mil"] in _SIZES
+        and not opposite
+    )
+
+
+def _group(recording: Recording) -> str:
+    return f"{recording.attributes['end']} {recording.attributes['fault_size_mil']}"
+
+
+def _described(recording: Recording) -> dict[str, Float[np.ndarray, "stretch feature"]]:
+    """For each way of taking the envelope: greatest and mean prominence over the bands, seat after seat."""
+    shaft, orders = stated_speed(recording), BEARINGS[_BEARING[recording.attributes["end"]]]
+    length = round(_STRETCH * recording.sample_rate)
+    readings = recording.signal.shape[1]
+    if shaft is None or readings < length:
+        raise DataError(f"{recording.recording_id} must state its speed and last {_STRETCH:g} s.")
+    starts = np.linspace(0, readings - length, _STRETCHES).astype(int)
+    found: dict[str, list[np.ndarray]] = {}
+    for start in starts:
+        stretch = recording.signal[:, start : start + length]
+        for whitened, signal in (("as measured", stretch), ("prewhitened", prewhitened(stretch))):
+            for name, bands in _BANDS.items():
+                measures = defect_prominences(signal[0], recording.sample_rate, shaft, orders, bands)
+                parts = [measures.max(axis=0)] if len(measures) == 1 else [measures.max(axis=0), measures.mean(axis=0)]
+                found.setdefault(f"{name}, {whitened}", []).append(np.concatenate(parts, axis=1).ravel())
+    return {name: np.array(rows) for name, rows in found.items()}

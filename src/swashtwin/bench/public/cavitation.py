@@ -1,0 +1,51 @@
+"""Pump with a throttled suction, one speed held out: the motor's slip says how much the pump still delivers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from joblib import Parallel, delayed
+
+from swashtwin.bench.public.motor_slip import motor_slip
+from swashtwin.bench.public.question import Fold, Question, Setting
+from swashtwin.bench.public.usual import units_of, usual_windows
+from swashtwin.foundation import parse
+from swashtwin.learning import band_energies
+from swashtwin.recordings import Recording
+from swashtwin.signals import order_spectrum
+
+_WINDOW = 3281
+_ORDERS = np.array([1, 2, 3, 6, 12, 18])
+"""Lines compared with the rest of the signal; the pump has six vanes, as its strongest line says."""
+
+
+def cavitation_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
+    """The question ``pump_cavitation/speed``."""
+    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in recordings)
+    slip, shape = np.array([one[0] for one in described])[:, None], np.array([one[1] for one in described])
+    features = {"load by slip": slip, "shape of spectrum": shape, "both": np.concatenate([slip, shape], axis=1)}
+    units = units_of(recordings, _speed, _speed, features)
+    speeds = sorted(set(units.group.tolist()), key=lambda text: parse(text, "rad/s"))
+    folds = tuple(Fold(held, frozenset(speeds) - {held}, frozenset({held})) for held in speeds)
+    estimators = ("linear discriminant", "logistic 1", "extra trees")
+    settings = [Setting("load by slip", name) for name in estimators]
+    settings += [
+        Setting(name, est) for name in ("shape of spectrum", "both") for est in ("logistic 0.1", "extra trees")
+    ]
+    windows = usual_windows(recordings, _WINDOW, _speed)
+    return [Question("pump_cavitation/speed", units, tuple(settings), folds, windows)]
+
+
+def _speed(recording: Recording) -> str:
+    return recording.attributes["speed_nominal"]
+
+
+def _described(recording: Recording) -> tuple[float, Float[np.ndarray, " feature"]]:
+    """(load coefficient by slip [1e-6 s/rad], lines and bands relative to each channel's whole power)."""
+    found = motor_slip(recording.signal, recording.sample_rate, parse(_speed(recording), "rad/s"))
+    shaft = found.speed / (2 * np.pi)
+    lines = order_spectrum(recording.signal, recording.sample_rate, shaft, _ORDERS).amplitude
+    power = recording.signal.var(axis=1, keepdims=True)
+    relative = np.log10(np.maximum(lines**2 / power, 1e-6))
+    bands = band_energies(recording.signal, 12) - np.log10(power)
+    return 1e6 * found.load_coefficient, np.concatenate([relative, bands], axis=1).ravel()

@@ -1,0 +1,1 @@
+"""Studies whose answer is one table."""

@@ -1,0 +1,297 @@
+"""Zero-shot: a classifier of faults that nobody has measured, taught by twins that know healthy recordings only.
+
+Every class of fault in training is synthetic; the tests are measured recordings, level L5: other recordings of pumps
+whose twins were calibrated, and pumps without twins. Each machine has healthy recordings from its first days, so
+features may be taken against these (`order_levels.AgainstHealthy`); they are never tested on.
+
+Two rows are no rivals but ends of the scale: an oracle that learns from measured faults, and rules that learn
+nothing. What a training set is worth before any fault was seen can be judged on *strangers*: synthetic windows of twins
+drawn from the priors. By this the study chooses among what needs no measured fault, and tells how far it chose well.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import torch
+from joblib import Parallel, delayed
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.metrics import recall_score, roc_auc_score
+from sklearn.model_selection import GroupKFold, cross_val_predict
+
+from swashtwin.bench.questions.zero_shot_data import (
+    CALIBRATED,
+    HEALTHY_ONLY,
+    MEASURED_NORMALS,
+    NOMINAL,
+    ORACLE,
+    POSTERIOR,
+    SAME,
+    UNSEEN,
+    ZeroShotData,
+    ZeroShotSettings,
+    prepare_zero_shot,
+)
+from swashtwin.bench.questions.zero_shot_table import (
+    ENVELOPE_RULE,
+    METRICS,
+    NET,
+    NET_HEALTHY,
+    NOTES,
+    RULE,
+    TREES,
+    TREES_HEALTHY,
+    TREES_ORDERS,
+    Fleet,
+    Outcome,
+    answer_of,
+    confusions_of,
+    described,
+    trial_of,
+)
+from swashtwin.bench.results.table import StudyTable, origin_of
+from swashtwin.bench.rigs.writing import SIZES, rig_recordings
+from swashtwin.bench.rivals.composed import Viewed
+from swashtwin.bench.rivals.order_levels import (
+    Extractor,
+    Remembered,
+    against_healthy,
+    envelope_levels,
+    highest_order,
+    order_levels,
+    order_lines,
+)
+from swashtwin.bench.rivals.order_threshold import OrderThreshold, rising_orders, threshold_orders
+from swashtwin.bench.studies.twin_draws import pump_of
+from swashtwin.foundation import VERSION, InputError, derive_seed
+from swashtwin.learning import (
+    BiTCN,
+    Classifier,
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    evaluate,
+    extract_features,
+    fit,
+    fit_extra_trees,
+)
+from swashtwin.recordings import Recording
+
+ZERO_SHOT_SIZES = {
+    "quick": ZeroShotSettings(
+        training=TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
+        network={"stride": 64, "channels": (32,) * 5},
+        order_network={"stride": 4, "channels": (32,) * 5},
+    ),
+    "paper": ZeroShotSettings(
+        windows=12,
+        draws=8,
+        synthetic=8,
+        training=TrainingSettings(epochs=60, learning_rate=1e-3, decay="cosine", normalization="set"),
+        network={"stride": 16},
+        order_network={"stride": 2},
+    ),
+}
+"""``quick`` takes about three minutes of CPU for each fleet; ``paper`` takes every window of a recording, and over five
+times as many synthetic ones."""
+
+NETWORKS_ON = (POSTERIOR, ORACLE)
+"""Training sets that networks learn from."""
+
+PLAIN_ON = (NOMINAL, CALIBRATED, POSTERIOR, MEASURED_NORMALS, ORACLE)
+"""Training sets that trees also learn from without a comparison with healthy recordings."""
+
+
+def run_zero_shot(
+    recordings: Sequence[Recording] | None = None,
+    *,
+    size: str | ZeroShotSettings = "quick",
+    seeds: Iterable[int] = (0,),
+    jobs: int = 1,
+    progress: Callable[[str, int, int], None] | None = None,
+    command: str = "",
+) -> StudyTable:
+    """Scores on measured faults of classifiers that saw none, by training set, classifier and test.
+
+    Parameters
+    ----------
+    recordings : of several specimens, healthy ones at every pressure; None takes a fleet of the virtual rig for each
+        seed.
+    size : name in `ZERO_SHOT_SIZES`, or settings.
+    seeds : each draws the split, the twins, the faults and the weights anew, and the fleet where there are no
+        `recordings`.
+    jobs : seeds that run side by side.
+    progress : called with (what, done, in all).
+    command : command line that repeats the study, kept with the result.
+
+    Raises
+    ------
+    DataError
+        The recordings cannot be split so.
+    InputError
+        No seed.
+    """
+    started = time.perf_counter()
+    settings = ZERO_SHOT_SIZES[size] if isinstance(size, str) else size
+    seeds = tuple(seeds)
+    if not seeds:
+        raise InputError("the zero-shot study needs a seed.")
+    running = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_fleet)(recordings, settings, seed) for seed in seeds
+    )
+    fleets = []
+    for done, fleet in enumerate(running, 1):
+        fleets.append(fleet)
+        if progress is not None:
+            progress("fleets" if recordings is None else "splits", done, len(seeds))
+    classes = fleets[0].outcomes[0].scores.classes
+    trials = tuple(trial_of(one, fleet.seed) for fleet in fleets for one in fleet.outcomes)
+    study = StudyTable(
+        study="zero-shot",
+        title="Zero-shot: faults that nobody has measured",
+        metrics={**METRICS, **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in classes}},
+        trials=trials,
+        answer=(),
+        settings={**described(settings), "fleets": "one for each seed" if recordings is None else "as given"},
+        origin=fleets[0].origin,
+        wall_s=time.perf_counter() - started,
+        version=VERSION,
+        command=command,
+        notes=NOTES,
+        details={
+            "classes": list(classes),
+            "confusion": confusions_of(fleets),
+            "rules": {str(fleet.seed): fleet.rules for fleet in fleets},
+            "splits": {str(fleet.seed): fleet.roles for fleet in fleets},
+            "level": {"zero-shot": "L5", f"{ORACLE}, {SAME}": "L2", f"{ORACLE}, {UNSEEN}": "L4"},
+        },
+    )
+    return replace(study, answer=answer_of(study))
+
+
+def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, seed: int) -> Fleet:
+    torch.set_num_threads(1)
+    if recordings is None:
+        recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"])]
+    origin = origin_of(recordings)
+    data = prepare_zero_shot(recordings, settings, seed)
+    views = _views(settings, data)
+    outcomes = [one for name, train in data.sets.items() for one in _learned(name, train, data, views, settings)]
+    rules = _rules(data, views)
+    for name, rule in rules.items():
+        outcomes += _scored(HEALTHY_ONLY, name, rule, data)
+    roles = {
+        "pumps": list(data.split.pumps),
+        "healthy": sorted(data.split.healthy),
+        "oracle": sorted(data.split.faulty),
+        **{name: sorted(ids) for name, ids in data.split.tests.items()},
+    }
+    told = {name: {label: list(columns) for label, columns in rule.rule.items()} for name, rule in rules.items()}
+    return Fleet(seed, tuple(outcomes), told, roles, origin)
+
+
+def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extractor]:
+    """What classifiers look at, by name."""
+    pistons = settings.pump.rotating_group.piston_count
+    views: dict[str, Extractor] = {
+        "usual": extract_features,
+        "orders": partial(order_levels, piston_count=pistons, top=highest_order(data.healthy)),
+        "lines": partial(order_lines, count=settings.orders),
+        "envelope": envelope_levels,
+    }
+    return {name: Remembered(view) for name, view in views.items()}
+
+
+def _learned(
+    name: str, train: WindowSet, data: ZeroShotData, views: Mapping[str, Extractor], settings: ZeroShotSettings
+) -> Iterator[Outcome]:
+    """Every classifier of one training set."""
+    own = _twin_windows(name, data)
+    references = (data.healthy if own is None else data.healthy + own) + data.strangers
+    taken: dict[str, Extractor] = {TREES_HEALTHY: against_healthy(views["orders"], references)}
+    if name in PLAIN_ON:
+        taken |= {TREES_ORDERS: views["orders"], TREES: views["usual"]}
+    for kind, view in taken.items():
+        trees = fit_extra_trees(train, seed=data.seed, manifest=data.known(name), features=view, n_trees=settings.trees)
+        yield from _scored(
+            name, kind, trees, data, None if own is None else _discriminator(own, data, view, settings.trees // 3)
+        )
+    if name not in NETWORKS_ON:
+        return
+    network = BiTCN(train.n_channels, len(train.classes), **settings.network)
+    yield from _scored(name, NET, _trained(network, train, data, name, settings), data)
+    lines = against_healthy(views["lines"], references)
+    on_orders = BiTCN(train.n_channels, len(train.classes), **settings.order_network)
+    fitted = _trained(on_orders, _as_orders(train, lines), data, name, settings)
+    yield from _scored(name, NET_HEALTHY, Viewed(fitted, partial(_as_orders, lines=lines)), data)
+
+
+def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
+    """All windows of the twins behind a training set, healthy ones included; None without a twin."""
+    if name == ORACLE:
+        return None
+    train = data.sets[name]
+    synthetic = train.subset(train.synthetic)
+    return synthetic if np.any(synthetic.label == "normal") else data.sets[POSTERIOR]
+
+
+def _trained(
+    network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings
+) -> FittedClassifier:
+    return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.known(name))
+
+
+def _as_orders(windows: WindowSet, lines: Extractor) -> WindowSet:
+    values = lines(windows).values.reshape(len(windows), windows.n_channels, -1)
+    return replace(windows, signal=values.astype(np.float32))
+
+
+def _rules(data: ZeroShotData, views: Mapping[str, Extractor]) -> dict[str, OrderThreshold]:
+    """The rules that learn nothing: which lines rise is read off the nominal twin, thresholds off healthy windows."""
+    nominal = data.sets[NOMINAL]
+    rules = {}
+    for name, view in ((RULE, views["orders"]), (ENVELOPE_RULE, views["envelope"])):
+        relative = against_healthy(view, data.healthy + nominal)
+        rule = rising_orders(relative(nominal), nominal)
+        rules[name] = threshold_orders(data.healthy, relative, rule, manifest=data.known(NOMINAL))
+    return rules
+
+
+def _scored(
+    training_set: str, kind: str, classifier: Classifier, data: ZeroShotData, discriminator: float | None = None
+) -> Iterator[Outcome]:
+    strangers = _stranger_recall(classifier, data) if training_set != HEALTHY_ONLY else float("nan")
+    for test, windows in data.tests.items():
+        level = "L5" if training_set != ORACLE else "L2" if test == SAME else "L4"
+        scores = evaluate(classifier, windows, level=level)
+        told = float("nan") if discriminator is None else discriminator
+        yield Outcome(training_set, kind, test, scores, strangers, told)
+
+
+def _stranger_recall(classifier: Classifier, data: ZeroShotData) -> float:
+    """Macro recall on synthetic windows of strangers: a choice's ground, never a score."""
+    predicted = classifier.predict_proba(data.strangers).argmax(axis=1)
+    return float(recall_score(data.strangers.target, predicted, average="macro"))
+
+
+def _discriminator(own: WindowSet, data: ZeroShotData, view: Extractor, n_trees: int) -> float:
+    """AUROC of measured against synthetic healthy windows, each judged by trees that saw other pumps only."""
+    measured = data.healthy.subset(np.isin(data.healthy.specimen, data.split.pumps))
+    both = measured + own.subset(own.label == "normal")
+    group = np.array([pump_of(name) for name in both.specimen.tolist()])
+    if len(data.split.pumps) < 2:
+        return float("nan")
+    trees = ExtraTreesClassifier(
+        n_trees, random_state=derive_seed(data.seed, "discriminator") % 2**32, class_weight="balanced", n_jobs=1
+    )
+    probability = cross_val_predict(
+        trees,
+        view(both).values,
+        both.synthetic,
+        groups=group,
+        cv=GroupKFold(len(data.split.pumps)),
+        method="predict_proba",
+    )
+    return float(roc_auc_score(both.synthetic, probability[:, 1]))

@@ -1,0 +1,165 @@
+"""What the zero-shot study tells: names of its rows, their numbers, and what they mean."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from swashtwin.bench.questions.zero_shot_data import (
+    CALIBRATED,
+    HEALTHY_ONLY,
+    NOMINAL,
+    ORACLE,
+    POSTERIOR,
+    SAME,
+    UNSEEN,
+    ZeroShotSettings,
+)
+from swashtwin.bench.results.table import StudyTable, Trial
+from swashtwin.learning import Scores
+
+TREES, TREES_ORDERS, TREES_HEALTHY = "extra trees", "extra trees on orders", "extra trees on orders against healthy"
+NET, NET_HEALTHY = "BiTCN", "BiTCN on orders against healthy"
+RULE, ENVELOPE_RULE = "order threshold", "envelope threshold"
+
+DRAWN = (*((name, TREES_HEALTHY) for name in (NOMINAL, CALIBRATED, POSTERIOR, ORACLE)), (HEALTHY_ONLY, RULE))
+"""Whose confusion matrices the report shows."""
+
+METRICS = {
+    "accuracy": "accuracy",
+    "balanced_accuracy": "balanced accuracy",
+    "g_mean": "G-mean",
+    "recording_accuracy": "recordings right",
+    "false_alarm_rate": "false alarms",
+    "missed_fault_rate": "missed faults",
+    "strangers": "balanced accuracy on strangers",
+    "discriminator": "AUROC measured/synthetic",
+}
+"""Headings; the recall of each class follows. ``strangers`` and ``discriminator`` are of the training set, not of a
+test."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one classifier scored on one test."""
+
+    training_set: str
+    classifier: str
+    test: str
+    scores: Scores
+    strangers: float
+    discriminator: float
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """Everything that came out under one seed."""
+
+    seed: int
+    outcomes: tuple[Outcome, ...]
+    rules: Mapping[str, Mapping[str, Sequence[str]]]
+    roles: Mapping[str, Any]
+    origin: str
+
+
+NOTES = (
+    "Severities are log-uniform over a decade around what the literature calls plausible; only the row that says so "
+    "knows the rig's. The faults of all rows but the oracle's are level L5: no measured fault was ever trained on. "
+    "Rows with measured normals have trained on healthy recordings of the same pumps: there their normals are L2.",
+    "Against healthy: less the median of the same machine's own healthy recordings at the same pressure, which every "
+    "machine has from its first days; also the pumps without a twin.",
+    "Strangers are synthetic windows of twins drawn from the priors: what a choice can rest on before a fault was "
+    "measured. The row of prior draws has seen such twins and stays out of the choice.",
+    "AUROC measured/synthetic: how well trees on the same features tell measured healthy windows from synthetic "
+    "healthy ones, pumps held out; 0.5 is not at all. Where it is near 1 and only the faults are synthetic, a "
+    "classifier can learn 'synthetic' for 'faulty'.",
+)
+
+
+def trial_of(one: Outcome, seed: int) -> Trial:
+    """Its row's numbers."""
+    scores = one.scores
+    values = {
+        "accuracy": scores.accuracy,
+        "balanced_accuracy": scores.macro_recall,
+        "g_mean": scores.g_mean,
+        "recording_accuracy": scores.recording_accuracy,
+        "false_alarm_rate": scores.false_alarm_rate,
+        "missed_fault_rate": scores.missed_fault_rate,
+        "strangers": one.strangers,
+        "discriminator": one.discriminator,
+        **{f"recall_{name}": recall for name, recall in scores.recall.items()},
+    }
+    return Trial({"training_set": one.training_set, "classifier": one.classifier, "test": one.test}, seed, values)
+
+
+def confusions_of(fleets: Sequence[Fleet]) -> list[dict[str, Any]]:
+    """Windows by actual and predicted class, all seeds together."""
+    summed: dict[tuple[str, str, str], np.ndarray] = {}
+    for one in (outcome for fleet in fleets for outcome in fleet.outcomes):
+        key = (one.training_set, one.classifier, one.test)
+        summed[key] = summed.get(key, 0) + one.scores.confusion
+    return [
+        {
+            "training_set": key[0],
+            "classifier": key[1],
+            "test": key[2],
+            "drawn": key[:2] in DRAWN,
+            "windows": matrix.tolist(),
+        }
+        for key, matrix in summed.items()
+    ]
+
+
+def chosen_zero_shot(study: StudyTable) -> tuple[str, str]:
+    """Training set and classifier with the best balanced accuracy on strangers, the only thing known beforehand."""
+    rows = {
+        (row["training_set"], row["classifier"]): row["strangers"]["mean"]
+        for row in study.rows()
+        if row["training_set"] in (NOMINAL, CALIBRATED, POSTERIOR)
+    }
+    return max(rows, key=lambda key: rows[key])
+
+
+def answer_of(study: StudyTable) -> tuple[str, ...]:
+    """What came out, in sentences."""
+
+    def told(training_set: str, classifier: str, test: str = SAME) -> str:
+        rows = [
+            row
+            for row in study.rows()
+            if (row["training_set"], row["classifier"], row["test"]) == (training_set, classifier, test)
+        ]
+        return f"{rows[0]['balanced_accuracy']['mean']:.3f}" if rows else "no number"
+
+    best = chosen_zero_shot(study)
+    return (
+        f"Chosen on synthetic strangers alone: {best[1]}, taught by {best[0]}; on measured faults it scores a balanced "
+        f"accuracy of {told(*best)} on the same pumps and {told(*best, UNSEEN)} on pumps without a twin.",
+        f"On the same pumps, trees on orders against healthy: nominal twin {told(NOMINAL, TREES_HEALTHY)}, calibrated "
+        f"{told(CALIBRATED, TREES_HEALTHY)}, draws from the posterior {told(POSTERIOR, TREES_HEALTHY)}, measured "
+        f"faults (an oracle) {told(ORACLE, TREES_HEALTHY)}; the rule that learns nothing {told(HEALTHY_ONLY, RULE)}, "
+        f"on the envelope {told(HEALTHY_ONLY, ENVELOPE_RULE)}.",
+        f"Without a comparison with the machine's own healthy recordings the same windows give "
+        f"{told(POSTERIOR, TREES_ORDERS)} (orders) and {told(POSTERIOR, TREES)} (the usual features).",
+    )
+
+
+def described(settings: ZeroShotSettings) -> dict[str, Any]:
+    """Settings as JSON can hold them."""
+    return {
+        "pump": settings.pump.name,
+        "window_length": settings.length,
+        "windows_per_recording": settings.windows,
+        "specimens_without_twin": settings.held_out,
+        "twins_per_pump": settings.draws,
+        "windows_per_twin_pressure_class": settings.synthetic,
+        "method": type(settings.method).__name__,
+        "nuisances": asdict(settings.nuisances),
+        "trees": settings.trees,
+        "orders": settings.orders,
+        "training": asdict(settings.training),
+        "network": {"name": "bitcn", **settings.network},
+        "order_network": {"name": "bitcn", **settings.order_network},
+    }

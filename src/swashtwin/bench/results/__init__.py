@@ -1,0 +1,1 @@
+"""What studies give back: runs, tables, contrasts, answers, and their figures and report sections."""

@@ -1,0 +1,325 @@
+"""What a study adds to the page."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from swashtwin.bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
+from swashtwin.bench.results.naming import classifier_words, training_set_words
+from swashtwin.bench.results.result import StudyResult
+from swashtwin.bench.results.runs import Outcome
+from swashtwin.bench.results.study_answer import study_answer
+from swashtwin.bench.results.study_figures import (
+    accuracy_drawing,
+    can_embed,
+    confusion_of,
+    embedding_drawing,
+    scarce_drawing,
+    training_drawing,
+)
+from swashtwin.learning import LEVELS
+from swashtwin.report import (
+    CALIBRATION,
+    PROVENANCE,
+    SCORES,
+    TRAINING,
+    Bullets,
+    Cell,
+    Drawing,
+    Group,
+    Paragraph,
+    Part,
+    Picture,
+    Section,
+    Table,
+    calibration_blocks,
+    comparison_table,
+    facts,
+    flattened,
+    levels_table,
+    number,
+    score,
+    verdict_counts,
+    words,
+)
+
+_PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
+    ("case1", {"training_set": "measured"}, "accuracy 0.812"),
+    ("case1", {"training_set": "calibrated"}, "accuracy, recall and F1 0.98; G-mean 0.9748"),
+    ("case2", {"training_set": "calibrated"}, "accuracy and recall 0.9240, F1 0.9236; G-mean 0.9029"),
+    *(("algorithms", {"classifier": name}, "accuracy 0.98") for name in ("spectral_bitcn", "bitcn")),
+    *(
+        ("algorithms", {"classifier": name}, "more than 8 points below BiTCN")
+        for name in ("tcn", "lstm", "bilstm", "bigru")
+    ),
+    *(
+        ("ablation", {"classifier": name}, "below the full model")
+        for kind in ("spectral", "bitcn")
+        for name in (f"{kind}_ordinary", f"{kind}_no_attention", f"{kind}_forward")
+    ),
+    *(
+        ("noise", {"classifier": name, "training_set": "calibrated", "snr": snr}, f"accuracy {accuracy}")
+        for name in ("spectral_bitcn", "bitcn")
+        for snr, accuracy in (("clean", "0.980"), ("5 dB", "0.910"))
+    ),
+    ("noise", {"classifier": "tcn", "training_set": "calibrated", "snr": "5 dB"}, "9 points below BiTCN"),
+    ("noise", {"classifier": "lstm", "training_set": "calibrated", "snr": "5 dB"}, "11 points below BiTCN"),
+)
+"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN, by study and row."""
+
+
+def paper_words(study: StudyResult, key: dict[str, str]) -> str:
+    """What the paper prints for a row; nothing at other levels than the nearest, or of rivals beside the study.
+
+    Beside a network that the paper does not have, such as ours, it says whose figure it is.
+    """
+    if key["level"] != "L2" or key["classifier"] in study.rival_names:
+        return ""
+    found = [(wanted, text) for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
+    if not found:
+        return ""
+    wanted, text = found[0]
+    name = key["classifier"]
+    is_papers = name == "bitcn_paper" or ("classifier" in wanted and not name.startswith(("spectral_", "bitcn")))
+    return text if is_papers else f"the paper's BiTCN: {text}"
+
+
+_METRICS = {
+    "accuracy": ("accuracy", "accuracy"),
+    "recall": ("macro recall", "macro_recall"),
+    "f1": ("macro F1", "macro_f1"),
+    "g_mean": ("G-mean", "g_mean"),
+    "g_mean_laplace": ("G_ε", "g_mean_laplace"),
+    "recording_accuracy": ("accuracy by recording", "recording_accuracy"),
+    "scarce_recall": ("recall in the scarce cell", "scarce_recall"),
+}
+"""Heading and name in `Scores.reasons` of each number in a study's rows."""
+
+
+def study_part(study: StudyResult, key: str) -> Part:
+    """Part of one study."""
+    sections = [Section(SCORES, "Scores", _score_blocks(study, key))]
+    if study.calibrations:
+        sections.append(Section(CALIBRATION, "Calibration of the twins", _calibration_sections(study, key)))
+    sections.append(Section(TRAINING, "Training and features", _training_blocks(study, key)))
+    sections.append(Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
+    return Part(
+        title=study.title,
+        answer=study_answer(study) if study.study in ("case1", "case2") else study.answer,
+        notice=study.origin,
+        sections=tuple(sections),
+        results={"studies": [study.to_dict()], "calibrations": [one.to_dict() for one in study.calibrations]},
+    )
+
+
+def _score_blocks(study: StudyResult, key: str) -> tuple:
+    reasons = _reasons([*study.outcomes, *study.rivals])
+    return (
+        levels_table(sorted({one.level for one in study.outcomes})),
+        metrics_table(study),
+        Bullets("To be read with it", study.notes),
+        Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
+        *_about_the_paper(study),
+        *([contrast_table(study)] if study.contrasts else []),
+        *(Picture(with_origin(drawing, study)) for drawing in _score_drawings(study, key)),
+    )
+
+
+def _score_drawings(study: StudyResult, key: str) -> list[Drawing]:
+    several = len({one.classifier for one in study.outcomes}) > 1
+    if curve_factor(study) is not None:
+        first = curve_drawings(study, key)
+    elif several and len({one.training_set for one in study.outcomes}) == 1:
+        first = [classifier_drawing(study, key), time_drawing(study, key)]
+    else:
+        first = [accuracy_drawing(study, key), scarce_drawing(study, key)]
+    return [*first, confusion_of(study, key)]
+
+
+def with_origin(drawing: Drawing, study: StudyResult) -> Drawing:
+    """The figure with what it takes to repeat it under it: command, seeds, device, and whose recordings."""
+    seeds = ", ".join(map(str, study.seeds))
+    rig = "virtual rig, no real pump" if "virtual rig" in study.origin else "the user's recordings"
+    commands = study.commands or ("command not recorded",)
+    command = commands[0] if len(commands) == 1 else f"{len(commands)} commands, at the end of the study"
+    facts = f"{command}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
+    return replace(drawing, caption=f"{drawing.caption} [{facts}; {study.device}; {rig}]")
+
+
+def contrast_table(study: StudyResult) -> Table:
+    """Differences of accuracy, paired by seed."""
+    corrected = any(one.is_corrected for one in study.contrasts)
+    no_test = "splits of the same recordings are no independent pairs" if corrected else "fewer than six seeds"
+    rows = []
+    for one in study.contrasts:
+        factor = next(name for name in one.first if one.first[name] != one.second[name])
+        named = training_set_words if factor == "training_set" else classifier_words
+        held = [
+            classifier_words(value) if name == "classifier" else words(value)
+            for name, value in one.first.items()
+            if name != factor
+        ]
+        low, high = one.interval
+        interval = f"{100 * low:+.1f} to {100 * high:+.1f}" if low == low else "—"
+        why = "" if low == low else "one seed"
+        rows.append(
+            (
+                Cell(f"{named(one.first[factor])} less {named(one.second[factor])}"),
+                Cell(", ".join(held)),
+                Cell(f"{100 * one.mean:+.1f}"),
+                Cell(interval, why),
+                Cell(str(one.pairs)),
+                Cell(number(one.p_value), "" if one.p_value == one.p_value else no_test),
+                Cell("—" if low != low else "yes" if one.is_clear else "no", why),
+            )
+        )
+    kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"
+    return Table(
+        f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}; p by Wilcoxon's signed ranks, "
+        "corrected by Holm.",
+        ("difference", "of", "points", "95 % interval", "seeds", "p", "clear of zero"),
+        tuple(rows),
+    )
+
+
+def metrics_table(study: StudyResult) -> Table:
+    """Mean and standard deviation over the seeds, rivals and the paper's figures in the same table."""
+    table = sorted(
+        [*study.rows(), *study.rows(rivals=True)],
+        key=lambda row: (row["level"], row["classifier"] in study.rival_names),
+    )
+    with_paper = any(name == study.study for name, *_ in _PAPER)
+    rows = []
+    for row in table:
+        key = {name: row[name] for name in study.factors}
+        same = [one for one in (*study.outcomes, *study.rivals) if one.factors == key]
+        cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
+        if with_paper:
+            cells.append(Cell(paper_words(study, key)))
+        rows.append((Cell(_row_words(key)), Cell(str(len(row["accuracy"]["values"]))), *cells))
+    header = ("level, classifier, training set", "seeds", *(heading for heading, _ in _METRICS.values()))
+    return Table(
+        f"Mean ± standard deviation over a row's seeds, of {len(study.seeds)} in all; test windows measured only. "
+        "Accuracy by recording: each recording counts once, by the mean log-probability of its windows.",
+        (*header, "the paper, its rig") if with_paper else header,
+        tuple(rows),
+    )
+
+
+def _row_words(key: dict[str, str]) -> str:
+    further = [words(value) for name, value in key.items() if name not in ("level", "classifier", "training_set")]
+    named = (key["level"], classifier_words(key["classifier"]), training_set_words(key["training_set"]), *further)
+    return ", ".join(named)
+
+
+def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
+    finite = [value for value in spread["values"] if value is not None]
+    if not finite:
+        return Cell("—", reason or "not defined for this test set")
+    text = score(spread["mean"]) + (f" ±\u00a0{score(spread['std'])}" if spread["std"] is not None else "")
+    if len(finite) < len(spread["values"]):
+        text += f" ({len(finite)} of {len(spread['values'])} seeds)"
+    return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(score, finite)))
+
+
+def _why(outcomes: Sequence[Outcome], name: str) -> str:
+    if name == "scarce_recall":
+        missing = any(math.isnan(one.scarce_recall) for one in outcomes)
+        return "no test window in the scarce cell" if missing else ""
+    return "; ".join(dict.fromkeys(one.scores.reasons[name] for one in outcomes if name in one.scores.reasons))
+
+
+def _reasons(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for one in outcomes:
+        for heading, name in _METRICS.values():
+            if reason := _why([one], name):
+                found[f"{one.level}, {heading}: {reason}"] = None
+    return tuple(found)
+
+
+def _about_the_paper(study: StudyResult) -> list[Paragraph]:
+    if not any(name == study.study for name, *_ in _PAPER):
+        return []
+    return [
+        Paragraph(
+            "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
+            "level nearest to what the paper tested, L2; they are no target that these scores could meet or miss. Its "
+            "G-means are of another definition: 0.9748 at an accuracy of 0.98 and 0.9029 at 0.9240 are below 0.9791 "
+            "and 0.9088, the least that the geometric mean of five recalls can be on its 5 × 50 test windows."
+        )
+    ]
+
+
+def _calibration_sections(study: StudyResult, key: str) -> tuple:
+    several = len(study.calibrations) > 1
+    blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
+    blocks.append(Bullets("Used away from where they were calibrated", _extrapolated(study)))
+    for place, calibration in enumerate(study.calibrations):
+        own_key = f"{key}_calibration_{place + 1}" if several else f"{key}_calibration"
+        inner = calibration_blocks(calibration, own_key, with_excitation=place == 0)
+        title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
+        blocks.append(Group(title, inner, is_open=place == 0))
+    return tuple(blocks)
+
+
+def _extrapolated(study: StudyResult) -> tuple[str, ...]:
+    """Twins whose windows were simulated at another pressure than that of their recordings."""
+    wanted = study.settings.get("pressure_Pa")
+    found = [(one.twin.pump.name, one.twin.condition.discharge_pressure) for one in study.calibrations]
+    return tuple(
+        f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {wanted / 1e6:.3g} MPa."
+        for name, pressure in found
+        if isinstance(wanted, float) and not math.isclose(pressure, wanted, rel_tol=0.06)
+    )
+
+
+def _training_blocks(study: StudyResult, key: str) -> tuple:
+    blocks: list[Any] = [_cells_table(study)]
+    if study.curves:
+        blocks.append(Picture(with_origin(training_drawing(study, key), study)))
+    if any(can_embed(run.embedding) for run in study.laid_out):
+        blocks.append(Picture(with_origin(embedding_drawing(study, key), study)))
+    elif study.laid_out:
+        reason = "no features were kept, there are fewer than 10 test windows, or all of them have the same features"
+        blocks.append(Paragraph(f"No t-SNE: {reason}."))
+    return tuple(blocks)
+
+
+def _cells_table(study: StudyResult) -> Table:
+    names = list(dict.fromkeys(name for cells in study.cells.values() for name in cells))
+    names.sort(key=lambda name: " @ " not in name)
+    rows = [
+        (Cell(words(name)), *(Cell(str(cells.get(name, 0) or "–")) for cells in study.cells.values())) for name in names
+    ]
+    total = [sum(count for name, count in cells.items() if " @ " in name) for cells in study.cells.values()]
+    rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
+    header = [f"test {name}" if name.split(", ")[0] in LEVELS else training_set_words(name) for name in study.cells]
+    return Table(
+        f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}. Training sets with "
+        "a twin hold the measured ones and the synthetic ones.",
+        ("class @ pressure", *header),
+        tuple(rows),
+    )
+
+
+def _provenance(study: StudyResult) -> tuple:
+    used = tuple(
+        f"{one.twin.pump.name}, {one.method} {one.version}: {', '.join(one.recording_ids)}"
+        for one in study.calibrations
+    )
+    entries = [
+        ("command" if len(study.commands) < 2 else "commands", list(study.commands) or "not recorded"),
+        ("study and size", f"{study.study}, {study.size}"),
+        ("seeds", list(study.seeds)),
+        ("swashtwin version", study.version),
+        ("device", study.device),
+        ("time taken", f"{number(study.wall_s)} s"),
+        ("recordings", study.origin),
+    ]
+    return (
+        facts("The run.", entries),
+        Bullets("Recordings that twins were calibrated on (training data, in no test set)", used),
+        Group("Settings", (facts("Settings of the study.", flattened(study.settings)),), is_open=False),
+    )

@@ -1,0 +1,136 @@
+"""A study whose answer is a table: what was varied, what came out, over seeds.
+
+The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "settings", "origin", "wall_s", "device",
+"version", "command", "details"}``. Each row holds the factors that name it and, under each metric, ``{"mean", "std",
+"values"}`` over the trials.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swashtwin.recordings import Recording
+
+if TYPE_CHECKING:
+    from swashtwin.report import Part
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came out once."""
+
+    factors: Mapping[str, str]
+    """What names its row, such as ``{"twin": "nominal"}``; every trial of a table has the same names."""
+    seed: int
+    """Seed of all that was drawn."""
+    values: Mapping[str, float]
+    """Number under each metric; NaN, or left out, where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyTable:
+    """All that the report and the JSON of such a study are made from."""
+
+    study: str
+    """Name, such as ``"calibration"``."""
+    title: str
+    """What it asks, as a heading."""
+    metrics: Mapping[str, str]
+    """Heading of each metric, with its unit in brackets; only these are told."""
+    trials: tuple[Trial, ...]
+    """Everything that was tried, in the order in which rows are to stand."""
+    answer: tuple[str, ...]
+    """What came out, in sentences."""
+    settings: Mapping[str, Any]
+    """Settings, as JSON can hold them."""
+    origin: str
+    """Where the recordings come from, in words; the virtual rig says that it is none of a machine's."""
+    wall_s: float
+    """How long it took [s]."""
+    version: str
+    """Version of swashtwin."""
+    command: str = ""
+    """Command that repeats it."""
+    notes: tuple[str, ...] = ()
+    """What a reader must know beside the numbers: limits, surprises, what was left out."""
+    device: str = "cpu"
+    """What it ran on."""
+    details: Mapping[str, Any] = field(default_factory=dict)
+    """Whatever else a reader may check, as JSON can hold it: single cases, splits, chosen settings."""
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds that were run, in order."""
+        return tuple(sorted({trial.seed for trial in self.trials}))
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of what was varied."""
+        return tuple(self.trials[0].factors) if self.trials else ()
+
+    def values(self, metric: str, **factors: str) -> list[float]:
+        """The metric of every trial of those factors."""
+        return [trial.values.get(metric, float("nan")) for trial in self.of(**factors)]
+
+    def of(self, **factors: str) -> list[Trial]:
+        """Trials that have those factors."""
+        return [trial for trial in self.trials if all(trial.factors[name] == want for name, want in factors.items())]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each set of factors."""
+        keys = dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
+        rows = []
+        for key in keys:
+            factors = dict(key)
+            told = {metric: spread(self.values(metric, **factors)) for metric in self.metrics}
+            rows.append({**factors, **told})
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """The study's JSON."""
+        return {
+            "study": self.study,
+            "title": self.title,
+            "seeds": list(self.seeds),
+            "rows": self.rows(),
+            "answer": list(self.answer),
+            "notes": list(self.notes),
+            "settings": dict(self.settings),
+            "origin": self.origin,
+            "wall_s": round(self.wall_s, 2),
+            "device": self.device,
+            "version": self.version,
+            "command": self.command,
+            "details": dict(self.details),
+        }
+
+    def report_part(self, key: str) -> "Part":
+        """What it adds to a page (`write_report`); the names of its figures begin with `key`."""
+        from swashtwin.bench.results.table_part import table_part
+
+        return table_part(self, key)
+
+
+def spread(values: Sequence[float]) -> dict[str, Any]:
+    """Mean, standard deviation (of the sample; None for one value) and the values themselves."""
+    finite = [value for value in values if math.isfinite(value)]
+    return {
+        "mean": float(np.mean(finite)) if finite else None,
+        "std": float(np.std(finite, ddof=1)) if len(finite) > 1 else None,
+        "values": [value if math.isfinite(value) else None for value in values],
+    }
+
+
+def origin_of(recordings: Sequence[Recording]) -> str:
+    """Where recordings come from, in words; those of the virtual rig say that they are none of a machine's."""
+    origins = sorted({recording.attributes.get("origin", "") for recording in recordings} - {""})
+    if not origins:
+        return "Recordings from files of the user."
+    return (
+        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and "
+        "the pump's drawing with the twin, and synthesis draws severities from the widths that the rig uses. No "
+        "figure here says how well the method works on a real pump."
+    )

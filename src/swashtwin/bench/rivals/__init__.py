@@ -1,0 +1,1 @@
+"""Classifiers that studies compare with."""

@@ -1,0 +1,230 @@
+"""Classifiers of the studies by name: which network or baseline, with which settings, trained how.
+
+What BiTCN is by default stands here and nowhere else.
+"""
+
+import difflib
+import importlib.util
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from swashtwin.bench.rivals.composed import Ensemble, Viewed, first_sensors
+from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
+from swashtwin.foundation import DataError, InputError, derive_seed
+from swashtwin.learning import (
+    BASELINES,
+    KERNELS,
+    NETWORKS,
+    PAPER_TRAINING,
+    PYTHON,
+    RECOMMENDED_TRAINING,
+    Classifier,
+    FeatureTable,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    extract_features,
+    fit,
+    fit_baseline,
+)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A classifier before it was trained."""
+
+    kind: str
+    """Name in `NETWORKS` or `BASELINES`, or `THRESHOLD`."""
+    network: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of a network that differ from its own defaults."""
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+    """How a network is trained."""
+    trainings: int = 1
+    """Trainings of a network, by seeds of their own, whose probabilities are averaged."""
+    sensors: int | None = None
+    """How many of the recordings' sensors a network is given, the first ones; all by default."""
+
+    @property
+    def is_network(self) -> bool:
+        """Whether it is trained in epochs; a single training has a loss curve, and features to embed."""
+        return self.kind in NETWORKS
+
+    @property
+    def is_at_hand(self) -> bool:
+        """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
+        needs_aeon = self.kind in BASELINES and BASELINES[self.kind].columns in KERNELS
+        return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
+
+    def described(self) -> dict[str, Any]:
+        """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors goes without
+        saying, so that runs from before there was a choice are found."""
+        if self.kind == THRESHOLD:
+            return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
+        if not self.is_network:
+            estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
+            return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
+        settings = build_network(self.kind, 1, 2, **self.network).settings
+        network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
+        composed = {"trainings": self.trainings} if self.trainings > 1 else {}
+        composed |= {"sensors": self.sensors} if self.sensors is not None else {}
+        return {"kind": self.kind, "network": network, "training": self.training.described(), **composed}
+
+    def with_training(self, **changes: Any) -> "Model":
+        """The same with other training settings."""
+        return replace(self, training=replace(self.training, **changes))
+
+
+THRESHOLD = "envelope_threshold"
+"""The rule that learns no more than which bands of the envelope's spectrum rise, and how far healthy ones do. It stands
+for a threshold at known orders, which windows of one revolution do not resolve."""
+
+_BANDS, _HEALTHY = 6, 0.99  # that rise with a class; share of the healthy windows that stay below
+
+DEFAULT = "spectral_bitcn"
+"""The network that studies train where they do not compare networks: ours."""
+
+BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
+"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 readings, units of
+32 features. At full rate one training of the paper costs 8 hours of CPU (docs/networks.md)."""
+
+TRAINING: Mapping[str, TrainingSettings] = {
+    "quick": replace(RECOMMENDED_TRAINING, epochs=12),
+    "paper": RECOMMENDED_TRAINING,
+}
+"""How every network is trained, by size. Both scale by the training set's deviation, so that the level, which a
+condition changes, is kept."""
+
+ABLATED: Mapping[str, Mapping[str, Any]] = {
+    "spectral_ordinary": {"causal": False},
+    "spectral_no_attention": {"attention": False},
+    "spectral_forward": {"bidirectional": False},
+    "spectral_no_frames": {"parts": ("lines", "envelope")},
+    "spectral_no_lines": {"parts": ("frames", "envelope")},
+    "spectral_no_envelope": {"parts": ("frames", "lines")},
+    "spectral_frames_only": {"parts": ("frames",)},
+    "spectral_no_noise": {"noise": 0.0},
+}
+"""Our network without one of its parts: first the paper's three ablations, then those of what it is given."""
+
+RETRAINED: Mapping[str, Callable[[TrainingSettings], TrainingSettings]] = {
+    "spectral_window": lambda known: replace(known, normalization="window"),
+    "spectral_recording": lambda known: replace(known, normalization="recording"),
+    "spectral_longer": lambda known: replace(known, epochs=2 * known.epochs),
+    "spectral_mixup": lambda known: replace(known, mixup=0.2),
+    "spectral_gain": lambda known: replace(known, gain=3.0),
+    "spectral_stretch": lambda known: replace(known, stretch=0.02),
+    "spectral_noise": lambda known: replace(known, noise_snr=0.0, epochs=2 * known.epochs),
+}
+"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; with pairs of
+windows mixed; with other gains, other speeds, new in each epoch, on half the windows; and in twice the epochs with
+noise down to 0 dB."""
+
+COMPOSED: Mapping[str, Mapping[str, Any]] = {
+    "spectral_ensemble": {"trainings": 3},
+    "spectral_one_sensor": {"sensors": 1},
+}
+"""Our network trained three times over, and given the first sensor alone."""
+
+VARIED = (*ABLATED, *RETRAINED, *COMPOSED)
+"""Every way in which our network is another in the ablation."""
+
+PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
+"""The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
+
+
+def _models(size: str) -> dict[str, Model]:
+    networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
+    ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
+    retrained = {name: Model(DEFAULT, {}, change(TRAINING[size])) for name, change in RETRAINED.items()}
+    composed = {name: Model(DEFAULT, {}, TRAINING[size], **settings) for name, settings in COMPOSED.items()}
+    baselines = {name: Model(name) for name in BASELINES}
+    return {
+        **networks,
+        **ablated,
+        **retrained,
+        **composed,
+        "bitcn_paper": PAPERS_OWN,
+        **baselines,
+        THRESHOLD: Model(THRESHOLD),
+    }
+
+
+MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
+"""Models by size and name: every network and every baseline, our network without one of its parts or trained
+otherwise, ``bitcn_paper``, the paper's own recipe, and the threshold."""
+
+
+def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
+    """Models of a size by name.
+
+    Raises
+    ------
+    InputError
+        There is none of that name.
+    """
+    known = MODELS[size]
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.3)
+            hint = f"did you mean {near[0]!r}? There" if near else "there"
+            usual = [one for one in known if one not in VARIED]
+            raise InputError(
+                f"no model is called {name!r}; {hint} are {', '.join(usual)}, and of the ablation {', '.join(VARIED)}."
+            )
+    return {name: known[name] for name in names}
+
+
+def train_model(
+    model: Model,
+    train: WindowSet,
+    *,
+    seed: int,
+    manifest: Iterable[str] = (),
+    device: str = "cpu",
+) -> Classifier:
+    """The model, trained.
+
+    Parameters
+    ----------
+    train : training windows, measured and synthetic.
+    seed : seed of weights, order and trees.
+    manifest : recordings that had a part without standing in `train`.
+    device : where a network is trained; baselines take the CPU.
+    """
+    if model.kind == THRESHOLD:
+        return _threshold(train, manifest)
+    if not model.is_network:
+        return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
+    view = None if model.sensors is None else partial(first_sensors, count=model.sensors)
+    heard = train if view is None else view(train)
+    network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
+    seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
+    used = tuple(manifest)
+    fitted = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
+    members = fitted if view is None else [Viewed(one, view) for one in fitted]
+    return members[0] if model.trainings == 1 else Ensemble(tuple(members))
+
+
+def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:
+    """Threshold on the bands of the envelope's spectrum.
+
+    Which bands rise with a class is read off the training windows, how far they may off the healthy measured ones.
+    Bands and no orders, for a window of a little more than one revolution does not tell orders apart.
+    """
+    if not np.any((train.label == "normal") & ~train.synthetic):
+        raise DataError("a threshold needs measured windows of normal; there are none to train on.")
+    rule = rising_orders(_envelope_bands(train), train, columns=_BANDS)
+    used = (*train.recording_id.tolist(), *manifest)
+    return threshold_orders(train, _envelope_bands, rule, quantile=_HEALTHY, manifest=used)
+
+
+def _envelope_bands(windows: WindowSet) -> FeatureTable:
+    table = extract_features(windows)
+    kept = [place for place, name in enumerate(table.names) if " envelope spectrum " in name]
+    return FeatureTable(table.values[:, kept], tuple(table.names[place] for place in kept))

@@ -1,0 +1,1 @@
+"""The paper's questions as plans of tasks, run and resumed."""

@@ -1,0 +1,80 @@
+"""Recordings in the cells of a study's plan, and as many windows of each as it asks for."""
+
+import math
+from collections.abc import Sequence
+
+from swashtwin.foundation import DataError
+from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.pump import CLASSES
+from swashtwin.recordings import Recording
+from swashtwin.synthesis import CELL_WIDTH
+
+
+def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list[Recording]]:
+    """Recordings of each specimen, class and discharge pressure.
+
+    Parameters
+    ----------
+    study : what the study is called where something is missing.
+
+    Raises
+    ------
+    DataError
+        A recording does not say what it is of.
+    """
+    pressure = _set_pressures(recordings)
+    cells: dict[tuple[str, str, float], list[Recording]] = {}
+    for recording in sorted(recordings, key=lambda r: r.recording_id):
+        if recording.label is None or recording.specimen is None or recording.condition is None:
+            raise DataError(
+                f"{recording.recording_id}: {study} needs label, specimen, speed and discharge_pressure of every "
+                "recording; write them into the index."
+            )
+        cells.setdefault((recording.specimen, recording.label, pressure[recording.recording_id]), []).append(recording)
+    return list(cells.values())
+
+
+def _set_pressures(recordings: Sequence[Recording]) -> dict[str, float]:
+    """Pressure that each recording is counted at [Pa], by its id: the lowest of those that follow one another closely.
+
+    A plant holds what was set to some percent, and an index may say what was measured.
+    """
+    stated = {r.recording_id: r.condition.discharge_pressure for r in recordings if r.condition is not None}
+    found: dict[str, float] = {}
+    lowest = before = -math.inf
+    for name, pressure in sorted(stated.items(), key=lambda entry: entry[1]):
+        if pressure > before * (1 + CELL_WIDTH):
+            lowest = pressure
+        found[name], before = lowest, pressure
+    return found
+
+
+def classes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Classes of the recordings: the paper's order where it knows them all, else the alphabet's."""
+    labels = {str(r.label) for r in recordings}
+    known = tuple(name for name in CLASSES if name in labels)
+    return known if len(known) == len(labels) else tuple(sorted(labels))
+
+
+def cut_evenly(
+    recordings: Sequence[Recording],
+    *,
+    length: int,
+    count: int,
+    like: WindowSet | None = None,
+    classes: Sequence[str] = CLASSES,
+) -> WindowSet:
+    """About `count` windows of each recording, evenly spaced and never overlapping.
+
+    Parameters
+    ----------
+    length : readings per window.
+    count : windows of the shortest recording.
+    like : windows whose length and classes are taken over.
+    classes : classes told apart, where there is no `like`.
+    """
+    shortest = min(r.signal.shape[1] for r in recordings)
+    stride = max(length, (shortest - length) // max(1, count - 1))
+    if like is not None:
+        return cut_windows(list(recordings), like=like, stride=stride)
+    return cut_windows(list(recordings), length=length, stride=stride, classes=tuple(classes))

@@ -1,0 +1,260 @@
+"""Everything of one seed that training sets and tests are made of: window sets by role, and calibrated twins."""
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from swashtwin.bench.results.runs import FORMAT
+from swashtwin.bench.studies.cells import classes_of, cut_evenly
+from swashtwin.bench.studies.scenario import Scenario, ScenarioSplit, split_scenario
+from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
+from swashtwin.foundation import DataError
+from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationTask:
+    """One calibration to be made, or to be read where it was made before."""
+
+    specimen: str
+    """Machine whose recordings it learns from."""
+    label: str
+    """Class of its recordings."""
+    twins: tuple[Twin, ...]
+    """Where it starts."""
+    recordings: tuple[Recording, ...]
+    """What it learns from; training recordings, all of them."""
+    method: Calibrator
+    nuisances: Nuisances
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
+        held = [[repr(one.pump), repr(one.condition), repr(one.fault)] for one in self.twins]
+        data = [(one.recording_id, repr(one.condition), one.fingerprint()) for one in self.recordings]
+        text = repr((FORMAT, held, data, self.method, self.nuisances, self.seed))
+        return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def carry_out_calibration(task: CalibrationTask) -> Calibration:
+    """The calibration."""
+    torch.set_num_threads(1)
+    return calibrate(task.twins, task.recordings, method=task.method, nuisances=task.nuisances, seed=task.seed)
+
+
+def kept_calibration(out: Path | None, key: str) -> Calibration | None:
+    """The calibration of that key in ``OUT/calibrations``, or None where it was not made yet."""
+    path = None if out is None else calibration_file(out, key)
+    return load_calibration(path) if path is not None and path.is_file() else None
+
+
+def calibration_file(out: Path, key: str) -> Path:
+    """Where the calibration of that key lies."""
+    return Path(out) / "calibrations" / key / "calibration.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What one seed trains and tests on."""
+
+    seed: int
+    scenario: Scenario
+    measured: WindowSet
+    """Measured training windows, the few of the scarce cells among them."""
+    tests: Mapping[str, WindowSet]
+    """Measured test windows by level, every class alike."""
+    test_recordings: Mapping[str, tuple[Recording, ...]]
+    """Recordings of the tests, where noise is to be added to them; else empty."""
+    train_recordings: tuple[Recording, ...]
+    """Recordings of the measured training windows, where noise is to be added to them; else empty."""
+    calibrations: Mapping[tuple[str, str], Calibration]
+    """By specimen and class; left out where no twin is needed any more."""
+    calibrated_on: tuple[str, ...]
+    """Recordings that twins were calibrated on."""
+    split: ScenarioSplit
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Recordings that no test may hold besides those of the training set: calibration's, and the references."""
+        return tuple(sorted({*self.calibrated_on, *self.split.references}))
+
+    def roles(self) -> dict[str, list[str]]:
+        """Recording ids by role."""
+        tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
+        train = set(self.measured.recording_id.tolist())
+        roles = {"train": train, **tests, "calibration": set(self.calibrated_on), "reference": self.split.references}
+        return {name: sorted(ids) for name, ids in roles.items()}
+
+    def condition(self) -> OperatingCondition:
+        """Operating condition of the scarce cells: their pressure, at the speed of the training recordings."""
+        return OperatingCondition(
+            speed=float(np.nanmean(self.measured.speed)), discharge_pressure=self.scenario.pressure
+        )
+
+    def own_calibrations(self, label: str) -> list[Calibration]:
+        """Calibrations that a class is simulated with, one for each training specimen."""
+        wanted = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
+        if wanted is None:
+            wanted = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
+        return [one for (_, name), one in sorted(self.calibrations.items()) if name == wanted]
+
+
+def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
+    """Calibrations that the twins of a scenario need: recordings that train, and no others."""
+    split = split_scenario(recordings, scenario, seed)
+    lent = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
+    known = [r for r in recordings if r.recording_id in split.train | lent]
+    labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
+    tasks = []
+    for label in labels:
+        own = [r for r in known if r.label == label]
+        for specimen in sorted({str(r.specimen) for r in own}):
+            tasks.append(_calibration_task(specimen, label, [r for r in own if r.specimen == specimen], scenario, seed))
+    return tasks
+
+
+def read_for(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> dict[str, Recording]:
+    """Recordings that train, test or lend, by id, as the scenario reads them (`Scenario.as_read`); in an angle's case
+    all played back at the median of the speeds stated.
+
+    Raises
+    ------
+    DataError
+        The recordings cannot be split, or one cannot be put along the shaft's angle.
+    """
+    split = split_scenario(recordings, scenario, seed)
+    needed = split.train.union(
+        *split.tests.values(), *(_lenders(recordings, ids, scenario) for ids in split.scarce.values())
+    )
+    stated = [one.condition.speed for one in recordings if one.condition is not None]
+    speed = float(np.median(stated)) if stated else math.nan
+    return {one.recording_id: scenario.as_read(one, speed) for one in recordings if one.recording_id in needed}
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    scenario: Scenario,
+    seed: int,
+    calibrations: Iterable[tuple[CalibrationTask, Calibration]],
+    *,
+    read: Mapping[str, Recording] | None = None,
+    noisy_tests: bool = False,
+    noisy_training: bool = False,
+) -> Material:
+    """Windows of every role under `seed`.
+
+    Parameters
+    ----------
+    calibrations : what `calibration_tasks` asked for, and what came of it.
+    read : what `read_for` gave for the same recordings, scenario and seed, where it is at hand.
+    noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
+    """
+    known = list(calibrations)
+    split = split_scenario(recordings, scenario, seed)
+    lent = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
+    by_id = read_for(recordings, scenario, seed) if read is None else read
+
+    train = [by_id[name] for name in sorted(split.train)]
+    measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
+    for ids in lent:
+        measured = measured + _few([one for name, one in by_id.items() if name in ids], scenario, measured)
+    tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
+    return Material(
+        seed=seed,
+        scenario=scenario,
+        measured=measured,
+        tests={level: cut_test(own, scenario, measured) for level, own in tests.items()},
+        test_recordings={level: tuple(own) for level, own in tests.items()} if noisy_tests else {},
+        train_recordings=tuple(by_id[i] for i in sorted(set(measured.recording_id.tolist()))) if noisy_training else (),
+        calibrations={(task.specimen, task.label): found for task, found in known},
+        calibrated_on=tuple(sorted({name for _, found in known for name in found.recording_ids})),
+        split=split,
+    )
+
+
+def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """Test windows of recordings: as many of each class as the scenario says, evenly over the class's recordings."""
+    windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
+    counts = {name: int((windows.label == name).sum()) for name in like.classes}
+    present = [count for count in counts.values() if count]
+    count = min(present) if scenario.test_windows is None else scenario.test_windows
+    if min(present) < count:
+        scarcest = min(counts, key=lambda name: counts[name] or len(windows))
+        raise DataError(
+            f"{count} test windows of each class are wanted, and {scarcest} has {counts[scarcest]}; record longer or "
+            "more often, or ask for less."
+        )
+    chosen = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
+    return windows.subset(np.sort(np.concatenate([own[_evenly(len(own), count)] for own in chosen])))
+
+
+def again_cut(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
+    """The same windows cut again, from other signals of the same recordings."""
+    by_id = {one.recording_id: one.signal for one in recordings}
+    signal = [
+        by_id[name][:, start : start + windows.length]
+        for name, start in zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True)
+    ]
+    return replace(windows, signal=np.array(signal, dtype=np.float32))
+
+
+def cells_of(windows: WindowSet) -> dict[str, int]:
+    """Windows by class and pressure in words; how many are synthetic, where any is."""
+    named = {}
+    for (label, pressure), count in windows.counts().items():
+        place = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
+        named[f"{label} @ {place}"] = count
+    synthetic = int(windows.synthetic.sum())
+    return {**named, "of them synthetic": synthetic} if synthetic else named
+
+
+def _evenly(available: int, count: int) -> np.ndarray:
+    return np.floor((np.arange(count) + 0.5) * available / max(count, 1)).astype(int)
+
+
+def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
+    """The first recordings of a scarce cell that together hold the windows asked for."""
+    readings = {r.recording_id: r.signal.shape[1] for r in recordings}
+    found, windows = [], 0
+    for name in ids:
+        if windows >= scenario.scarce_windows:
+            break
+        found.append(name)
+        windows += readings[name] // scenario.length
+    if windows < scenario.scarce_windows:
+        raise DataError(
+            f"{scenario.scarce_windows} measured windows of the scarce cell are wanted, and its training recordings "
+            f"hold {windows}."
+        )
+    return found
+
+
+def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """The measured windows of a scarce cell; along the shaft's angle the same recordings may hold one or two less, for
+    they begin with a whole turn, and at the same speed."""
+    if not lenders:
+        return like.subset(np.zeros(len(like), dtype=bool))
+    windows = cut_windows(lenders, like=like)
+    return windows.subset(_evenly(len(windows), min(scenario.scarce_windows, len(windows))))
+
+
+def _calibration_task(
+    specimen: str, label: str, known: Sequence[Recording], scenario: Scenario, seed: int
+) -> CalibrationTask:
+    conditions = {round(r.condition.discharge_pressure, -4): r.condition for r in known if r.condition is not None}
+    pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
+    if label == "normal":
+        twins = tuple(Twin(pump, conditions[pressure]) for pressure in sorted(conditions))
+    else:
+        nearest = min(conditions.values(), key=lambda c: abs(c.discharge_pressure - scenario.pressure))
+        twins = (Twin(pump, nearest, scenario.faults[label][0]),)
+    return CalibrationTask(specimen, label, twins, tuple(known), scenario.method, scenario.nuisances, seed)

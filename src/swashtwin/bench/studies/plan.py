@@ -1,0 +1,269 @@
+"""A study as a plan: training sets × classifiers under a scenario, for each seed; and one task of it, carried out."""
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import torch
+
+from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
+from swashtwin.bench.rivals.composed import Viewed
+from swashtwin.bench.rivals.models import Model, train_model
+from swashtwin.bench.studies.dataset import Material, again_cut, cells_of
+from swashtwin.bench.studies.scenario import Scenario
+from swashtwin.bench.studies.training_sets import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
+from swashtwin.foundation import VERSION, InputError
+from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.recordings import Recording
+from swashtwin.signals import add_noise
+from swashtwin.synthesis import CELL_WIDTH
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study does under each seed."""
+
+    study: str
+    """Name, such as ``"case1"``."""
+    title: str
+    """What it asks, as a heading."""
+    scenario: Scenario
+    """What is scarce, and what is tested."""
+    models: Mapping[str, Model]
+    """Classifiers by name; the first is the study's own."""
+    fillings: Mapping[str, Filling] = field(default_factory=lambda: PAPER_FILLINGS)
+    """Training sets by name."""
+    varied: str = ""
+    """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
+    """What differs from `scenario`, by the factor's value."""
+    bare: str | None = None
+    """Value of the varied factor under which what is filled by nothing stands, and stands alone; None where it stands
+    under each."""
+    compared: Mapping[str, str | Mapping[str, Sequence[str]]] = field(default_factory=dict)
+    """Factor and the value that all its others are compared with, or several values, each with those that it is
+    compared with."""
+    size: str = "custom"
+    """Name of the settings."""
+    rivals: tuple[str, ...] = ()
+    """Classifiers that stand beside the study's own rows and not among them; where there are any, so does whatever else
+    is trained."""
+    snrs: tuple[float, ...] = ()
+    """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
+    draws: int = 5
+    """Draws of the noise at each ratio."""
+    notes: tuple[str, ...] = ()
+    """What must be read with the numbers."""
+    model_notes: Mapping[str, str] = field(default_factory=dict)
+    """What must be read with those of a classifier, told where it was trained."""
+    absent: tuple[str, ...] = ()
+    """Classifiers that belong here, and for want of aeon cannot be trained."""
+
+    def __post_init__(self) -> None:
+        if not (self.models and self.fillings):
+            raise InputError("a study needs a classifier and a training set.")
+        noisy = self.snrs or any(one.noise for one in self.fillings.values())
+        if noisy and any(self.scenario_of(name).along_angle for name in self.variants):
+            raise InputError(
+                "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
+                "in each draw; plans with noise cut windows along time."
+            )
+
+    def tasks(self, seed: int, data: str, device: str = "cpu") -> list[Task]:
+        """Every task of a seed, in order.
+
+        Parameters
+        ----------
+        data : SHA-256 of the recordings.
+        device : where networks are trained.
+        """
+        return [
+            Task(
+                study=self.study,
+                size=self.size,
+                seed=seed,
+                factors={"classifier": model, "training_set": filling, **({self.varied: variant} if variant else {})},
+                settings={
+                    "scenario": self.scenario_of(variant).described(),
+                    "training_set": self.fillings[filling].described(self.scenario.faults),
+                    "model": self.models[model].described(),
+                    "device": device if self.models[model].is_network else "cpu",
+                    "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws},
+                },
+                data=data,
+                place=place,
+            )
+            for place, (variant, filling, model) in enumerate(product(self.variants, self.fillings, self.models))
+            if self.bare is None or (variant == self.bare) is (self.fillings[filling].by is None)
+        ]
+
+    def of_training_sets(self, names: Sequence[str]) -> "Plan":
+        """The plan of some of its training sets only.
+
+        Raises
+        ------
+        InputError
+            It has none of that name.
+        """
+        for name in names:
+            if name not in self.fillings:
+                raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.fillings)}.")
+        return replace(self, fillings={name: self.fillings[name] for name in names})
+
+    def of_values(self, names: Sequence[str]) -> "Plan":
+        """The plan at some values of its varied factor only.
+
+        Raises
+        ------
+        InputError
+            It varies nothing, or not by such a value.
+        """
+        for name in names:
+            if not self.varied or name not in self.variants:
+                known = f"the values of {self.varied} are {', '.join(self.variants)}"
+                raise InputError(
+                    f"{self.study} has no value {name!r} to choose; {known if self.varied else 'it has none'}."
+                )
+        return replace(self, variants={name: one for name, one in self.variants.items() if name in names})
+
+    def needs_twins(self, task: Task) -> bool:
+        """Whether a task is filled by a calibrated twin."""
+        return self.fillings[task.factors["training_set"]].by in CALIBRATED_TWINS
+
+    def place(self, task: Task) -> tuple[int, ...]:
+        """Where a task's row stands among those of the plan; of a classifier that is none of its own, behind them."""
+        named: tuple[tuple[Mapping[str, Any], str], ...] = (
+            (self.variants, task.factors.get(self.varied, "")),
+            (self.fillings, task.factors["training_set"]),
+            (self.models, task.factors["classifier"]),
+        )
+        return (*(list(known).index(name) if name in known else len(known) for known, name in named), task.place)
+
+    def variant_of(self, task: Task) -> str:
+        """Name of the variant that a task is of."""
+        return task.factors[self.varied] if self.varied else ""
+
+    def scenario_of(self, variant: str) -> Scenario:
+        """The scenario of a variant."""
+        return replace(self.scenario, **self.variants[variant])
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """What a run's record holds that has no part in its result."""
+
+    device: str = "cpu"
+    """Where networks are trained."""
+    command: str = ""
+    """Command that repeats the study."""
+    origin: str = ""
+    """Where the recordings come from, in words."""
+    calibrations: tuple[str, ...] = ()
+    """Names of the calibrations behind the twins."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """What is known of the synthetic windows."""
+
+
+def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, facts: RunFacts) -> Run:
+    """One task: train on the measured and the synthetic windows, test at every level.
+
+    Parameters
+    ----------
+    synthetic : what the task's filling adds.
+    """
+    torch.set_num_threads(1)
+    wall, cpu = time.perf_counter(), time.process_time()
+    model = plan.models[task.factors["classifier"]]
+    if plan.fillings[task.factors["training_set"]].class_weights:
+        model = model.with_training(class_weights=True)
+    train = material.measured + synthetic
+    classifier = train_model(
+        model,
+        train,
+        seed=task.seed,
+        manifest=material.manifest,
+        device=facts.device,
+    )
+    outcomes = tuple(_outcomes(classifier, task, plan, material))
+    tested = material.tests
+    return Run(
+        task=task,
+        outcomes=outcomes,
+        history=getattr(classifier, "history", ()),
+        values=facts.values,
+        roles=material.roles(),
+        fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
+        cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},
+        calibrations=facts.calibrations,
+        origin=facts.origin,
+        wall_s=time.perf_counter() - wall,
+        cpu_s=time.process_time() - cpu,
+        device=facts.device if model.is_network else "cpu",
+        version=VERSION,
+        command=facts.command,
+        embedding=_embedding(classifier, task, material),
+    )
+
+
+def _outcomes(classifier: Classifier, task: Task, plan: Plan, material: Material) -> Iterator[Outcome]:
+    for level, clean in material.tests.items():
+        for snr in plan.snrs or (math.inf,):
+            factors = {**task.factors, "level": level, **({"snr": snr_words(snr)} if plan.snrs else {})}
+            for repeat in range(plan.draws if math.isfinite(snr) else 1):
+                test = noisy_test(material, level, snr, repeat) if math.isfinite(snr) else clean
+                scores = evaluate(classifier, test, level=level)
+                yield Outcome(factors, task.seed, scores, scarce_recall(scores, material.scenario), repeat)
+
+
+def noisy_test(material: Material, level: str, snr_db: float, repeat: int) -> WindowSet:
+    """The test windows of a level, cut from recordings with white noise added (docs/protocol.md, "Noise").
+
+    The noise is added to the whole recording at its own rate before anything else is done with it, each channel's power
+    by the variance of the whole recording; its seed is from recording, ratio and repeat.
+    """
+    noisy = [noisy_recording(one, snr_db, repeat) for one in material.test_recordings[level]]
+    return again_cut(noisy, material.tests[level])
+
+
+def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:
+    """The recording with white noise of that signal-to-noise ratio [dB]; its seed is from recording, ratio, repeat."""
+    return replace(recording, signal=add_noise(recording.signal, snr_db, repeat, recording.recording_id))
+
+
+def snr_words(snr_db: float) -> str:
+    """A signal-to-noise ratio as a row's name.
+
+    Examples
+    --------
+    >>> snr_words(20.0), snr_words(math.inf)
+    ('20 dB', 'clean')
+    """
+    return f"{snr_db:g} dB" if math.isfinite(snr_db) else "clean"
+
+
+def scarce_recall(scores: Scores, scenario: Scenario) -> float:
+    """Recall of the measured windows of the cells that were scarce; NaN where the test has none."""
+    cells = [
+        cell.recall
+        for cell in scores.cells
+        if cell.label in scenario.scarce
+        and cell.discharge_pressure is not None
+        and abs(cell.discharge_pressure / scenario.pressure - 1) < CELL_WIDTH
+    ]
+    return float(np.mean(cells)) if cells else math.nan
+
+
+def _embedding(classifier: Classifier, task: Task, material: Material) -> Embedding | None:
+    if not isinstance(classifier, FittedClassifier | Viewed):
+        return None
+    tests = material.tests
+    return Embedding(
+        factors=task.factors,
+        features=np.concatenate([classifier.embed(test) for test in tests.values()]),
+        label=np.concatenate([test.label for test in tests.values()]),
+        level=np.concatenate([np.full(len(test), level) for level, test in tests.items()]),
+    )

@@ -1,0 +1,78 @@
+"""Where a seed's recordings come from: the same ones for every seed, or a fleet of the virtual rig for each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from swashtwin.bench.results.runs import fingerprint_of
+from swashtwin.bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
+from swashtwin.foundation import DataError, whole_folder
+from swashtwin.recordings import Recording, read_recordings
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Recordings for each seed."""
+
+    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+        """(recordings of a seed, their SHA-256)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """The same recordings under every seed, which then draws the split anew."""
+
+    recordings: Sequence[Recording]
+    """The recordings."""
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of them."""
+        return fingerprint_of(self.recordings)
+
+    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+        """The recordings, whatever the seed."""
+        return self.recordings, self.fingerprint
+
+
+@dataclass(frozen=True, eq=False)
+class Fleets:
+    """A fleet of the virtual rig for each seed, built once and kept."""
+
+    folder: Path
+    """Where they lie, as ``rig-SIZE-SEED``."""
+    size: str = "small"
+    """Name in `rig.SIZES`."""
+    jobs: int = 1
+    """Processes that build one."""
+    progress: Callable[[int, int], None] | None = None
+    """Called with recordings built and in all."""
+
+    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+        """The fleet of that seed, which is built where it does not lie there yet."""
+        folder = Path(self.folder) / f"rig-{self.size}-{seed}"
+        if not (folder / "recordings.toml").is_file():
+            if folder.exists() and any(folder.iterdir()):
+                raise DataError(f"{folder} holds part of a fleet; delete it, and the same command builds it again.")
+            with whole_folder(folder):
+                build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
+        recordings = read_recordings(folder)
+        require_rig(folder, recordings, SIZES[self.size])
+        return recordings, fingerprint_of(recordings)
+
+
+def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize) -> None:
+    """Refuse a folder that holds other recordings than a whole rig of that size and this version.
+
+    Raises
+    ------
+    DataError
+        It does.
+    """
+    origin = recordings[0].attributes.get("origin", "")
+    whole = len(recordings) == size.specimens * size.repeats * 15
+    if not (origin.endswith(f"version {RIG_VERSION}") and whole):
+        raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")

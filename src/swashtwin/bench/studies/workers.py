@@ -1,0 +1,111 @@
+"""Where a study's tasks are carried out: processes of this machine, a dask cluster, or a ray cluster.
+
+A task is a plain function of its arguments and draws from streams of its own seed, so every backend gives the same
+numbers. Results come back to the caller, who alone writes files: workers need no disk in common.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+
+from swashtwin.foundation import InputError, MissingExtraError
+
+BACKENDS = ("joblib", "dask", "ray")
+"""What can carry tasks out."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How many tasks run side by side, and where."""
+
+    jobs: int = 1
+    """Processes of this machine; of a cluster at an address, whatever it has."""
+    backend: str = "joblib"
+    """``"joblib"``, ``"dask"`` or ``"ray"``."""
+    address: str | None = None
+    """Of a running cluster's scheduler; without one, dask and ray start `jobs` workers here."""
+
+    def __post_init__(self) -> None:
+        if self.backend not in BACKENDS:
+            raise InputError(f"backend {self.backend!r} is none of {', '.join(BACKENDS)}.")
+        if self.jobs < 1:
+            raise InputError(f"jobs ({self.jobs}) must be at least 1.")
+        if self.address is not None and self.backend == "joblib":
+            raise InputError("an address belongs to backend dask or ray; joblib's processes run on this machine.")
+
+    @contextmanager
+    def started(self) -> Iterator["Workers"]:
+        """Within it the workers wait for `each`."""
+        with ExitStack() as stack:
+            if self.backend == "dask":
+                stack.enter_context(_dask(self.jobs, self.address))
+            elif self.backend == "ray":
+                stack.enter_context(_ray(self.jobs, self.address))
+            else:
+                stack.enter_context(parallel_config(backend="loky", n_jobs=self.jobs))
+            yield self
+
+    def each(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+        """(place, result) of `function` for each tuple of arguments, as they come; only within `started`."""
+        calls = [delayed(_numbered)(function, place, values) for place, values in enumerate(arguments)]
+        if self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
+            size = max(1, effective_n_jobs(-1))
+            for first in range(0, len(calls), size):
+                yield from Parallel()(calls[first : first + size])
+        else:
+            pre_dispatch = "all" if self.backend == "dask" else "2*n_jobs"
+            yield from Parallel(return_as="generator_unordered", pre_dispatch=pre_dispatch)(calls)
+
+
+def _numbered(function: Callable[..., Any], place: int, values: tuple[Any, ...]) -> tuple[int, Any]:
+    torch.set_num_threads(1)
+    return place, function(*values)
+
+
+@contextmanager
+def _dask(jobs: int, address: str | None) -> Iterator[None]:
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as cause:
+        raise MissingExtraError('backend dask needs pip install "swashtwin[dask]".') from cause
+    with ExitStack() as stack:
+        where: Any = address
+        if address is None:
+            local = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+            where = stack.enter_context(local)
+        try:
+            client = stack.enter_context(Client(where, timeout=20))
+        except (OSError, ValueError) as cause:
+            raise InputError(f"no dask scheduler answers at {address}; give it as tcp://HOST:8786.") from cause
+        threads = client.nthreads()
+        if not threads or max(threads.values()) > 1:
+            raise InputError(
+                f"the dask cluster at {address} must have workers of one thread each, since training draws from the "
+                "process's own random state; start them with: dask worker ADDRESS --nthreads 1"
+            )
+        stack.enter_context(parallel_config(backend="dask", n_jobs=-1))
+        yield
+
+
+@contextmanager
+def _ray(jobs: int, address: str | None) -> Iterator[None]:
+    try:
+        import ray
+        from ray.util.joblib import register_ray
+    except ImportError as cause:
+        raise MissingExtraError('backend ray needs pip install "swashtwin[ray]".') from cause
+    try:
+        options: dict[str, Any] = {"num_cpus": jobs} if address is None else {"address": address}
+        ray.init(**options, log_to_driver=False, include_dashboard=False if address is None else None)
+    except (ConnectionError, ValueError, RuntimeError) as cause:
+        raise InputError(f"no ray cluster answers at {address}: {str(cause).splitlines()[0]}") from cause
+    try:
+        register_ray()
+        with parallel_config(backend="ray", n_jobs=-1):
+            yield
+    finally:
+        ray.shutdown()

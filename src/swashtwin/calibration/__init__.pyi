@@ -1,0 +1,113 @@
+"""Names that other rooms import, and where each lives."""
+
+from .archive import twin_to_dict as twin_to_dict
+from .fleet.hierarchy import FleetCalibration as FleetCalibration
+from .fleet.hierarchy import calibrate_fleet as calibrate_fleet
+from .fleet.population import Population as Population
+from .fleet.population import load_population as load_population
+from .loading import load_calibration as load_calibration
+from .methods.amortized import AmortizedIPINN as AmortizedIPINN
+from .methods.amortized_inputs import objective_without_recordings as objective_without_recordings
+from .methods.amortized_saving import load_amortized as load_amortized
+from .methods.amortized_saving import save_amortized as save_amortized
+from .methods.amortized_training import AmortizedTraining as AmortizedTraining
+from .methods.checkpoint import ResumableCalibrator as ResumableCalibrator
+from .methods.evolution import CMAES as CMAES
+from .methods.gauss_newton import GaussNewton as GaussNewton
+from .methods.gradient import LBFGS as LBFGS
+from .methods.gradient import DirectAdam as DirectAdam
+from .methods.ipinn import IPINN as IPINN
+from .methods.search import Calibrator as Calibrator
+from .methods.tuning import PAPER_RATES as PAPER_RATES
+from .methods.tuning import LearningRates as LearningRates
+from .methods.tuning import choose_learning_rate as choose_learning_rate
+from .notes import is_warning as is_warning
+from .objective.agreement import Agreement as Agreement
+from .objective.agreement import Fit as Fit
+from .objective.agreement import Spectra as Spectra
+from .objective.agreement import agreement as agreement
+from .objective.agreement import agreement_of_lines as agreement_of_lines
+from .objective.agreement import mean_agreement as mean_agreement
+from .objective.measurement import GRAVITY as GRAVITY
+from .objective.measurement import measure as measure
+from .objective.spectrum_objective import Objective as Objective
+from .objective.spectrum_objective import objective_of as objective_of
+from .objective.unknowns import Nuisances as Nuisances
+from .procedure import calibrate as calibrate
+from .procedure import prepared as prepared
+from .result import Calibration as Calibration
+from .severity.dimensions import USUALLY_FREE as USUALLY_FREE
+from .severity.severity import Severity as Severity
+from .severity.severity import SeverityTrend as SeverityTrend
+from .severity.severity_search import SeveritySettings as SeveritySettings
+from .severity.severity_search import estimate_severity as estimate_severity
+from .twin_difference import Difference as Difference
+from .twin_difference import difference as difference
+from .uncertainty.coverage import check_coverage as check_coverage
+from .uncertainty.identifiability_report import QUANTILE as QUANTILE
+from .uncertainty.identifiability_report import Estimate as Estimate
+from .uncertainty.identification import IdentifiabilityReport as IdentifiabilityReport
+from .uncertainty.identification import identifiability as identifiability
+from .uncertainty.information import expected_information_gain as expected_information_gain
+from .uncertainty.posterior import Posterior as Posterior
+from .uncertainty.profile_likelihood import THRESHOLD as THRESHOLD
+from .uncertainty.profiles import Profile as Profile
+from .uncertainty.profiles import profile as profile
+from .uncertainty.sampling import sample_posterior as sample_posterior
+
+__all__ = [
+    "CMAES",
+    "GRAVITY",
+    "IPINN",
+    "LBFGS",
+    "PAPER_RATES",
+    "QUANTILE",
+    "THRESHOLD",
+    "USUALLY_FREE",
+    "Agreement",
+    "AmortizedIPINN",
+    "AmortizedTraining",
+    "Calibration",
+    "Calibrator",
+    "Difference",
+    "DirectAdam",
+    "Estimate",
+    "Fit",
+    "FleetCalibration",
+    "GaussNewton",
+    "IdentifiabilityReport",
+    "LearningRates",
+    "Nuisances",
+    "Objective",
+    "Population",
+    "Posterior",
+    "Profile",
+    "ResumableCalibrator",
+    "Severity",
+    "SeveritySettings",
+    "SeverityTrend",
+    "Spectra",
+    "agreement",
+    "agreement_of_lines",
+    "calibrate",
+    "calibrate_fleet",
+    "check_coverage",
+    "choose_learning_rate",
+    "difference",
+    "estimate_severity",
+    "expected_information_gain",
+    "identifiability",
+    "is_warning",
+    "load_amortized",
+    "load_calibration",
+    "load_population",
+    "mean_agreement",
+    "measure",
+    "objective_of",
+    "objective_without_recordings",
+    "prepared",
+    "profile",
+    "sample_posterior",
+    "save_amortized",
+    "twin_to_dict",
+]

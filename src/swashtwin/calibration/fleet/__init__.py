@@ -1,0 +1,1 @@
+"""Calibration of several machines of one type together."""

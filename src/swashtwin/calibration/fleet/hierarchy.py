@@ -1,0 +1,263 @@
+"""Several pumps of one type, calibrated together: each learns from the others what its own recordings leave open."""
+
+import re
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swashtwin.calibration.fleet.likelihood import Likelihood
+from swashtwin.calibration.fleet.population import (
+    SPREAD_WIDTH,
+    Evidence,
+    Population,
+    covariance_within,
+    names_shared,
+    population_of,
+)
+from swashtwin.calibration.methods.gauss_newton import GaussNewton
+from swashtwin.calibration.methods.search import Calibrator, Search, one_thread
+from swashtwin.calibration.objective.measurement import agreeing
+from swashtwin.calibration.objective.spectrum_objective import NONE, Objective
+from swashtwin.calibration.objective.unknowns import Nuisances
+from swashtwin.calibration.procedure import concluded, prepared, settings_of
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.uncertainty.identifiability_report import Estimate, estimates_of, posterior_covariance
+from swashtwin.foundation import DataError, InputError
+from swashtwin.physics import Twin
+from swashtwin.recordings import Recording
+
+MOST_ROUNDS = 12
+"""At most so often are population and pumps found anew, each given the other."""
+SETTLED = 0.01
+"""They are settled where no mean and no logarithm of a spread moves by more than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetCalibration:
+    """Pumps of one type, each calibrated with what its recordings and the others say."""
+
+    population: Population
+    """What the pumps have in common; the prior of a new pump (``calibrate(..., prior=population)``)."""
+    calibrations: Mapping[str, Calibration]
+    """Calibration of each specimen: an ordinary one, whose prior was the population."""
+    alone: Mapping[str, tuple[Estimate, ...]]
+    """The six values of each as its own recordings give them."""
+    left_out: tuple[tuple[str, str], ...]
+    """Each specimen that no recording agreed with the twin of, and why."""
+    rounds: int
+    """How often population and pumps were found anew."""
+    is_settled: bool
+    """Whether they had settled by then."""
+    wall_s: float
+    """How long it took [s]."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should look at, in words."""
+        notes = []
+        count = len(self.population.specimens)
+        if count < 5:
+            notes.append(
+                f"{count} pumps tell little of how much pumps of their type differ: see the spreads' intervals."
+            )
+        if not self.is_settled:
+            notes.append(f"population and pumps had not settled after {self.rounds} rounds.")
+        return tuple(notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Population and values of each specimen, as JSON can hold them; the calibrations have files of their own."""
+        return {
+            "population": self.population.to_dict(),
+            "specimens": {
+                name: {
+                    "alone": [asdict(estimate) for estimate in self.alone[name]],
+                    "within": [asdict(estimate) for estimate in found.estimates],
+                    "recording_ids": list(found.recording_ids),
+                    "notes": list(found.notes),
+                }
+                for name, found in self.calibrations.items()
+            },
+            "left_out": [list(pair) for pair in self.left_out],
+            "rounds": self.rounds,
+            "is_settled": self.is_settled,
+            "notes": list(self.notes),
+            "wall_s": round(self.wall_s, 2),
+        }
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Files written to `folder`: ``population.json``, and ``SPECIMEN.json`` for each specimen."""
+        folder = Path(folder)
+        wanted = {name: folder / f"{_file_name(name)}.json" for name in self.calibrations}
+        if len({str(path).lower() for path in wanted.values()}) < len(wanted):
+            raise InputError(f"specimens {', '.join(wanted)} differ in characters only that a file name cannot hold.")
+        written = [self.population.save(folder / "population.json")]
+        return written + [found.save(wanted[name]) for name, found in self.calibrations.items()]
+
+
+def _file_name(specimen: str) -> str:
+    """The specimen's name with whatever leads out of a folder or hides a file replaced."""
+    name = re.sub(r"[^\w.+-]", "_", specimen).strip(".")
+    return f"{name}_" if name.lower() in ("", "population") else name
+
+
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """One specimen on its way."""
+
+    twins: tuple[Twin, ...]
+    objective: Objective
+    found: Search
+    likelihood: Likelihood
+    alone: tuple[Estimate, ...]
+
+    @property
+    def evidence(self) -> Evidence:
+        return self.likelihood.evidence(self.objective, self.found.point)
+
+    @property
+    def lacking(self) -> np.ndarray:
+        """Covariance of the coordinates by what the twin lacks, beside that by noise."""
+        point, objective = self.found.point, self.objective
+        total: np.ndarray = self.likelihood.covariance(objective, point)
+        return total - Likelihood.around(objective, point, lacking=False).covariance(objective, point)
+
+    def given(self, population: Population) -> "_Member":
+        """The same, moved to where its own recordings and the population have it."""
+        known = replace(self.objective.unknowns, center=population.mean, deviation=population.spread)
+        point = self.likelihood.summit(replace(self.objective, unknowns=known), self.found.point)
+        return replace(self, found=replace(self.found, point=point))
+
+
+def calibrate_fleet(
+    twin: Twin | Sequence[Twin],
+    recordings: Iterable[Recording],
+    *,
+    method: Calibrator | None = None,
+    seed: int = 0,
+    bounds: Mapping[str, tuple[float, float]] | float | None = None,
+    band: tuple[float, float] | None = None,
+    nuisances: Nuisances = NONE,
+    phases: bool = False,
+    spread_width: float = SPREAD_WIDTH,
+) -> FleetCalibration:
+    """Calibration of each specimen among `recordings`, and of the population that they come from.
+
+    Empirical Bayes: each specimen is calibrated alone; mean and spread of every coordinate over the specimens are
+    estimated from what their recordings say without a prior (`population`), and each specimen is found anew with the
+    population as its prior; again until both have settled. A pump with strong recordings hardly moves, one with weak
+    ones goes toward the others, and a value that no recording tells of stays not identified. What a twin lacks in all
+    pumps alike moves the mean, and more pumps do not cure that: errors by what the twin lacks (`discrepancy`) are taken
+    as the same in all of them where the mean's certainty is told.
+
+    Parameters
+    ----------
+    twin : of any of the pumps; several that differ in condition only are used together, as far as a specimen was
+        measured at their conditions.
+    recordings : of all specimens, told apart by `Recording.specimen`; those that do not agree with the twin are left
+        out, as in `calibrate`.
+    method : of the first search of each specimen; `GaussNewton` by default.
+    bounds, band, nuisances, phases : as in `calibrate`. Nuisances are coordinates as the values are: each has a mean
+        over the type and a spread.
+    spread_width : width of the half-normal density of the spreads of ln value.
+
+    Raises
+    ------
+    DataError
+        A recording names no specimen, or fewer than two specimens have recordings that agree with the twin.
+    InputError
+        Specimens with gains or modes were measured on different channels; spread_width is not positive.
+    """
+    started = time.perf_counter()
+    if not spread_width > 0:
+        raise InputError(f"spread_width ({spread_width:g}) must be positive.")
+    method = GaussNewton() if method is None else method
+    twins = [twin] if isinstance(twin, Twin) else list(twin)
+    used, left_out = _by_specimen(twins, recordings)
+    members = {}
+    for name, (own, some) in used.items():
+        objective = prepared(own, some, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
+        members[name] = _alone(own, objective, method, seed)
+    names_shared([one.objective.unknowns for one in members.values()])
+    with one_thread():
+        members, population, rounds, is_settled = _together(members, spread_width)
+    shared = np.mean([one.lacking for one in members.values()], axis=0)
+    population = replace(population, mean_covariance=population.mean_covariance + shared)
+    wall_s = time.perf_counter() - started
+    return FleetCalibration(
+        population=population,
+        calibrations={name: _concluded(one, population, shared, method, seed, wall_s) for name, one in members.items()},
+        alone={name: one.alone for name, one in members.items()},
+        left_out=tuple(left_out),
+        rounds=rounds,
+        is_settled=is_settled,
+        wall_s=time.perf_counter() - started,
+    )
+
+
+def _by_specimen(
+    twins: Sequence[Twin], recordings: Iterable[Recording]
+) -> tuple[dict[str, tuple[list[Twin], list[Recording]]], list[tuple[str, str]]]:
+    """Twins and recordings of each specimen, and the specimens left out with the reason."""
+    groups: dict[str, list[Recording]] = {}
+    for recording in recordings:
+        if not recording.specimen:
+            raise DataError(f"{recording.recording_id} names no specimen; a fleet needs to know which pump it is of.")
+        groups.setdefault(recording.specimen, []).append(recording)
+    used, left_out = {}, []
+    for name, some in groups.items():
+        own, reason = [], ""
+        for twin in twins:
+            try:
+                agreeing(twin, some)
+                own.append(twin)
+            except DataError as cause:
+                reason = str(cause)
+        if own:
+            used[name] = (own, some)
+        else:
+            left_out.append((name, reason))
+    if len(used) < 2:
+        others = "".join(f" {name}: {reason}" for name, reason in left_out[:1])
+        raise DataError(
+            "a fleet needs two specimens with recordings that agree with the twin; there "
+            f"{'is one, ' + next(iter(used)) if used else 'is none'}.{others}"
+        )
+    return used, left_out
+
+
+def _alone(twins: Sequence[Twin], objective: Objective, method: Calibrator, seed: int) -> _Member:
+    found = method.search(objective, seed=seed)
+    alone = estimates_of(objective, found.point, posterior_covariance(objective, found.point))
+    return _Member(tuple(twins), objective, found, Likelihood.around(objective, found.point), alone)
+
+
+def _together(members: dict[str, _Member], spread_width: float) -> tuple[dict[str, _Member], Population, int, bool]:
+    """Members and population, each found given the other until they settle."""
+    unknowns = next(iter(members.values())).objective.unknowns
+    before: Population | None = None
+    for rounds in range(1, MOST_ROUNDS + 1):
+        evidence = {name: one.evidence for name, one in members.items()}
+        population = population_of(evidence, unknowns, spread_width)
+        members = {name: one.given(population) for name, one in members.items()}
+        if before is not None and _distance(before, population) < SETTLED:
+            return members, population, rounds, True
+        before = population
+    return members, population, MOST_ROUNDS, False
+
+
+def _distance(one: Population, other: Population) -> float:
+    moved = np.abs(one.mean - other.mean), np.abs(np.log(one.spread / other.spread))
+    return float(np.max(moved))
+
+
+def _concluded(
+    member: _Member, population: Population, shared: np.ndarray, method: Calibrator, seed: int, wall_s: float
+) -> Calibration:
+    known = replace(member.objective, unknowns=population.prior_of(member.objective.unknowns))
+    covariance = covariance_within(member.evidence, population, shared, known.unknowns.deviation)
+    settings = {**settings_of(method, known, seed), "prior": f"population of {', '.join(population.specimens)}"}
+    return concluded(known, member.twins[0], member.found, covariance, method=method, settings=settings, wall_s=wall_s)

@@ -1,0 +1,1 @@
+"""Methods that search the interface values: IPINN, Gauss-Newton and others."""

@@ -1,0 +1,107 @@
+"""A search on disk while it goes on, so that an interrupted one ends at the same bits as one that was left alone.
+
+Kept are the searches that go in epochs (`IPINN`, `DirectAdam`). The others take a second: for them beginning again with
+the same seed is the way to go on, and ends at the same bits too.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from swashtwin.calibration.methods.search import Calibrator, Progress, Search
+from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.foundation import (
+    InputError,
+    damaged,
+    named,
+    optimizer_tensors,
+    read_run,
+    restore_optimizer,
+    under,
+    write_run,
+)
+
+FORMAT = "swashtwin-calibration-checkpoint-1"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where a search is kept, and how often."""
+
+    path: Path
+    """The file; one of the same job is continued."""
+    every: int = 25
+    """Epochs from one writing to the next."""
+    job: Mapping[str, Any] = field(default_factory=dict)
+    """What is searched and how, as JSON can hold it; a file of another job is refused. `calibrate` fills it in."""
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise InputError(f"every ({self.every}) must be at least 1.")
+
+    def is_due(self, epochs: int) -> bool:
+        """Whether the file is written after so many epochs."""
+        return epochs % self.every == 0
+
+    def save(
+        self,
+        weights: Mapping[str, Tensor],
+        optimizer: torch.optim.Optimizer,
+        schedule: torch.optim.lr_scheduler.LRScheduler,
+        records: Mapping[str, Float[np.ndarray, "..."]],
+    ) -> None:
+        """Put what is moved, Adam's moments, the step size and what was recorded so far into the file."""
+        kept = {name: torch.as_tensor(array) for name, array in records.items()}
+        tensors = named("weights", weights) | named("optimizer", optimizer_tensors(optimizer)) | named("records", kept)
+        state = {"schedule": schedule.state_dict(), "rates": [group["lr"] for group in optimizer.param_groups]}
+        write_run(self.path, FORMAT, self.job, tensors, state)
+
+    def load(
+        self, optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LRScheduler
+    ) -> tuple[dict[str, Tensor], dict[str, Float[np.ndarray, "..."]]]:
+        """Weights and records of the file, after optimizer and schedule were set to its state; nothing without one.
+
+        Raises
+        ------
+        ArtifactError
+            The file is damaged or of another format.
+        InputError
+            The file is of another job: the first thing that differs is named with both values.
+        """
+        if not Path(self.path).exists():
+            return {}, {}
+        tensors, state = read_run(self.path, FORMAT, self.job)
+        try:
+            restore_optimizer(optimizer, under("optimizer", tensors))
+            schedule.load_state_dict(state["schedule"])
+            for group, rate in zip(optimizer.param_groups, state["rates"], strict=True):
+                group["lr"] = rate
+        except (KeyError, TypeError, ValueError, RuntimeError) as cause:
+            raise damaged(self.path, cause) from cause
+        records = {name: tensor.numpy() for name, tensor in under("records", tensors).items()}
+        return under("weights", tensors), records
+
+
+@runtime_checkable
+class ResumableCalibrator(Calibrator, Protocol):
+    """A method whose search can be interrupted and go on."""
+
+    is_resumable: ClassVar[bool]
+    """True."""
+
+    def search(
+        self,
+        objective: Objective,
+        *,
+        seed: int,
+        progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> Search:
+        """What it found, going on from `checkpoint` if that file exists."""
+        ...

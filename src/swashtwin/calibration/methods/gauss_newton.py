@@ -1,0 +1,93 @@
+"""Levenberg-Marquardt on logarithms: for one measurement and six values, the quickest way there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+import torch
+from jaxtyping import Float
+
+from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, best_of, one_thread, starting_points
+from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.foundation import InputError, stream
+from swashtwin.physics import SteadySolver
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """Least squares with exact derivatives, from several starts, within bounds.
+
+    Minimized is the sum of squares of (simulated - measured) / sigma over all lines, plus that of (coordinate - mean of
+    its prior) / prior standard deviation: a value of which the measurement says nothing stays in the middle of its
+    bounds instead of drifting to one. Amplitudes are compared as they are, for on a decibel scale the lines near the
+    noise rule.
+    """
+
+    starts: int = 4
+    """First the nominal values, then others drawn evenly over the logarithms within the bounds."""
+    most_iterations: int = 50
+    """At most so many steps from each start."""
+    solver: SteadySolver = EXACT
+    """What solves the equations."""
+
+    def __post_init__(self) -> None:
+        if self.starts < 1 or self.most_iterations < 1:
+            raise InputError(f"starts ({self.starts}) and most_iterations ({self.most_iterations}) must be at least 1.")
+
+    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
+        """Values of the best start; see `Calibrator`."""
+        problem, unknowns = LeastSquares(objective, self.solver), objective.unknowns
+        generator = stream(seed, "gauss_newton", "starts")
+        runs: list[Search] = []
+        with one_thread():
+            for number, start in enumerate(starting_points(unknowns, self.starts, generator)):
+                scipy.optimize.least_squares(
+                    problem.residuals,
+                    start,
+                    problem.jacobian,
+                    bounds=(unknowns.lower, unknowns.upper),
+                    max_nfev=self.most_iterations,
+                    xtol=1e-10,
+                )
+                runs.append(problem.taken_trace().search())
+                if progress is not None:
+                    progress(number + 1, self.starts, min(run.history.least_loss for run in runs))
+        return best_of(runs)
+
+
+class LeastSquares:
+    """Residuals and their derivatives with respect to the coordinates searched; each point is simulated once."""
+
+    def __init__(self, objective: Objective, solver: SteadySolver) -> None:
+        self.objective, self.solver = objective, solver
+        self._trace = Trace()
+        self._last: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.empty(0), np.empty((0, 0)))
+
+    def taken_trace(self) -> Trace:
+        """What was simulated since the last call."""
+        trace, self._trace = self._trace, Trace()
+        return trace
+
+    def residuals(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
+        """(simulated - measured) / sigma of each line, then (coordinate - center) / prior deviation."""
+        return self._simulated(point)[0]
+
+    def jacobian(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "residual unknown"]:
+        """Derivatives of `residuals`."""
+        return self._simulated(point)[1]
+
+    def _simulated(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._last[0] != point.tobytes():
+            objective, unknowns = self.objective, self.objective.unknowns
+            readings, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
+            lines = ((readings - objective.measured) / objective.sigma).numpy()
+            slopes = (slope / objective.sigma[:, None]).numpy()
+            prior = (point - unknowns.center) / unknowns.deviation
+            jacobian = np.concatenate([slopes, np.diag(1 / unknowns.deviation)])
+            residuals = np.concatenate([lines, prior])
+            self._last = (point.tobytes(), residuals, jacobian)
+            penalized = float(np.sqrt(np.sum(residuals**2) / len(lines)))
+            gradient = (jacobian.T @ residuals) * unknowns.deviation / (len(lines) * penalized)
+            weighted = float(np.sqrt(np.mean(lines**2)))
+            self._trace.add(point, weighted, penalized, float(np.linalg.norm(gradient)))
+        return self._last[1], self._last[2]

@@ -1,0 +1,188 @@
+"""What a calibration searches: the six interface values, and constants that nobody measured.
+
+All stand in one row of *coordinates*: logarithms of what is positive, residues of housing modes as they are. Each has a
+prior: for the six values the width of their bounds, for the others what is known of such machines.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from swashtwin.calibration.objective.search_space import SearchSpace
+from swashtwin.foundation import InputError
+from swashtwin.physics import Scales, SensorPath, Twin, path_response
+from swashtwin.pump import LETTERS, PARAMETERS
+
+SCALES = tuple(item.name for item in fields(Scales))
+PATH_BAND = (900.0, 2200.0)
+"""Frequencies [Hz] over which the modes of a housing are spread before anything is measured; rigid below."""
+PATH_DAMPING = 0.03
+"""Damping ratio of a housing's mode before anything is measured."""
+REACH = 4.0
+"""A constant is searched within so many prior standard deviations."""
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """Constants searched beside the six values, by the standard deviation of their priors; zero holds one.
+
+    Those of ``usual`` are of docs/physics.md, section 6; the others are estimates of ours.
+    """
+
+    mount: float = 0.0
+    """Of the logarithm of the mounting's stiffness."""
+    bearing: float = 0.0
+    """Of the logarithm of the bearings' stiffness."""
+    excitation: float = 0.0
+    """Of the logarithm of the factor on a fault's forces."""
+    sensor: float = 0.0
+    """Of the logarithm of the gain that all channels share."""
+    gains: float = 0.0
+    """Of the logarithm of each channel's own gain."""
+    modes: int = 0
+    """How many modes of the housing stand between the shell and the sensors (`twin.SensorPath`)."""
+    residue: float = 0.1
+    """Of each mode's share in each channel."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"Nuisances.{item.name} ({value:g}) must be zero or a positive number.")
+        if self.modes > 6:
+            raise InputError(f"Nuisances.modes ({self.modes}) must not exceed 6: more modes than lines tell of.")
+
+    @classmethod
+    def usual(cls, **changes: Any) -> "Nuisances":
+        """Mounting, bearings, excitation and sensors, with the priors of docs/physics.md."""
+        return cls(**{"mount": 0.3, "bearing": 0.3, "excitation": 0.5, "sensor": 0.05, **changes})
+
+    @classmethod
+    def housing(cls, **changes: Any) -> "Nuisances":
+        """The usual ones, each channel's gain, and two modes of the housing."""
+        return cls.usual(**{"gains": 0.1, "modes": 2, **changes})
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Coordinates of a search, the six logarithms of the values first."""
+
+    names: tuple[str, ...]
+    """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the others."""
+    start: Float[np.ndarray, " unknown"]
+    """Where the search starts: the twin as it is."""
+    center: Float[np.ndarray, " unknown"]
+    """Mean of each prior."""
+    deviation: Float[np.ndarray, " unknown"]
+    """Standard deviation of each prior."""
+    lower: Float[np.ndarray, " unknown"]
+    """Least coordinates."""
+    upper: Float[np.ndarray, " unknown"]
+    """Greatest coordinates."""
+    own_scales: Float[np.ndarray, " 4"]
+    """Logarithms of the twin's own scales, which hold where a scale is not searched."""
+    scales: tuple[str, ...]
+    """Which scales are searched; they stand after the values."""
+    n_channels: int
+    """Channels of the measurement."""
+    has_gains: bool
+    """Whether each channel's gain is searched; they stand after the scales."""
+    modes: int
+    """Modes of the housing: frequencies, damping ratios and residues stand last."""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
+        """The six values at `point`."""
+        return point[..., :6].exp()
+
+    def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 4"]:
+        """Factors on mount, bearing, excitation and sensor at `point`."""
+        columns = []
+        for name, own in zip(SCALES, self.own_scales, strict=True):
+            held = torch.full(point.shape[:-1], float(own), dtype=point.dtype, device=point.device)
+            columns.append(point[..., 6 + self.scales.index(name)] if name in self.scales else held)
+        return torch.stack(columns, dim=-1).exp()
+
+    def response_of(
+        self, point: Float[Tensor, "*batch unknown"], frequency: Float[Tensor, " line"]
+    ) -> Complex[Tensor, "*batch channel line"] | None:
+        """What stands between the shell and each channel at `frequency` [Hz]; None where nothing of it is searched."""
+        if not self.has_gains and not self.modes:
+            return None
+        return path_response(frequency, *self._path_of(point))
+
+    def _path_of(self, point: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        first = 6 + len(self.scales)
+        ends = np.cumsum([first, self.n_channels * self.has_gains, self.modes, self.modes])
+        gain, modes, damping = (point[..., a:b].exp() for a, b in pairwise(ends.tolist()))
+        if not self.has_gains:
+            gain = torch.ones(*point.shape[:-1], self.n_channels, dtype=point.dtype, device=point.device)
+        residue = point[..., int(ends[-1]) :].unflatten(-1, (self.n_channels, self.modes))
+        return gain, modes, damping, residue
+
+    def scales_at(self, point: Float[np.ndarray, " unknown"]) -> Scales:
+        """The same as a twin takes them."""
+        return Scales(*self.scales_of(torch.as_tensor(point)).tolist())
+
+    def path_at(
+        self, point: Float[np.ndarray, " unknown"], channels: Sequence[str], sensors: Sequence[str]
+    ) -> SensorPath | None:
+        """The path as a twin takes it; None where nothing of it is searched.
+
+        Parameters
+        ----------
+        channels : those of the measurement.
+        sensors : those of the pump; one that was not measured is taken as rigid.
+        """
+        if not self.has_gains and not self.modes:
+            return None
+        gain, modes, damping, residue = self._path_of(torch.as_tensor(point))
+        gains = dict(zip(channels, gain.tolist(), strict=True))
+        residues = dict(zip(channels, residue.tolist(), strict=True))
+        rigid = [0.0] * self.modes
+        return SensorPath(
+            gain=tuple(gains.get(name, 1.0) for name in sensors),
+            frequency=tuple(modes.tolist()),
+            damping_ratio=tuple(damping.tolist()),
+            residue=tuple(tuple(residues.get(name, rigid)) for name in sensors),
+        )
+
+
+def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisances: Nuisances) -> Unknowns:
+    """Coordinates of calibrating `twin` on `channels` within `space`."""
+    own = np.log(twin.scales.values())
+    freed = tuple(name for name in SCALES if getattr(nuisances, name) > 0)
+    first, last = np.log(PATH_BAND)
+    spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
+    numbers = range(1, nuisances.modes + 1)
+    rows: list[tuple[str, float, float]] = [
+        (name, float(own[SCALES.index(name)]), getattr(nuisances, name)) for name in freed
+    ]
+    rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
+    rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
+    rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
+    rows += [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
+    center = np.array([one[1] for one in rows])
+    deviation = np.array([one[2] for one in rows])
+    return Unknowns(
+        names=(*(LETTERS[name] for name in PARAMETERS), *(one[0] for one in rows)),
+        start=np.concatenate([np.log(space.nominal), center]),
+        center=np.concatenate([space.log_center, center]),
+        deviation=np.concatenate([space.prior_std, deviation]),
+        lower=np.concatenate([np.log(space.lower), center - REACH * deviation]),
+        upper=np.concatenate([np.log(space.upper), center + REACH * deviation]),
+        own_scales=own,
+        scales=freed,
+        n_channels=len(channels),
+        has_gains=nuisances.gains > 0,
+        modes=nuisances.modes,
+    )

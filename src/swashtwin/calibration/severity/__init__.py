@@ -1,0 +1,1 @@
+"""How large a fault is, by inversion."""

@@ -1,0 +1,205 @@
+"""Fault dimensions, interface values and nuisances of one recording at once, by least squares.
+
+The twin's lines are differentiated exactly with respect to values and nuisances, and by differences with
+respect to a fault's dimensions, each of which moves the fault's displacement or the chamber pressures.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import scipy.stats
+import torch
+from jaxtyping import Float
+
+from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.severity.dimensions import FaultSpace
+from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.profile_likelihood import Valley
+from swashtwin.foundation import SwashTwinError
+
+SHARE = 0.1
+"""Relative errors of the excitation, of the path and of single lines that a twin is expected to have; see
+`discrepancy`. An estimate of ours: what a fault's law lacks, no healthy recording shows."""
+FACTORS = np.geomspace(0.03, 8.0, 9)
+"""Severities over the reference's at which the search looks around first; the last is the greatest it can find."""
+PLACES = 27
+"""So many values of a further dimension are looked at, over two standard deviations to both sides: lines up to order k
+tell a length apart from those a few k-ths longer, so that there are many valleys."""
+STARTS = 3
+"""How many of the valleys seen are walked down."""
+_STEP = 1e-3
+"""Step of the differences: of the severity over the reference's, or of a logarithm."""
+_ROUNDS = 2
+"""How often the weights are taken anew from the lines found in the best valley."""
+ERROR = 0.05
+"""Probability of either error at the detection limit (Currie 1968, doi:10.1021/ac60259a007)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the interface values and nuisances before a recording is looked at."""
+
+    center: Float[np.ndarray, " unknown"]
+    """Mean."""
+    covariance: Float[np.ndarray, "unknown unknown"]
+    """Covariance of all that is uncertain."""
+    drift: Float[np.ndarray, "unknown unknown"]
+    """The part of it that differs from recording to recording."""
+
+
+class Inversion(Valley):
+    """Sum of squares of one recording's lines and of the priors; coordinates: values, nuisances, fault's dimensions."""
+
+    def __init__(self, objective: Objective, space: FaultSpace, prior: Prior) -> None:
+        self.objective, self.space, self.prior = objective, space, prior
+        self.n_unknowns, self.simulations = len(prior.center), 0
+        spread = 6 * np.sqrt(np.diag(prior.covariance))
+        further = 4 * np.array([one.deviation for one in space.free[1:]])
+        self.lower = np.concatenate([prior.center - spread, [0.0], -further])
+        self.upper = np.concatenate([prior.center + spread, [FACTORS[-1]], further])
+        self.prior_root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+        self.root = np.diag(objective.sigma.numpy())
+
+    @property
+    def severity(self) -> int:
+        """Place of the severity among the coordinates."""
+        return self.n_unknowns
+
+    @property
+    def threshold(self) -> float:
+        """Rise of the sum of squares without the fault above which it is there: noise alone exceeds it in 5 % of all
+        cases. Where a further dimension is free there are many valleys for noise to fall into (Bonferroni)."""
+        return float(scipy.stats.chi2.isf(2 * ERROR / (PLACES if len(self.space.free) > 1 else 1), 1))
+
+    def _objective_at(self, point: np.ndarray) -> Objective:
+        fault = self.space.at(point[self.n_unknowns :])
+
+        def moved(one: Comparison) -> Comparison:
+            return replace(one, twin=one.twin.with_fault(fault))
+
+        return replace(self.objective, comparisons=tuple(moved(one) for one in self.objective.comparisons))
+
+    def amplitude(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " reading"]:
+        """Simulated amplitudes [m/s^2]."""
+        self.simulations += 1
+        with torch.no_grad():
+            return self._objective_at(point).amplitude(torch.as_tensor(point[: self.n_unknowns])).numpy()
+
+    def at(
+        self, point: Float[np.ndarray, " unknown"]
+    ) -> tuple[Float[np.ndarray, " residual"], Float[np.ndarray, "residual unknown"]]:
+        """Residuals of lines and priors over their standard deviations, and their derivatives."""
+        self.simulations += 1
+        objective, count = self._objective_at(point), self.n_unknowns
+        amplitude, slope = objective.sensitivity(torch.as_tensor(point[:count]))
+        columns = [self._difference(point, place, amplitude.numpy()) for place in range(count, len(point))]
+        difference = (amplitude - objective.measured).numpy()
+        whitened = self.whiten(np.column_stack([difference, slope.numpy(), *columns]))
+        rows = np.zeros((len(point) - 1, len(point)))
+        rows[:count, :count] = self.prior_root
+        for place, one in enumerate(self.space.free[1:], start=count):
+            rows[place, place + 1] = 1 / one.deviation
+        reference = np.concatenate([self.prior.center, self.space.start])
+        return np.concatenate([whitened[:, 0], rows @ (point - reference)]), np.concatenate([whitened[:, 1:], rows])
+
+    def _difference(self, point: np.ndarray, place: int, here: np.ndarray) -> np.ndarray:
+        ahead = point.copy()
+        ahead[place] += _STEP
+        return (self.amplitude(ahead) - here) / _STEP
+
+    def whiten(self, readings: Float[np.ndarray, "reading *column"]) -> Float[np.ndarray, "reading *column"]:
+        """Readings in independent standard deviations."""
+        whitened: np.ndarray = scipy.linalg.solve_triangular(self.root, readings, lower=True)
+        return whitened
+
+    def weigh(self, point: Float[np.ndarray, " unknown"]) -> None:
+        """Take the weights from what noise and the twin's expected errors do to the lines at `point`."""
+        objective = self._objective_at(point)
+        around = linearized(objective, point[: self.n_unknowns])
+        self.root = np.linalg.cholesky(noise_covariance(around, Discrepancy((), SHARE, SHARE, SHARE)))
+
+    def widen(self, factor: float) -> None:
+        """Multiply all standard deviations of lines by `factor`."""
+        self.root = self.root * factor
+
+    def search(self) -> tuple[Float[np.ndarray, " unknown"], float]:
+        """The best point from several starts, weights taken there, and its sum of squares."""
+        found = []
+        for start in self._starts():
+            self.weigh(start)
+            point, height = self.descend(start, held=None)
+            found.append((height + 2 * np.log(np.diag(self.root)).sum(), point))
+        best = min(found, key=lambda pair: pair[0])[1]
+        for _ in range(_ROUNDS):
+            self.weigh(best)
+            best, height = self.descend(best, held=None)
+        return best, height
+
+    def _starts(self) -> Iterable[np.ndarray]:
+        """The best points of a look around that lie clearly apart."""
+        grids = [2 * one.deviation * np.linspace(-1, 1, PLACES) for one in self.space.free[1:2]]
+        fixed = np.zeros(max(0, len(self.space.free) - 2))
+        looked: list[tuple[float, np.ndarray]] = []
+        for factor, *further in product(FACTORS, *grids):
+            point = np.concatenate([self.prior.center, [factor], further, fixed])
+            try:
+                misses = (self.amplitude(point) - self.objective.measured.numpy()) / self.objective.sigma.numpy()
+            except SwashTwinError:  # no pump runs with a fault so severe
+                self.upper[self.severity] = looked[-1][1][self.severity] if looked else FACTORS[0]
+                break
+            looked.append((float(misses @ misses), point))
+        taken: list[np.ndarray] = []
+        for _, point in sorted(looked, key=lambda pair: pair[0]):
+            if all(self._apart(point, other) for other in taken):
+                taken.append(point)
+            if len(taken) == STARTS:
+                break
+        return taken
+
+    def _apart(self, point: np.ndarray, other: np.ndarray) -> bool:
+        first = self.severity
+        severities = abs(math.log(point[first] / other[first]))
+        return severities > 1 or bool((np.abs(point[first + 1 :] - other[first + 1 :]) > 0.05).any())
+
+    def detection_limit(self, point: Float[np.ndarray, " unknown"]) -> float | None:
+        """Least severity over the reference's that these lines would tell from none; None beyond the search, and where
+        the fault does not vanish with its severity.
+
+        Parameters
+        ----------
+        point : the best one without a fault.
+        """
+        _, slope = self.at(point)
+        others = np.delete(slope, self.severity, axis=1)
+        silent = self.amplitude(point)
+        wanted = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR))
+
+        def surplus(logarithm: float) -> float:
+            moved = point.copy()
+            moved[self.severity] = np.exp(logarithm)
+            change = np.zeros(len(slope))
+            change[: len(silent)] = self.whiten(self.amplitude(moved) - silent)
+            left = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
+            return float(np.linalg.norm(left)) - wanted
+
+        low, high = np.log(1e-3), np.log(self.upper[self.severity])
+        if surplus(high) < 0 or surplus(low) > 0:
+            return None
+        return float(np.exp(scipy.optimize.brentq(surplus, low, high, xtol=0.02)))
+
+    def deviations(self, point: Float[np.ndarray, " unknown"]) -> tuple[Float[np.ndarray, "unknown unknown"], float]:
+        """Covariance of all coordinates, and the standard deviation of the severity (over the reference's) from
+        recording to recording of one pump: what noise and drift do, where all else stays."""
+        _, slope = self.at(point)
+        readings = len(self.root)
+        covariance = np.linalg.pinv(slope.T @ slope)
+        weights = covariance[self.severity] @ slope.T
+        noise = np.concatenate([one.measurement.deviation.reshape(-1) for one in self.objective.comparisons])
+        errors = scipy.linalg.solve_triangular(self.root, weights[:readings], lower=True, trans="T")
+        drift = self.prior_root.T @ weights[readings : readings + self.n_unknowns]
+        return covariance, float(np.sqrt(np.sum((errors * noise) ** 2) + drift @ self.prior.drift @ drift))

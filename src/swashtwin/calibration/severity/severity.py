@@ -1,0 +1,152 @@
+"""How severe a fault is, in its own unit and with an interval: what was found of one recording, and of several."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from swashtwin.calibration.severity.dimensions import Dimension
+from swashtwin.calibration.uncertainty.identifiability_report import COVERAGE, QUANTILE
+from swashtwin.pump import Fault, OperatingCondition
+
+SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
+
+
+@dataclass(frozen=True)
+class DimensionEstimate:
+    """One dimension of a fault, and how far to trust it."""
+
+    dimension: Dimension
+    """Which."""
+    value: float
+    """Value found [SI]."""
+    interval: tuple[float, float]
+    """Range that holds it with a probability of 90 % [SI]; begins at zero where there may be none, and ends at the
+    greatest value that was searched where nothing limits it."""
+    log_std: float
+    """Standard deviation of its logarithm that the recording and the priors leave; infinite where it may be zero. The
+    interval of a severity holds the error of the fault's law besides."""
+    verdict: SeverityVerdict
+    """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``: hardly better known
+    than before, or to a factor of five; ``not detected``: may be zero; ``at bound``: beyond what was searched."""
+
+    @property
+    def words(self) -> str:
+        """Value and interval in the dimension's unit."""
+        low, high = (f"{end / self.dimension.per_unit:.3g}" for end in self.interval)
+        return f"{self.dimension.words(self.value)} ({low} ... {high})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it, in SI."""
+        return {
+            "name": self.dimension.name,
+            "value": self.value,
+            "interval": list(self.interval),
+            "log_std": self.log_std if math.isfinite(self.log_std) else None,
+            "verdict": self.verdict,
+            "unit": self.dimension.unit,
+            "per_unit": self.dimension.per_unit,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Severity:
+    """What one recording says of how severe a fault is."""
+
+    recording_id: str
+    """Which recording."""
+    condition: OperatingCondition
+    """Its condition."""
+    fault: Fault | None
+    """The fault of the values found; None where its severity is zero."""
+    dimensions: tuple[DimensionEstimate, ...]
+    """The severity, then the further dimensions searched."""
+    evidence: float
+    """How much worse the lines fit without the fault: rise of the sum of squares."""
+    threshold: float
+    """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all cases."""
+    detection_limit: float | None
+    """Least severity [SI] that such a recording tells from none with 5 % of errors of either kind (Currie 1968,
+    doi:10.1021/ac60259a007); None beyond the search."""
+    repeatability: float
+    """Standard deviation of the logarithm of the severity from recording to recording of this pump: noise and drift
+    of its films. What is common to all of them, such as the fault's law, is not in it."""
+    traded_with: str | None
+    """What else could change along with the severity at almost the same lines (correlation above 0.7)."""
+    misfit: float
+    """Root mean square of the lines' differences over what was expected; above 1 the intervals are widened by it."""
+    simulations: int
+    """How many twins were simulated."""
+    wall_s: float
+    """How long it took [s]."""
+    notes: tuple[str, ...] = ()
+    """What the user should look at."""
+
+    @property
+    def severity(self) -> DimensionEstimate:
+        """The dimension that carries the severity."""
+        return self.dimensions[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        kept = (
+            "recording_id",
+            "evidence",
+            "threshold",
+            "detection_limit",
+            "traded_with",
+            "misfit",
+            "simulations",
+            "wall_s",
+        )
+        return {
+            **{name: getattr(self, name) for name in kept},
+            "repeatability": self.repeatability if math.isfinite(self.repeatability) else None,
+            "condition": asdict(self.condition),
+            "fault": None if self.fault is None else {"kind": type(self.fault).__name__, **asdict(self.fault)},
+            "dimensions": [one.to_dict() for one in self.dimensions],
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class SeverityTrend:
+    """Severities of one pump's recordings, in the order given."""
+
+    reference: Fault
+    """The kind of fault, with the dimensions that were held."""
+    estimates: tuple[Severity, ...]
+    """One for each recording."""
+    left_out: tuple[tuple[str, str], ...]
+    """Id of each recording that was not looked at, and why."""
+    notes: tuple[str, ...]
+    """What the user should look at."""
+    settings: Mapping[str, Any]
+    """Settings, as JSON can hold them."""
+    version: str
+    """Version of swashtwin."""
+
+    def change(self, later: int, earlier: int = 0) -> tuple[float, tuple[float, float]]:
+        """Severity of estimate `later` over that of `earlier`, with its interval of 90 %.
+
+        What is common to both, such as the error of the fault's law, cancels; see `Severity.repeatability`. NaN where
+        either severity is zero.
+        """
+        ends = [self.estimates[later], self.estimates[earlier]]
+        if not all(one.severity.value > 0 for one in ends):
+            return math.nan, (0.0, math.inf)
+        ratio = ends[0].severity.value / ends[1].severity.value
+        factor = math.exp(QUANTILE * math.hypot(*(one.repeatability for one in ends)))
+        return ratio, (ratio / factor, ratio * factor)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        return {
+            "reference": {"kind": type(self.reference).__name__, **asdict(self.reference)},
+            "confidence": COVERAGE,
+            "estimates": [one.to_dict() for one in self.estimates],
+            "left_out": [list(pair) for pair in self.left_out],
+            "notes": list(self.notes),
+            "settings": dict(self.settings),
+            "version": self.version,
+        }

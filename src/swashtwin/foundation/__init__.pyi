@@ -1,0 +1,73 @@
+"""Names that other rooms import, and where each lives."""
+
+from .artifacts import damaged as damaged
+from .artifacts import named as named
+from .artifacts import optimizer_tensors as optimizer_tensors
+from .artifacts import read_run as read_run
+from .artifacts import restore_optimizer as restore_optimizer
+from .artifacts import under as under
+from .artifacts import write_run as write_run
+from .compiling import compiled as compiled
+from .errors import ArtifactError as ArtifactError
+from .errors import DataError as DataError
+from .errors import InputError as InputError
+from .errors import LeakError as LeakError
+from .errors import MissingExtraError as MissingExtraError
+from .errors import MissingFileError as MissingFileError
+from .errors import StabilityError as StabilityError
+from .errors import SwashTwinError as SwashTwinError
+from .errors import UnitError as UnitError
+from .files import replacing as replacing
+from .files import sha256_of as sha256_of
+from .files import whole_folder as whole_folder
+from .files import write_text as write_text
+from .seeding import derive_seed as derive_seed
+from .seeding import stream as stream
+from .units import MPa as MPa
+from .units import bar as bar
+from .units import celsius as celsius
+from .units import deg as deg
+from .units import hertz as hertz
+from .units import is_unit as is_unit
+from .units import mm as mm
+from .units import parse as parse
+from .units import rpm as rpm
+from .units import um as um
+from .version import VERSION as VERSION
+
+__all__ = [
+    "VERSION",
+    "ArtifactError",
+    "DataError",
+    "InputError",
+    "LeakError",
+    "MPa",
+    "MissingExtraError",
+    "MissingFileError",
+    "StabilityError",
+    "SwashTwinError",
+    "UnitError",
+    "bar",
+    "celsius",
+    "compiled",
+    "damaged",
+    "deg",
+    "derive_seed",
+    "hertz",
+    "is_unit",
+    "mm",
+    "named",
+    "optimizer_tensors",
+    "parse",
+    "read_run",
+    "replacing",
+    "restore_optimizer",
+    "rpm",
+    "sha256_of",
+    "stream",
+    "um",
+    "under",
+    "whole_folder",
+    "write_run",
+    "write_text",
+]

@@ -1,0 +1,166 @@
+"""SI inside, the units of the trade at the edge.
+
+The only module that knows a number may be anything but SI. Code writes ``MPa(15)``; text (TOML files, the command line)
+writes ``"15 MPa"`` and is read by `parse`, which refuses a bare number.
+
+Examples
+--------
+>>> MPa(15)
+15000000.0
+>>> parse("31 mm", "m")
+0.031
+"""
+
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from swashtwin.foundation.errors import UnitError
+
+if TYPE_CHECKING:
+    from pint import Unit, UnitRegistry
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
+_UNIT = re.compile(r"(?:1\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)-?[1-9](?!\w)|[%°*/·()]|\s)*")
+"""Names, products, quotients and powers of one digit: no second number, and nothing that takes long to work out."""
+
+
+def rpm(value: float) -> float:
+    """Angular speed [rad/s] of `value` revolutions per minute."""
+    return value * 2 * math.pi / 60
+
+
+def hertz(value: float) -> float:
+    """Angular speed [rad/s] of `value` revolutions per second."""
+    return value * 2 * math.pi
+
+
+def MPa(value: float) -> float:
+    """Pressure [Pa] of `value` megapascal."""
+    return value * 1e6
+
+
+def bar(value: float) -> float:
+    """Pressure [Pa] of `value` bar."""
+    return value * 1e5
+
+
+def mm(value: float) -> float:
+    """Length [m] of `value` millimeters."""
+    return value * 1e-3
+
+
+def um(value: float) -> float:
+    """Length [m] of `value` micrometers."""
+    return value * 1e-6
+
+
+def deg(value: float) -> float:
+    """Angle [rad] of `value` degrees."""
+    return math.radians(value)
+
+
+def celsius(value: float) -> float:
+    """Temperature [K] of `value` degrees Celsius."""
+    return value + 273.15
+
+
+@cache
+def _registry() -> "UnitRegistry":
+    from pint import UnitRegistry
+
+    registry: UnitRegistry = UnitRegistry()
+    registry.define("@alias turn = rev = r")
+    return registry
+
+
+def _unit(text: str) -> "Unit | None":
+    """Unit that `text` names, or None where it names none."""
+    import tokenize
+
+    import pint
+
+    if not _UNIT.fullmatch(text):
+        return None
+    try:
+        return _registry().parse_units(text)
+    except (pint.errors.PintError, ValueError, TypeError, AssertionError, KeyError, tokenize.TokenError):
+        return None
+
+
+def _dimension(unit: "Unit") -> str:
+    """Product of base units, in which a radian is one."""
+    return str(_registry().Quantity(1.0, unit).to_root_units().units)
+
+
+def _misfit(number: float, given: "Unit", unit: str) -> str:
+    """What is wrong with a quantity of another dimension than `unit`, and what to write."""
+    turns_per_second = {"1 / second": 1.0, "radian / second": 1 / (2 * math.pi)}
+    dimension = _dimension(given)
+    if unit in ("rad/s", "Hz") and dimension in turns_per_second:
+        turns = turns_per_second[dimension] * float(_registry().Quantity(number, given).to_root_units().magnitude)
+        if unit == "Hz":
+            return f'is an angular speed; write it as "{turns:g} Hz".'
+        return f'is a frequency; write it as "{turns * 60:g} rpm".'
+    if unit == "1":
+        return "is no plain number; write it without a unit."
+    return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
+
+
+_USUAL = {"rad/s": "rpm", "Pa": "MPa"}
+"""What people write where SI has another unit: a bare 860 is a speed in revolutions per minute."""
+
+
+def is_unit(text: str) -> bool:
+    """Whether `text` is a unit, such as ``"g"`` or ``"m/s^2"``.
+
+    Examples
+    --------
+    >>> is_unit("m/s^2"), is_unit("gg")
+    (True, False)
+    """
+    return text == "1" or _unit(text) is not None
+
+
+def parse(text: object, unit: str, *, name: str = "value") -> float:
+    """SI number of a quantity written with its unit.
+
+    Radians and turns count as a dimension: ``"14 Hz"`` is no angular speed, ``"860 rpm"`` no frequency, and ``"1 N*m"``
+    no stiffness in N m/rad. So a factor of 2 pi is never put in or left out silently.
+
+    Parameters
+    ----------
+    text : one number, its decimal mark a point, and its unit: ``"31 mm"``; a number alone only where `unit` is ``"1"``.
+    unit : SI unit it is wanted in, such as ``"m"``; ``"1"`` is a plain number.
+    name : how the error message calls it.
+
+    Raises
+    ------
+    UnitError
+        No number, no unit, an unknown unit, or one of another dimension.
+
+    Examples
+    --------
+    >>> parse("14 Hz", "rad/s", name="speed")
+    Traceback (most recent call last):
+    ...
+    swashtwin.foundation.errors.UnitError: speed = '14 Hz' is a frequency; write it as "840 rpm".
+    """
+    suffix = "" if unit == "1" else f" {unit}"
+    if not isinstance(text, str):
+        raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text}{suffix}".')
+    match = _QUANTITY.fullmatch(text)
+    given, wanted = _unit(match[2]) if match else None, _unit(suffix.strip())
+    if match is None or given is None or wanted is None:
+        raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
+    if suffix and not match[2]:
+        usual = _USUAL.get(unit, unit)
+        raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {usual}".')
+    number = float(match[1])
+    if _dimension(given) != _dimension(wanted):
+        raise UnitError(f"{name} = {text!r} {_misfit(number, given, unit)}")
+    value = float(_registry().Quantity(number, given).to(wanted).magnitude)
+    if not math.isfinite(value):
+        raise UnitError(f"{name} = {text!r} is not finite.")
+    return float(f"{value:.15g}")  # 1e-3 * 31 in binary is 0.031 again

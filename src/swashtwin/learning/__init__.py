@@ -1,0 +1,5 @@
+"""Windows, features, networks, training, evaluation and leakage. Knows no physics."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

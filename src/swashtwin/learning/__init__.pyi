@@ -1,0 +1,127 @@
+"""Names that other rooms import, and where each lives."""
+
+from .estimators.fitted import FittedBaseline as FittedBaseline
+from .estimators.fitted import fit_baseline as fit_baseline
+from .estimators.fitted import fit_extra_trees as fit_extra_trees
+from .estimators.kernels import KERNELS as KERNELS
+from .estimators.kernels import PYTHON as PYTHON
+from .estimators.registry import BASELINES as BASELINES
+from .evaluation.confidence import ConfidenceScores as ConfidenceScores
+from .evaluation.confidence import SureClassifier as SureClassifier
+from .evaluation.confidence import learn_confidence as learn_confidence
+from .evaluation.confidence import recording_answers as recording_answers
+from .evaluation.confidence import score_confidence as score_confidence
+from .evaluation.levels import LEVELS as LEVELS
+from .evaluation.metrics import g_mean as g_mean
+from .evaluation.metrics import recalls as recalls
+from .evaluation.scores import Classifier as Classifier
+from .evaluation.scores import Scores as Scores
+from .evaluation.scores import evaluate as evaluate
+from .evaluation.scores import pooled_probabilities as pooled_probabilities
+from .evaluation.unseen import unseen_recordings as unseen_recordings
+from .features import FeatureTable as FeatureTable
+from .features import band_energies as band_energies
+from .features import extract_features as extract_features
+from .leakage.audit import audit as audit
+from .leakage.confounding import confounding as confounding
+from .leakage.copies import copied_recordings as copied_recordings
+from .leakage.table import read_audit_rows as read_audit_rows
+from .leakage.table import rows_of as rows_of
+from .networks.bitcn import BiTCN as BiTCN
+from .networks.network import Network as Network
+from .networks.registry import NETWORKS as NETWORKS
+from .networks.registry import build_network as build_network
+from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
+from .training.classifier import FittedClassifier as FittedClassifier
+from .training.confidence import Confidence as Confidence
+from .training.confidence import require_enough as require_enough
+from .training.loop import fit as fit
+from .training.normalization import Normalization as Normalization
+from .training.settings import PAPER_TRAINING as PAPER_TRAINING
+from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
+from .training.settings import Epoch as Epoch
+from .training.settings import TrainingSettings as TrainingSettings
+from .training.train_transforms import RANGE as RANGE
+from .training.training_reference import KnownRecordings as KnownRecordings
+from .windows.cutting import cut_windows as cut_windows
+from .windows.cutting import window_batches as window_batches
+from .windows.folding import Fold as Fold
+from .windows.folding import group_folds as group_folds
+from .windows.folding import without_overlap as without_overlap
+from .windows.grouping import GROUPS as GROUPS
+from .windows.grouping import condition_names as condition_names
+from .windows.grouping import recording_groups as recording_groups
+from .windows.grouping import stated_pressure as stated_pressure
+from .windows.grouping import window_groups as window_groups
+from .windows.saving import load_windows as load_windows
+from .windows.saving import save_windows as save_windows
+from .windows.splitting import check_disjoint as check_disjoint
+from .windows.splitting import hold_out as hold_out
+from .windows.splitting import hold_out_specimens as hold_out_specimens
+from .windows.splitting import split_by_recording as split_by_recording
+from .windows.window_set import WindowLayout as WindowLayout
+from .windows.window_set import WindowSet as WindowSet
+
+__all__ = [
+    "BASELINES",
+    "GROUPS",
+    "KERNELS",
+    "LEVELS",
+    "NETWORKS",
+    "PAPER_TRAINING",
+    "PYTHON",
+    "RANGE",
+    "RECOMMENDED_TRAINING",
+    "BiTCN",
+    "Classifier",
+    "Confidence",
+    "ConfidenceScores",
+    "Epoch",
+    "FeatureTable",
+    "FittedBaseline",
+    "FittedClassifier",
+    "Fold",
+    "KnownRecordings",
+    "Network",
+    "Normalization",
+    "Scores",
+    "SpectralBiTCN",
+    "SureClassifier",
+    "TrainingSettings",
+    "WindowLayout",
+    "WindowSet",
+    "audit",
+    "band_energies",
+    "build_network",
+    "check_disjoint",
+    "condition_names",
+    "confounding",
+    "copied_recordings",
+    "cut_windows",
+    "evaluate",
+    "extract_features",
+    "fit",
+    "fit_baseline",
+    "fit_extra_trees",
+    "g_mean",
+    "group_folds",
+    "hold_out",
+    "hold_out_specimens",
+    "learn_confidence",
+    "load_windows",
+    "pooled_probabilities",
+    "read_audit_rows",
+    "recalls",
+    "recording_answers",
+    "recording_groups",
+    "require_enough",
+    "rows_of",
+    "save_windows",
+    "score_confidence",
+    "split_by_recording",
+    "stated_pressure",
+    "unseen_recordings",
+    "window_batches",
+    "window_groups",
+    "without_overlap",
+]

@@ -1,0 +1,1 @@
+"""Classifiers without a network: on vibration features, and on random kernels."""

@@ -1,0 +1,143 @@
+"""A classifier without a network, fitted, and how it comes to be."""
+
+import difflib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from sklearn.ensemble import ExtraTreesClassifier
+
+from swashtwin.foundation import DataError, InputError, derive_seed
+from swashtwin.learning.estimators.kernels import KernelColumns
+from swashtwin.learning.estimators.registry import BASELINES, N_TREES
+from swashtwin.learning.features import FeatureTable, extract_features
+from swashtwin.learning.training.confidence import Confidence
+from swashtwin.learning.training.training_reference import KnownRecordings, known_recordings
+from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+
+
+@dataclass(frozen=True, eq=False)
+class FittedBaseline:
+    """A fitted estimator that answers as a fitted network does, so that `evaluate` takes either."""
+
+    estimator: Any
+    """The estimator of scikit-learn, fitted on the columns of `features`."""
+    classes: tuple[str, ...]
+    """Class names, in the order of the probabilities."""
+    layout: WindowLayout
+    """Sample rate, channels, unit and length that windows must have."""
+    manifest: tuple[str, ...]
+    """Every recording that had a part in it, sorted; none may be tested on."""
+    features: Callable[[WindowSet], FeatureTable] = extract_features
+    """What gives the estimator its columns."""
+    known: KnownRecordings | None = None
+    """The measured recordings it was fitted on, by their vibration features; None where there was none."""
+    confidence: Confidence | None = None
+    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window; rows sum to 1."""
+        if difference := self.layout.difference(windows.layout):
+            raise InputError(f"the classifier was fitted on other windows: {difference}.")
+        probability: np.ndarray = self.estimator.predict_proba(self.features(windows).values)
+        return probability
+
+    def answer(
+        self, windows: WindowSet
+    ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
+        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on."""
+        return self.predict_proba(windows), extract_features(windows).values
+
+    def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
+        """Name of the likeliest class of each window."""
+        return np.array(self.classes, dtype=np.str_)[self.predict_proba(windows).argmax(axis=1)]
+
+
+def fit_baseline(
+    name: str,
+    windows: WindowSet,
+    *,
+    seed: int = 0,
+    manifest: Iterable[str] = (),
+    features: Callable[[WindowSet], FeatureTable] = extract_features,
+) -> FittedBaseline:
+    """The classifier of that name, fitted.
+
+    Parameters
+    ----------
+    name : one of `BASELINES`.
+    windows : training windows with labels.
+    seed : seed of everything random in it.
+    manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+    features : what gives the columns, where the classifier is one on features; those of `extract_features` by default.
+
+    Raises
+    ------
+    InputError
+        No classifier has this name (the nearest is offered), or it is one of kernels and `features` was given.
+    DataError
+        A class has no window, or a window has no label.
+    MissingExtraError
+        It is one of kernels, and aeon is not here.
+    """
+    if name not in BASELINES:
+        near = difflib.get_close_matches(name.lower(), BASELINES, n=1, cutoff=0.3)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"unknown classifier {name!r}; there are {', '.join(sorted(BASELINES))}.{hint}")
+    baseline = BASELINES[name]
+    own = derive_seed(seed, baseline.title) % 2**32
+    if baseline.columns != "features":
+        if features is not extract_features:
+            raise InputError(f"{name} reads the windows themselves; features= belongs to the classifiers on features.")
+        _require_every_class(windows)
+        features = KernelColumns.fitted(baseline.columns, windows, derive_seed(seed, name, "kernels") % 2**32)
+    return _fitted(baseline.estimator(own), windows, features, manifest)
+
+
+def fit_extra_trees(
+    windows: WindowSet,
+    *,
+    seed: int = 0,
+    n_trees: int = N_TREES,
+    manifest: Iterable[str] = (),
+    features: Callable[[WindowSet], FeatureTable] = extract_features,
+) -> FittedBaseline:
+    """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1) on the features.
+
+    Trees need no scaling, no selection and hardly a setting, which makes them the first rival to any network.
+
+    Parameters
+    ----------
+    windows : training windows with labels.
+    seed : seed of the trees.
+    n_trees : number of trees.
+    manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+    features : what gives the columns; those of `extract_features` by default.
+
+    Raises
+    ------
+    DataError
+        A class has no window, or a window has no label.
+    """
+    estimator = ExtraTreesClassifier(n_trees, random_state=derive_seed(seed, "extra trees") % 2**32, n_jobs=1)
+    return _fitted(estimator, windows, features, manifest)
+
+
+def _fitted(
+    estimator: Any, windows: WindowSet, features: Callable[[WindowSet], FeatureTable], manifest: Iterable[str]
+) -> FittedBaseline:
+    _require_every_class(windows)
+    estimator.fit(features(windows).values, windows.target)
+    used = {*windows.recording_id.tolist(), *(str(name) for name in manifest)}
+    known = known_recordings(windows)
+    return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)), features, known)
+
+
+def _require_every_class(windows: WindowSet) -> None:
+    windows.require_labels("training")
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not (counts.size and counts.all()):
+        missing = windows.classes[int(counts.argmin())] if counts.size else "any"
+        raise DataError(f"class {missing} has no training window; add some, or cut the windows without this class.")

@@ -1,0 +1,238 @@
+"""`learn_confidence`: what validation recordings say of a classifier's trust in itself, and how well that holds."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.optimize import minimize_scalar
+from sklearn.metrics import roc_auc_score
+
+from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.learning.evaluation.metrics import expected_calibration_error
+from swashtwin.learning.evaluation.scores import Classifier, pooled_probabilities
+from swashtwin.learning.training.confidence import Confidence, softened, surprise_of
+from swashtwin.learning.training.training_reference import KnownRecordings
+from swashtwin.learning.windows.window_set import WindowSet
+
+_TEMPERATURES = (0.05, 100.0)
+"""Bounds of the temperature."""
+
+
+@runtime_checkable
+class SureClassifier(Classifier, Protocol):
+    """A classifier that can be taught how far to trust itself: a fitted network, or fitted trees."""
+
+    @property
+    def known(self) -> KnownRecordings | None:
+        """The recordings it was trained on."""
+
+    @property
+    def confidence(self) -> Confidence | None:
+        """What it was taught."""
+
+    def answer(self, windows: WindowSet) -> tuple[np.ndarray, np.ndarray]:
+        """Probability of each class, and features, of each window."""
+
+
+C = TypeVar("C", bound=SureClassifier)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingAnswers:
+    """What a classifier says of whole recordings, before any temperature."""
+
+    recording_id: tuple[str, ...]
+    """The recordings, in the order of their ids."""
+    target: Int64[np.ndarray, " recording"]
+    """Index of the true class; -1 where it is not known."""
+    probability: Float64[np.ndarray, "recording class"]
+    """Probability of each class, pooled over the windows."""
+    strangeness: Float64[np.ndarray, " recording"]
+    """How unlike the known classes each is; NaN where the classifier keeps no recording."""
+
+
+def recording_answers(classifier: SureClassifier, windows: WindowSet) -> RecordingAnswers:
+    """The classifier's answer to each recording among `windows`."""
+    probability, features = classifier.answer(windows)
+    names = np.unique(windows.recording_id)
+    own = [windows.recording_id == name for name in names]
+    known = classifier.known
+    strangeness = [math.nan if known is None else known.strangeness(features[mask].mean(axis=0)) for mask in own]
+    return RecordingAnswers(
+        recording_id=tuple(names.tolist()),
+        target=np.array([windows.target[mask][0] for mask in own], dtype=np.int64),
+        probability=np.stack([pooled_probabilities(probability[mask]) for mask in own]).astype(np.float64),
+        strangeness=np.array(strangeness, dtype=np.float64),
+    )
+
+
+def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float = 0.1) -> C:
+    """The same classifier, taught by validation recordings how far to trust itself; they join its manifest.
+
+    Parameters
+    ----------
+    classifier : a fitted network, or fitted trees.
+    validation : measured windows with labels, without overlap, of recordings it was not trained on. Draw them as the
+        recordings to come will differ from the training: by specimen for pumps that were never measured.
+    error_rate : share of the recordings whose prediction set may miss the true class, and of those that may be called
+        unknown although they are not.
+
+    Raises
+    ------
+    LeakError
+        A validation window is synthetic, or the classifier was trained on its recording.
+    InputError
+        Other classes than the classifier's, or too few recordings for the error rate.
+    DataError
+        The classifier knows no measured recording, or a window has no label.
+    """
+    validation.require_labels("validation")
+    _require_fitting(classifier, validation)
+    answers = recording_answers(classifier, validation)
+    surprise = surprise_of(answers.probability)[np.arange(answers.target.size), answers.target]
+    confidence = Confidence(
+        temperature=_temperature(answers),
+        surprise=np.sort(surprise),
+        strangeness=np.sort(answers.strangeness),
+        error_rate=error_rate,
+    )
+    manifest = tuple(sorted({*classifier.manifest, *answers.recording_id}))
+    taught: C = replace(classifier, confidence=confidence, manifest=manifest)  # type: ignore[type-var]
+    return taught
+
+
+def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
+    if classifier.known is None:
+        raise DataError(
+            "the classifier keeps no measured recording to tell the unknown from (it was trained on synthetic windows "
+            "alone, or saved by an older swashtwin); train it again."
+        )
+    if validation.classes != classifier.classes:
+        raise InputError(
+            f"the validation windows are cut for the classes {', '.join(validation.classes)}, the classifier knows "
+            f"{', '.join(classifier.classes)}; cut them with classes=classifier.classes."
+        )
+    if validation.synthetic.any():
+        name = validation.recording_id[validation.synthetic][0]
+        raise LeakError(f"{name} is synthetic; what a classifier is worth is learnt from measured recordings only.")
+    seen = sorted(set(classifier.known.recording_id) & set(validation.recording_id.tolist()))
+    if seen:
+        raise LeakError(f"recording {seen[0]} was trained on; it cannot tell how far to trust the classifier.")
+
+
+def _temperature(answers: RecordingAnswers) -> float:
+    """T of the least cross-entropy, against targets of (n + 1)/(n + C) for the true class and 1/(n + C) for each other.
+
+    These are Laplace's shares: n recordings that are all told right are no proof of certainty (the multiclass form of
+    Platt's targets, 1999). Without them T would fall to nothing there.
+    """
+    n, n_classes = answers.probability.shape
+    wanted = np.full((n, n_classes), 1 / (n + n_classes))
+    wanted[np.arange(n), answers.target] = (n + 1) / (n + n_classes)
+
+    def loss(logarithm: float) -> float:
+        return float((wanted * surprise_of(softened(answers.probability, math.exp(logarithm)))).sum(axis=1).mean())
+
+    low, high = (math.log(bound) for bound in _TEMPERATURES)
+    return float(math.exp(minimize_scalar(loss, bounds=(low, high), method="bounded").x))
+
+
+@dataclass(frozen=True)
+class ConfidenceScores:
+    """How well a classifier's trust in itself holds on test recordings; every figure counts recordings."""
+
+    n_recordings: int
+    """Test recordings."""
+    accuracy: float
+    """Share told right."""
+    ece_before: float
+    """Expected calibration error (10 bins) of the pooled probabilities as they are."""
+    ece_after: float
+    """The same at the temperature."""
+    log_loss_before: float
+    """Mean -log p of the true class [nat] as it is."""
+    log_loss_after: float
+    """The same at the temperature [nat]."""
+    coverage: float
+    """Share of the prediction sets that hold the true class; 1 - error rate was asked for."""
+    set_size: float
+    """Mean number of classes in a prediction set."""
+    called_unknown: float
+    """Share called unknown although their class was trained."""
+    unknown_auroc: float
+    """Area under the curve of the strangeness, recordings of classes never trained against these; NaN without such."""
+    class_coverage: Mapping[str, float]
+    """Coverage of each class that was tested: it is promised over all classes together, not for each."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers that JSON can hold; NaN becomes None."""
+        plain = {name: _finite(value) for name, value in asdict(self).items() if name != "class_coverage"}
+        return {**plain, "class_coverage": dict(self.class_coverage)}
+
+
+def score_confidence(
+    classifier: SureClassifier,
+    test: WindowSet,
+    *,
+    foreign: WindowSet | None = None,
+    error_rate: float | None = None,
+) -> ConfidenceScores:
+    """How well the classifier's trust in itself holds on recordings that had no part in it.
+
+    Parameters
+    ----------
+    classifier : one that was taught (`learn_confidence`).
+    test : test windows with labels, measured.
+    foreign : windows of classes that it was never trained on, for the area under the curve.
+    error_rate : another one than it was taught.
+
+    Raises
+    ------
+    InputError
+        The classifier was not taught, or the windows are of other classes.
+    LeakError
+        A recording had a part in the classifier.
+    """
+    confidence = classifier.confidence
+    if confidence is None:
+        raise InputError("the classifier knows nothing of its own errors; teach it with learn_confidence first.")
+    if test.classes != classifier.classes:
+        raise InputError("the test windows have other classes; cut them with classes=classifier.classes.")
+    test.require_labels("a test of confidence")
+    for windows in (test, foreign):
+        seen = set() if windows is None else set(classifier.manifest) & set(windows.recording_id.tolist())
+        if seen:
+            raise LeakError(f"recording {min(seen)} had a part in the classifier (its manifest); test on others.")
+    answers, rate = recording_answers(classifier, test), confidence.error_rate if error_rate is None else error_rate
+    rows, soft = np.arange(answers.target.size), confidence.softened(answers.probability)
+    right = answers.probability.argmax(axis=1) == answers.target
+    chosen = confidence.prediction_set(answers.probability, rate)
+    held = chosen[rows, answers.target]
+    return ConfidenceScores(
+        n_recordings=rows.size,
+        accuracy=float(right.mean()),
+        ece_before=expected_calibration_error(right, answers.probability.max(axis=1), 10),
+        ece_after=expected_calibration_error(right, soft.max(axis=1), 10),
+        log_loss_before=float(surprise_of(answers.probability)[rows, answers.target].mean()),
+        log_loss_after=float(surprise_of(soft)[rows, answers.target].mean()),
+        coverage=float(held.mean()),
+        set_size=float(chosen.sum(axis=1).mean()),
+        called_unknown=float(np.mean(confidence.familiarity(answers.strangeness) <= rate)),
+        unknown_auroc=math.nan if foreign is None else _auroc(answers, recording_answers(classifier, foreign)),
+        class_coverage={
+            classifier.classes[index]: float(held[answers.target == index].mean())
+            for index in np.unique(answers.target)
+        },
+    )
+
+
+def _auroc(known: RecordingAnswers, foreign: RecordingAnswers) -> float:
+    is_foreign = np.repeat([False, True], [known.strangeness.size, foreign.strangeness.size])
+    return float(roc_auc_score(is_foreign, np.concatenate([known.strangeness, foreign.strangeness])))
+
+
+def _finite(value: float) -> float | None:
+    return None if isinstance(value, float) and math.isnan(value) else value

@@ -1,0 +1,252 @@
+"""`evaluate`: a classifier, a test set it must not have seen, and what it scores."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+from sklearn.metrics import confusion_matrix, f1_score
+
+from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.learning.evaluation import metrics
+from swashtwin.learning.evaluation.levels import LEVELS
+from swashtwin.learning.windows.window_set import WindowSet
+
+
+@runtime_checkable
+class Classifier(Protocol):
+    """What can be evaluated: a fitted network, a fitted baseline, or anything that answers like one."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Every recording that had a part in it."""
+
+    def predict_proba(self, windows: WindowSet) -> np.ndarray:
+        """Probability of each class for each window."""
+
+
+@dataclass(frozen=True)
+class CellScore:
+    """Recall in one cell of the test set: one class at one discharge pressure."""
+
+    label: str
+    """Class."""
+    discharge_pressure: float | None
+    """Discharge pressure [Pa], rounded to 0.01 MPa; None where it is not known."""
+    n_windows: int
+    """Test windows in the cell."""
+    recall: float
+    """Share of them told right."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What a classifier scored on one test set. A number that the test set cannot give is NaN, with a reason."""
+
+    level: str | None
+    """Level of generalization, ``"L0"`` to ``"L5"`` (`LEVELS`), or None where the caller did not state it."""
+    classes: tuple[str, ...]
+    """Declared classes; `recall` and `confusion` follow their order."""
+    n_windows: int
+    """Test windows."""
+    n_recordings: int
+    """Test recordings; the number of independent trials."""
+    accuracy: float
+    """Share of the windows told right."""
+    accuracy_interval: tuple[float, float]
+    """95 % interval of the accuracy, by bootstrap over the recordings."""
+    recording_accuracy: float
+    """Share of the recordings told right, each by the mean log-probability of its windows."""
+    macro_recall: float
+    """Mean recall of the classes that have test windows (balanced accuracy)."""
+    macro_f1: float
+    """Mean F1 of the classes that have test windows."""
+    g_mean: float
+    """Geometric mean of the recalls of all declared classes: 0 where a recall is 0."""
+    g_mean_laplace: float
+    """G_ε, the same with Laplace recalls (tp + 0.5) / (n + 1)."""
+    false_alarm_rate: float
+    """Share of the normal windows called faulty."""
+    missed_fault_rate: float
+    """Share of the faulty windows called normal."""
+    macro_auroc: float
+    """Mean area under the curve of each class against the rest."""
+    calibration_error: float
+    """Expected calibration error (15 bins)."""
+    recall: Mapping[str, float]
+    """Recall of each class; NaN where it has no test window."""
+    confusion: Int[np.ndarray, "actual predicted"]
+    """Windows of each class (row) that were given each class (column)."""
+    cells: tuple[CellScore, ...]
+    """Recall by class and discharge pressure."""
+    reasons: Mapping[str, str]
+    """Why a number is NaN or rests on fewer classes than declared, by its name."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, words and lists that JSON can hold; NaN becomes None."""
+        plain = {item.name: _plain(getattr(self, item.name)) for item in fields(self) if item.name != "cells"}
+        cells = [{item.name: _plain(getattr(cell, item.name)) for item in fields(cell)} for cell in self.cells]
+        return {**plain, "cells": cells, "level_meaning": LEVELS.get(self.level or "")}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> "Scores":
+        """The scores that `to_dict` told, from their JSON."""
+        told = {item.name: table[item.name] for item in fields(cls)}
+        for name, value in told.items():
+            told[name] = math.nan if value is None and name != "level" else value
+        told["classes"] = tuple(told["classes"])
+        told["accuracy_interval"] = tuple(_number(value) for value in told["accuracy_interval"])
+        told["recall"] = {name: _number(value) for name, value in told["recall"].items()}
+        told["confusion"] = np.array(told["confusion"], dtype=np.int64).reshape(len(told["classes"]), -1)
+        told["cells"] = tuple(CellScore(**cell) for cell in told["cells"])
+        return cls(**told)
+
+
+def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
+    """Scores on measured recordings that had no part in the classifier.
+
+    Parameters
+    ----------
+    classifier : fitted network or baseline.
+    test : test windows with labels.
+    level : level of generalization of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
+    seed : seed of the bootstrap.
+
+    Raises
+    ------
+    LeakError
+        A test window is synthetic, or its recording stands in the classifier's manifest.
+    DataError
+        No test window, or one without label.
+    InputError
+        A class that the classifier does not know, an unknown level, or windows of another layout.
+    """
+    _require_honest(classifier, test, level)
+    probability = np.asarray(classifier.predict_proba(test), dtype=np.float64)
+    classes = classifier.classes
+    target = np.array([classes.index(name) for name in test.classes], dtype=np.int64)[test.target]
+    predicted = probability.argmax(axis=1)
+    right = predicted == target
+    recording, group = np.unique(test.recording_id, return_inverse=True)
+    confusion = confusion_matrix(target, predicted, labels=np.arange(len(classes)))
+    normal = classes.index("normal") if "normal" in classes else None
+    present = np.unique(target)
+    recall = metrics.recalls(confusion)
+    values = {
+        "macro_recall": float(np.nanmean(recall)),
+        "macro_f1": float(f1_score(target, predicted, labels=present, average="macro", zero_division=0)),
+        "g_mean": metrics.g_mean(confusion),
+        "g_mean_laplace": metrics.g_mean_laplace(confusion),
+        "false_alarm_rate": math.nan if normal is None else metrics.false_alarm_rate(confusion, normal),
+        "missed_fault_rate": math.nan if normal is None else metrics.missed_fault_rate(confusion, normal),
+        "macro_auroc": metrics.macro_auroc(target, probability),
+        "calibration_error": metrics.expected_calibration_error(right, probability.max(axis=1)),
+    }
+    interval = metrics.accuracy_interval(right, group, seed=seed)
+    return Scores(
+        level=level,
+        classes=classes,
+        n_windows=len(test),
+        n_recordings=int(recording.size),
+        accuracy=float(right.mean()),
+        accuracy_interval=interval,
+        recording_accuracy=_recording_accuracy(target, probability, group),
+        recall=dict(zip(classes, recall.tolist(), strict=True)),
+        confusion=confusion,
+        cells=_cells(test, right),
+        reasons=_reasons(classes, confusion, values, interval),
+        **values,
+    )
+
+
+def pooled_probabilities(probability: Float[np.ndarray, "window class"]) -> Float[np.ndarray, " class"]:
+    """Probability of each class for a whole recording: the mean log-probability of its windows, made to sum to 1."""
+    logarithm = np.log(np.maximum(probability, 1e-12)).mean(axis=0)
+    share = np.exp(logarithm - logarithm.max())
+    return share / share.sum()
+
+
+def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) -> None:
+    if level is not None and level not in LEVELS:
+        raise InputError(f"level {level!r} is none of {', '.join(LEVELS)}.")
+    if len(test) == 0:
+        raise DataError("no window to test on.")
+    test.require_labels("an evaluation")
+    if test.synthetic.any():
+        raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; scores are of measured windows only.")
+    seen = sorted(set(classifier.manifest) & set(test.recording_id.tolist()))
+    if seen:
+        more = f" and {len(seen) - 1} more" if len(seen) > 1 else ""
+        raise LeakError(f"recording {seen[0]}{more} had a part in the classifier (its manifest); test on others.")
+    foreign = [name for name in test.classes if name not in classifier.classes]
+    if foreign:
+        raise InputError(
+            f"the classifier does not know {foreign[0]!r}; its classes are {', '.join(classifier.classes)}."
+        )
+
+
+def _recording_accuracy(
+    target: Int[np.ndarray, " window"],
+    probability: Float[np.ndarray, "window class"],
+    group: Int[np.ndarray, " window"],
+) -> float:
+    hits = []
+    for index in range(int(group.max()) + 1):
+        own = group == index
+        hits.append(int(pooled_probabilities(probability[own]).argmax()) == int(target[own][0]))
+    return float(np.mean(hits))
+
+
+def _cells(test: WindowSet, right: np.ndarray) -> tuple[CellScore, ...]:
+    scores = []
+    for (label, pressure), count in test.counts().items():
+        at_pressure = np.isnan(test.cell_pressure) if pressure is None else test.cell_pressure == pressure
+        if count:
+            scores.append(CellScore(label, pressure, count, float(right[(test.label == label) & at_pressure].mean())))
+    return tuple(scores)
+
+
+def _reasons(
+    classes: tuple[str, ...],
+    confusion: Int[np.ndarray, "actual predicted"],
+    values: dict[str, float],
+    interval: tuple[float, float],
+) -> dict[str, str]:
+    absent = [name for name, count in zip(classes, confusion.sum(axis=1), strict=True) if not count]
+    reasons = {}
+    if absent:
+        missing = f"no test window of {', '.join(absent)}"
+        names = ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace")
+        reasons = dict.fromkeys(names, missing)
+    for name in ("false_alarm_rate", "missed_fault_rate"):
+        if math.isnan(values[name]):
+            kind = "normal" if name == "false_alarm_rate" else "faulty"
+            known = "normal" in classes
+            reasons[name] = f"no {kind} test window" if known else "no class is called normal"
+    if math.isnan(values["macro_auroc"]):
+        reasons["macro_auroc"] = "every test window is of one class"
+    if math.isnan(interval[0]):
+        reasons["accuracy_interval"] = "one test recording only"
+    return reasons
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return None if math.isnan(value) else value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, Mapping):
+        return {name: _plain(entry) for name, entry in value.items()}
+    return value

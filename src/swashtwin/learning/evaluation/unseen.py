@@ -1,0 +1,25 @@
+"""Which recordings may test a classifier."""
+
+from collections.abc import Sequence
+
+from swashtwin.foundation import DataError
+from swashtwin.learning.evaluation.scores import Classifier
+from swashtwin.recordings import Recording
+
+
+def unseen_recordings(classifier: Classifier, recordings: Sequence[Recording]) -> list[Recording]:
+    """Measured recordings that had no part in the classifier, in their order.
+
+    Raises
+    ------
+    DataError
+        Every recording had a part in it.
+    """
+    known = set(classifier.manifest)
+    unseen = [one for one in recordings if one.recording_id not in known and not one.synthetic]
+    if not unseen:
+        raise DataError(
+            f"all {len(recordings)} recordings had a part in the classifier (its manifest); test on others, or train "
+            "with a share held out."
+        )
+    return unseen

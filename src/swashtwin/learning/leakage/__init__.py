@@ -1,0 +1,1 @@
+"""What lets a test know its answer: copies, classes that something else gives away, and roles that overlap."""

@@ -1,0 +1,148 @@
+"""Readings that stand in a set twice: byte for byte, or at another gain and offset."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from swashtwin.foundation import stream
+from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.recordings import Recording
+
+SAME_SHAPE = 1 - 1e-6
+"""Correlation from which two stretches are one measurement at another gain and offset. Two measurements of one machine
+stay far below it; rounding to another converter's steps (at 10 bits and more) stays above."""
+_DIRECTIONS = 8
+_AT_ONCE = 512
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where readings stand."""
+
+    role: str
+    """Name of the set, such as ``"train"``; empty where there is one only."""
+    recording_id: str
+    """Recording."""
+    channel: str
+    """Channel."""
+    start: int
+    """Index of the first reading."""
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Readings that are those of another place again."""
+
+    first: Place
+    """Where they stand first."""
+    again: Place
+    """Where they stand again."""
+    exact: bool
+    """Whether every byte is the same; otherwise gain and offset differ."""
+    gain: float
+    """Factor from the first to the second; negative where the sensor was turned over."""
+
+    @property
+    def across(self) -> bool:
+        """Whether the two stand in different roles: a test then knows its answer."""
+        return self.first.role != self.again.role
+
+
+def copied_windows(roles: WindowSet | Mapping[str, WindowSet]) -> tuple[Copy, ...]:
+    """Every window that is another one again, channel by channel, within a set and across sets.
+
+    Windows of one length are compared. Constant ones are passed over: all of these are alike.
+
+    Parameters
+    ----------
+    roles : one set, or sets by role, such as ``{"train": train, "test": test}``.
+
+    Examples
+    --------
+    >>> from swashtwin.learning import cut_windows
+    >>> noise = np.random.default_rng(0).normal(size=(1, 100))
+    >>> sets = {name: cut_windows([Recording(gain * noise, 10.0, name)], length=100)
+    ...         for name, gain in (("train", 1.0), ("test", -2.0))}
+    >>> [(one.again.recording_id, one.exact, round(one.gain, 3), one.across) for one in copied_windows(sets)]
+    [('test', False, -2.0, True)]
+    """
+    sets = {"": roles} if isinstance(roles, WindowSet) else roles
+    places, rows = [], []
+    for role, windows in sets.items():
+        for signal, name, start in zip(windows.signal, windows.recording_id, windows.start, strict=True):
+            for channel, row in zip(windows.channels, signal, strict=True):
+                places.append(Place(role, str(name), channel, int(start)))
+                rows.append(row)
+    return tuple(_copies(places, rows))
+
+
+def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
+    """Every channel of a recording that is another one again; only those of one length are compared."""
+    places, rows = [], []
+    for recording in recordings:
+        for channel, row in zip(recording.channels, recording.signal, strict=True):
+            places.append(Place("", recording.recording_id, channel, 0))
+            rows.append(row)
+    return tuple(_copies(places, rows))
+
+
+def _copies(places: Sequence[Place], rows: Sequence[np.ndarray]) -> Iterator[Copy]:
+    lengths: dict[int, list[int]] = {}
+    for place, row in enumerate(rows):
+        if np.isfinite(row).all() and np.ptp(row) > 0:
+            lengths.setdefault(len(row), []).append(place)
+    for members in lengths.values():
+        firsts: dict[bytes, int] = {}
+        for member in members:
+            digest = hashlib.sha256(np.ascontiguousarray(rows[member]).tobytes()).digest()
+            first = firsts.setdefault(digest, member)
+            if first != member:
+                yield Copy(places[first], places[member], True, 1.0)
+        distinct = list(firsts.values())
+        for one, other in _alike([rows[member] for member in distinct]):
+            first, again = distinct[one], distinct[other]
+            yield Copy(places[first], places[again], False, _gain(rows[first], rows[again]))
+
+
+def _gain(first: np.ndarray, again: np.ndarray) -> float:
+    centered = first - first.mean(dtype=np.float64)
+    return float(centered @ (again - again.mean(dtype=np.float64)) / (centered @ centered))
+
+
+def _alike(rows: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
+    """Pairs (first, later one) of rows that correlate beyond `SAME_SHAPE`, whatever the sign; each later one once.
+
+    Standardized rows that correlate so lie within √(2 - 2·`SAME_SHAPE`) of each other, and so do their projections on
+    a few random unit directions: a search among these leaves few pairs to correlate.
+    """
+    if len(rows) < 2:
+        return
+    width = len(rows[0])
+    directions = stream(0, "copies", width).normal(size=(width, _DIRECTIONS))
+    directions /= np.linalg.norm(directions, axis=0)
+    parts = [np.stack(rows[at : at + _AT_ONCE]) for at in range(0, len(rows), _AT_ONCE)]
+    seen = np.concatenate([_standardized(part) @ directions for part in parts])
+    reach = float(np.sqrt(2 * (1 - SAME_SHAPE) * _DIRECTIONS))
+    tree, found = cKDTree(seen), set[int]()
+    for one in range(len(rows)):
+        if one in found:
+            continue
+        near = {*tree.query_ball_point(seen[one], reach), *tree.query_ball_point(-seen[one], reach)}
+        for other in sorted(near):
+            if other > one and other not in found:
+                pair = _standardized(np.stack([rows[one], rows[other]]))
+                if abs(float(pair[0] @ pair[1])) >= SAME_SHAPE:
+                    found.add(other)
+                    yield one, other
+
+
+def _standardized(rows: np.ndarray) -> Float[np.ndarray, "row time"]:
+    """Rows without their mean, of norm 1."""
+    centered = rows.astype(np.float64)
+    centered -= centered.mean(axis=1, keepdims=True)
+    unit: np.ndarray = centered / np.linalg.norm(centered, axis=1, keepdims=True)
+    return unit

@@ -1,0 +1,1 @@
+"""From windows to a fitted classifier: `fit`, its settings, and checkpoints that continue bit for bit."""

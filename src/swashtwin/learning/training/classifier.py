@@ -1,0 +1,102 @@
+"""A trained network together with everything needed to use it honestly."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Shaped
+from torch import Tensor
+
+from swashtwin.foundation import InputError
+from swashtwin.learning.features import extract_features
+from swashtwin.learning.networks.network import Network
+from swashtwin.learning.training.confidence import Confidence
+from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.settings import Epoch, TrainingSettings
+from swashtwin.learning.training.training_reference import KnownRecordings
+from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+
+_BATCH = 256  # windows that pass the network together in prediction; memory only, no result depends on it
+
+
+@dataclass(frozen=True, eq=False)
+class FittedClassifier:
+    """What `fit` gives: windows in, class probabilities out."""
+
+    network: Network
+    """Trained weights, in evaluation mode."""
+    classes: tuple[str, ...]
+    """Class names, in the order of the probabilities."""
+    layout: WindowLayout
+    """Sample rate, channels, unit and length that windows must have."""
+    normalization: Normalization
+    """Scaling before the network, fitted on the training windows."""
+    settings: TrainingSettings
+    """How it was trained."""
+    seed: int
+    """Seed it was trained with."""
+    history: tuple[Epoch, ...]
+    """Loss and accuracy of each epoch."""
+    manifest: tuple[str, ...]
+    """Every recording that had a part in it (training, validation, calibration), sorted; none may be tested on."""
+    pressures: tuple[float, ...]
+    """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
+    speeds: tuple[float, ...]
+    """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
+    known: KnownRecordings | None = None
+    """The measured recordings it was trained on, by their vibration features; None where there was none."""
+    confidence: Confidence | None = None
+    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
+
+    @property
+    def sample_rate(self) -> float:
+        """Readings per second and channel [Hz]."""
+        return self.layout.sample_rate
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Name of each channel, in order."""
+        return self.layout.channels
+
+    @property
+    def length(self) -> int:
+        """Readings per window and channel."""
+        return self.layout.length
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window; rows sum to 1.
+
+        Raises
+        ------
+        InputError
+            The windows differ from those of the training in rate, channels, unit or length.
+        """
+        return self._through(windows, lambda batch: torch.softmax(self.network(batch).double(), dim=-1))
+
+    def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
+        """Name of the likeliest class of each window."""
+        return np.array(self.classes, dtype=np.str_)[self.predict_proba(windows).argmax(axis=1)]
+
+    def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
+        """What the last layer sees of each window, such as t-SNE is drawn from."""
+        return self._through(windows, lambda batch: self.network.features(batch).double())
+
+    def answer(
+        self, windows: WindowSet
+    ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
+        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on.
+
+        The features are `extract_features`'s of the readings as they are, not the network's own: in its last layer
+        a class that it never saw fell among the known ones (docs/diagnosis.md).
+        """
+        return self.predict_proba(windows), extract_features(windows).values
+
+    def _through(self, windows: WindowSet, step: Callable[[Tensor], Tensor]) -> Float[np.ndarray, "window value"]:
+        if difference := self.layout.difference(windows.layout):
+            raise InputError(f"the classifier was trained on other windows: {difference}.")
+        device = next(self.network.parameters()).device
+        signal = torch.from_numpy(self.normalization.applied(windows))
+        with torch.no_grad():
+            parts = [step(batch.to(device)).cpu().numpy() for batch in signal.split(_BATCH)]
+        return np.concatenate(parts)

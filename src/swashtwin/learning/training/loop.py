@@ -1,0 +1,304 @@
+"""The training loop."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from swashtwin.foundation import DataError, InputError, derive_seed, stream
+from swashtwin.learning.networks.network import Network, batches
+from swashtwin.learning.training.checkpoint import load_checkpoint, save_checkpoint
+from swashtwin.learning.training.classifier import FittedClassifier
+from swashtwin.learning.training.domains import conditions_of, epoch_order, misalignment, mixing
+from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
+from swashtwin.learning.training.train_transforms import disturbed
+from swashtwin.learning.training.training_reference import known_recordings
+from swashtwin.learning.windows.splitting import check_disjoint
+from swashtwin.learning.windows.window_set import WindowSet
+
+_BATCH = 256
+"""Windows that pass the network together where nothing is learnt; memory only, no result depends on it."""
+
+
+def fit(
+    network: Network,
+    windows: WindowSet,
+    *,
+    settings: TrainingSettings = PAPER_TRAINING,
+    seed: int = 0,
+    validation: WindowSet | None = None,
+    manifest: Iterable[str] = (),
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    progress: Callable[[Epoch], None] | None = None,
+    device: str = "cpu",
+) -> FittedClassifier:
+    """Classifier trained on `windows`, as it stands after the last epoch.
+
+    `network` gives the architecture only and stays as it is: a network of the same settings with weights drawn from
+    `seed` is trained. Same seed, windows, settings and machine: same bits. On the CPU it runs on one thread.
+
+    Parameters
+    ----------
+    network : untrained network, such as ``BiTCN(train.n_channels, len(train.classes))``.
+    windows : training windows with labels, measured and synthetic.
+    settings : epochs, batch, learning rate, normalization; the paper's by default.
+    seed : seed of weights, order and dropout.
+    validation : windows whose loss and accuracy are noted after each epoch; they change nothing else.
+    manifest : ids of further recordings that had a part in the training windows, such as those a twin was calibrated
+        on. They join the training and validation recordings in the classifier's manifest, which no test set may meet.
+    checkpoint : file that the run is saved to after each epoch.
+    resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
+    progress : called after each epoch.
+    device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
+
+    Raises
+    ------
+    DataError
+        A class has no window, or a window has no label.
+    LeakError
+        Training and validation share a recording.
+    InputError
+        Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
+    """
+    _require_fitting(network, windows, validation)
+    _require_device(device)
+    used = {*windows.recording_id.tolist(), *([] if validation is None else validation.recording_id.tolist())}
+    used |= {str(name) for name in manifest}
+    run = _description(network, windows, settings, seed, validation, sorted(used), device)
+    normalization = Normalization.fitted(settings.normalization, windows)
+    with _random_state_kept(device), _deterministic(settings.deterministic), _one_thread():
+        trained = network.fresh(derive_seed(seed, "weights")).to(device)
+        optimizer = torch.optim.Adam(
+            trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
+        history = _start(checkpoint, resume, run, trained, optimizer)
+        clean = _tensors(trained, windows, normalization, device)
+        held = None if validation is None else _tensors(trained, validation, normalization, device)
+        weights = _class_weights(windows, device) if settings.class_weights else None
+        condition = conditions_of(windows, settings)
+        epoch_data = partial(_in_epoch, trained, windows, clean, normalization, settings, seed)
+        if not history:
+            trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
+        for number in range(len(history) + 1, settings.epochs + 1):
+            for group in optimizer.param_groups:
+                group["lr"] = settings.learning_rate_in(number)
+            loss, accuracy = _train_epoch(
+                trained, optimizer, epoch_data(number), condition, weights, settings, seed, number
+            )
+            history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
+            if checkpoint is not None:
+                save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
+            if progress is not None:
+                progress(history[-1])
+    return FittedClassifier(
+        network=trained.cpu().eval(),
+        classes=windows.classes,
+        layout=windows.layout,
+        normalization=normalization,
+        settings=settings,
+        seed=seed,
+        history=history,
+        manifest=tuple(sorted(used)),
+        pressures=_known(windows.cell_pressure),
+        speeds=_known(windows.speed),
+        known=known_recordings(windows),
+    )
+
+
+def _require_device(device: str) -> None:
+    kind = device.partition(":")[0]
+    if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
+        usable = "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
+        raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
+
+
+def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet | None) -> None:
+    if len(windows) == 0:
+        raise DataError("no window to train on.")
+    windows.require_labels("training")
+    if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
+        raise InputError(
+            f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
+            f"{windows.n_channels} and {len(windows.classes)}; build it with (train.n_channels, len(train.classes))."
+        )
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not counts.all():
+        raise DataError(
+            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
+            "cut the windows without this class."
+        )
+    if validation is None:
+        return
+    validation.require_labels("validation")
+    if validation.classes != windows.classes:
+        raise InputError("training and validation windows have other classes; cut the second with like= the first.")
+    if difference := windows.layout.difference(validation.layout):
+        raise InputError(f"training and validation windows differ: {difference}.")
+    check_disjoint(windows, validation)
+
+
+def _description(
+    network: Network,
+    windows: WindowSet,
+    settings: TrainingSettings,
+    seed: int,
+    validation: WindowSet | None,
+    manifest: list[str],
+    device: str,
+) -> dict[str, Any]:
+    """What makes a run this run and no other, in words and numbers that JSON can hold."""
+    return {
+        "network": network.name,
+        **{f"network's {name}": value for name, value in network.settings.items()},
+        **settings.described(),
+        "seed": seed,
+        "device": device,
+        "training data (SHA-256)": windows.fingerprint(),
+        "validation data (SHA-256)": None if validation is None else validation.fingerprint(),
+        "manifest": manifest,
+    }
+
+
+@contextmanager
+def _random_state_kept(device: str) -> Iterator[None]:
+    """Within it, seeding torch leaves the caller's random numbers as they were."""
+    place = torch.device(device)
+    with torch.random.fork_rng(devices=[place.index or 0] if place.type == "cuda" else []):
+        yield
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """One thread for kernels this small: two that spin on a busy machine take many times longer (docs/protocol.md)."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def _deterministic(wanted: bool) -> Iterator[None]:
+    cudnn = torch.backends.cudnn
+    before = cudnn.deterministic, cudnn.benchmark
+    if wanted:
+        cudnn.deterministic, cudnn.benchmark = True, False
+    try:
+        yield
+    finally:
+        cudnn.deterministic, cudnn.benchmark = before
+
+
+def _start(
+    checkpoint: Path | None, resume: bool, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer
+) -> tuple[Epoch, ...]:
+    if checkpoint is None:
+        if resume:
+            raise InputError("resume=True needs checkpoint=, the file to continue from.")
+        return ()
+    if not Path(checkpoint).exists():
+        return ()
+    if not resume:
+        raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
+    return load_checkpoint(Path(checkpoint), run, network, optimizer)
+
+
+def _in_epoch(
+    network: Network,
+    windows: WindowSet,
+    clean: tuple[Tensor, Tensor],
+    normalization: Normalization,
+    settings: TrainingSettings,
+    seed: int,
+    number: int,
+) -> tuple[Tensor, Tensor]:
+    """What an epoch trains on: the windows as they are, or some of them changed, drawn by `seed` and `number`."""
+    which, changed = disturbed(windows, settings, seed, number)
+    if not len(which):
+        return clean
+    represented, target = clean
+    again, _ = _tensors(network, changed, normalization, str(represented.device))
+    return represented.index_copy(0, torch.from_numpy(which).to(represented.device), again), target
+
+
+def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
+    """(windows as the network represents them, their classes)."""
+    signal = torch.from_numpy(normalization.applied(windows))
+    with torch.no_grad():
+        represented = torch.cat([network.represent(batch.to(device)) for batch in signal.split(_BATCH)])
+    return represented, torch.from_numpy(windows.target).to(device)
+
+
+def _class_weights(windows: WindowSet, device: str) -> Tensor:
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    return torch.tensor(len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device)
+
+
+def _train_epoch(
+    network: Network,
+    optimizer: torch.optim.Optimizer,
+    data: tuple[Tensor, Tensor],
+    condition: np.ndarray,
+    weights: Tensor | None,
+    settings: TrainingSettings,
+    seed: int,
+    number: int,
+) -> tuple[float, float]:
+    """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide."""
+    signal, target = data
+    torch.manual_seed(derive_seed(seed, "dropout", number))
+    ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
+    order, place = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
+    draw = stream(seed, "mixup", number)
+    network.train()
+    total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
+    for batch in batches(order, settings.batch_size):
+        windows, classes = signal[batch], target[batch]
+        partner, share = batch, 1.0
+        if settings.mixup:
+            others, share = mixing(len(batch), settings.mixup, draw)
+            partner = batch[torch.from_numpy(others).to(batch.device)]
+            windows = share * windows + (1 - share) * signal[partner]
+        features = network.encode(windows)
+        scores = network.head(features)
+        loss = functional.cross_entropy(scores, classes, weight=weights)
+        if share < 1:
+            loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)
+        if settings.alignment != "none":
+            loss = loss + settings.alignment_weight * misalignment(features, place[batch], settings.alignment)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        total += loss.detach() * len(batch)
+        right += (scores.argmax(dim=1) == classes).sum()
+    mean = float(total) / len(target)
+    if not math.isfinite(mean):
+        raise InputError(
+            f"the loss is {mean} in epoch {number}; the learning rate is too high, or a reading too large."
+        )
+    return mean, float(right) / len(target)
+
+
+def _validated(network: Network, held: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
+    """(mean loss, accuracy) on the validation windows, or nothing where there are none."""
+    if held is None:
+        return ()
+    network.eval()
+    with torch.no_grad():
+        scores = torch.cat([network.head(network.encode(batch)) for batch in held[0].split(_BATCH)])
+    loss = functional.cross_entropy(scores, held[1])
+    return float(loss), float((scores.argmax(dim=1) == held[1]).float().mean())
+
+
+def _known(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.unique(values[~np.isnan(values)]))

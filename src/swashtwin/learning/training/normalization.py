@@ -1,0 +1,90 @@
+"""Scaling of windows before a network sees them."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from swashtwin.learning.windows.window_set import WindowSet
+
+
+@dataclass(frozen=True, eq=False)
+class Normalization:
+    """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
+
+    ``"window"``: over each window by itself. ``"recording"``: over all the windows given of its recording. ``"set"``:
+    over the training windows, kept here. ``"none"``: not at all. A channel that does not move is not divided.
+    """
+
+    kind: str
+    """``"window"``, ``"recording"``, ``"set"`` or ``"none"``."""
+    mean: Float64[np.ndarray, " channel"]
+    """Subtracted from each channel if `kind` is ``"set"``, in the windows' unit; else zeros."""
+    deviation: Float64[np.ndarray, " channel"]
+    """Each channel is divided by it if `kind` is ``"set"``, in the windows' unit; else ones."""
+
+    @classmethod
+    def fitted(cls, kind: str, windows: WindowSet) -> "Normalization":
+        """Normalization with the statistics of the training windows."""
+        if kind == "set":
+            signal = windows.signal
+            mean = signal.mean(axis=(0, 2), dtype=np.float64)
+            return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
+        return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
+
+    def settled(self, parts: Callable[[], Iterable[WindowSet]]) -> "Normalization":
+        """The same for the windows of one recording that come in parts, each of which knows nothing of the others.
+
+        Parameters
+        ----------
+        parts : gives the parts; it is called where the scaling rests on the whole recording.
+        """
+        if self.kind != "recording":
+            return self
+        mean, deviation = _together([_moments(windows.signal) for windows in parts()])
+        return Normalization("set", mean, deviation)
+
+    def applied(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
+        """The readings of `windows`, scaled."""
+        if self.kind == "window":
+            mean = windows.signal.mean(axis=2, dtype=np.float64)
+            deviation = windows.signal.std(axis=2, dtype=np.float64)
+        elif self.kind == "recording":
+            mean, deviation = _of_recordings(windows)
+        elif self.kind == "set":
+            mean, deviation = self.mean[None], self.deviation[None]
+        else:
+            return windows.signal
+        scaled = (windows.signal - mean[:, :, None]) / _not_zero(deviation)[:, :, None]
+        return scaled.astype(np.float32)
+
+
+def _of_recordings(
+    windows: WindowSet,
+) -> tuple[Float64[np.ndarray, "window channel"], Float64[np.ndarray, "window channel"]]:
+    mean = np.empty((len(windows), windows.n_channels))
+    deviation = np.empty_like(mean)
+    for name in np.unique(windows.recording_id):
+        own = windows.recording_id == name
+        mean[own], deviation[own] = _together([_moments(windows.signal[own])])
+    return mean, deviation
+
+
+_Moments = tuple[Float64[np.ndarray, "_ channel"], Float64[np.ndarray, "_ channel"]]
+
+
+def _moments(signal: Float32[np.ndarray, "window channel time"]) -> _Moments:
+    """Mean and variance of each window, which do not depend on the windows beside it."""
+    return signal.mean(axis=2, dtype=np.float64), signal.var(axis=2, dtype=np.float64)
+
+
+def _together(parts: list[_Moments]) -> tuple[Float64[np.ndarray, " channel"], Float64[np.ndarray, " channel"]]:
+    """Mean and deviation of all windows together, the same bit by bit however they came in parts."""
+    means, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
+    mean = means.mean(axis=0)
+    return mean, np.sqrt((variances + (means - mean) ** 2).mean(axis=0))
+
+
+def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:
+    return np.where(deviation > 0, deviation, 1.0)

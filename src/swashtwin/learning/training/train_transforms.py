@@ -1,0 +1,109 @@
+"""Windows of an epoch a little other than measured: another speed, other gains, white noise.
+
+What a network sees changed from epoch to epoch it does not lean on: the quiet bands that a plant's first noise fills,
+the gain of one sensor, the exact place of a line.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float32, Int
+from scipy.ndimage import map_coordinates
+
+from swashtwin.foundation import stream
+from swashtwin.learning.training.settings import TrainingSettings
+from swashtwin.learning.windows.window_set import WindowSet
+
+RANGE = 25.0
+"""Width of the range of signal-to-noise ratios [dB], above the least one asked for."""
+
+Readings = Float32[np.ndarray, "window channel time"]
+Change = Callable[[Readings, float, np.random.Generator], Readings]
+
+
+def disturbed(
+    windows: WindowSet, settings: TrainingSettings, seed: int, epoch: int
+) -> tuple[Int[np.ndarray, " changed"], WindowSet]:
+    """(places of the windows that an epoch sees changed, these windows as it sees them).
+
+    Each disturbance that `settings` asks for falls on a random half of the windows of its own: `stretch` first, then
+    `gain`, then `noise_snr`, as a machine, its sensors and what follows them would. Nothing is changed where none is
+    asked for.
+
+    Parameters
+    ----------
+    settings : how far windows are changed.
+    seed : seed of the training.
+    epoch : number of the epoch, which draws anew.
+    """
+    signal, touched = windows.signal, np.zeros(len(windows), dtype=bool)
+    for purpose, width, change in _asked(settings):
+        rng = stream(seed, purpose, epoch)
+        which = np.flatnonzero(rng.random(len(windows)) < 0.5)
+        if not len(which):
+            continue
+        signal = signal.copy() if signal is windows.signal else signal
+        signal[which] = change(signal[which], width, rng)
+        touched[which] = True
+    places = np.flatnonzero(touched)
+    return places, replace(windows.subset(places), signal=signal[places])
+
+
+def with_noise(signal: Readings, least_snr: float, rng: np.random.Generator) -> Readings:
+    """The windows with white Gaussian noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
+
+    The signal's power is the variance of the window per channel, not of the recording as in tests (docs/protocol.md,
+    "Noise"): a synthetic window has no recording.
+
+    Parameters
+    ----------
+    least_snr : least signal-to-noise ratio [dB].
+    """
+    ratio = least_snr + RANGE * rng.random((len(signal), 1, 1), dtype=np.float32)
+    scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
+    return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(np.float32)
+
+
+def with_gains(signal: Readings, largest: float, rng: np.random.Generator) -> Readings:
+    """The windows with each channel louder or quieter, uniform in dB ("scaling", DOI 10.1145/3136755.3136817).
+
+    Parameters
+    ----------
+    largest : largest gain, and largest loss [dB].
+    """
+    gain = largest * rng.uniform(-1, 1, (*signal.shape[:2], 1))
+    return (signal * 10 ** (gain / 20)).astype(np.float32)
+
+
+def at_other_speeds(signal: Readings, largest: float, rng: np.random.Generator) -> Readings:
+    """The windows as a shaft a little faster or slower would give them, all else the same.
+
+    Time is stretched about the window's middle, by a share uniform within the largest; what a window lacks at its ends
+    is mirrored. Frequencies of the structure move with those of the shaft, which on a machine they do not.
+
+    Parameters
+    ----------
+    largest : largest change of speed, relative.
+    """
+    middle = (signal.shape[-1] - 1) / 2
+    time = np.arange(signal.shape[-1]) - middle
+    places = middle + (1 + largest * rng.uniform(-1, 1, (len(signal), 1))) * time
+    return np.stack(
+        [
+            [map_coordinates(channel, place[None], order=3, mode="mirror") for channel in window]
+            for window, place in zip(signal, places, strict=True)
+        ]
+    )
+
+
+def _asked(settings: TrainingSettings) -> list[tuple[str, float, Change]]:
+    """(purpose of the stream it is drawn from, how far, change) of each disturbance that is asked for, in order."""
+    asked: list[tuple[str, float, Change]] = []
+    if settings.stretch:
+        asked.append(("stretch", settings.stretch, at_other_speeds))
+    if settings.gain:
+        asked.append(("gain", settings.gain, with_gains))
+    if settings.noise_snr is not None:
+        asked.append(("disturbance", settings.noise_snr, with_noise))
+    return asked

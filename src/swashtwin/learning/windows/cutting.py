@@ -1,0 +1,218 @@
+"""Recordings to windows."""
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float32
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+from swashtwin.recordings import BLOCK, Recording, StoredRecording, opened, refuse_unfit, stated_speed
+
+Source = Recording | StoredRecording
+
+
+def cut_windows(
+    recordings: Iterable[Source],
+    *,
+    length: int | None = None,
+    duration: float | None = None,
+    stride: int | None = None,
+    like: WindowSet | None = None,
+    classes: Sequence[str] | None = None,
+    allow_partial_revolution: bool = False,
+) -> WindowSet:
+    """Windows of equal length, in the recordings' order; readings left over at a recording's end are dropped.
+
+    Give exactly one of `length`, `duration` and `like`. Cut first and split afterwards: the split keeps each recording
+    on one side, however the windows overlap.
+
+    Parameters
+    ----------
+    recordings : in memory, or opened from their files: those are read in blocks, and only windows are kept.
+    length : readings per window.
+    duration : seconds per window [s].
+    stride : readings from one window's start to the next one's; the default, `length`, lets none overlap.
+    like : windows whose length and classes are taken over, and whose sample rate, channels and unit must be met.
+    classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels found, sorted.
+    allow_partial_revolution : accept windows shorter than one turn of the shaft. Not advised: such a window sees
+        some pistons only, and its label may rest on a part of the turn where the fault is silent.
+
+    Raises
+    ------
+    InputError
+        Lengths, classes or labels that cannot be, or a window shorter than one revolution.
+    DataError
+        Recordings that do not fit together, are too short for one window, or are unfit (NaN, a constant channel).
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(1, 1000))
+    >>> windows = cut_windows([Recording(noise, 1000.0, "a", label="normal")], length=300)
+    >>> windows.signal.shape, windows.start.tolist()
+    ((3, 1, 300), [0, 300, 600])
+    """
+    recordings = list(recordings)
+    _require_distinct(recordings)
+    length = _window_length(recordings[0].sample_rate, length, duration, like)
+    stride = length if stride is None else stride
+    if stride < 1:
+        raise InputError(f"stride ({stride} readings) must be at least 1; {length} lets no window overlap.")
+    _require_one_layout(recordings, length, like)
+    classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
+    for recording in recordings:
+        refuse_unfit(recording)
+        _require_long_enough(recording, length, allow_partial_revolution)
+    return _assembled(recordings, length, stride, classes)
+
+
+def window_batches(
+    recording: Source,
+    *,
+    length: int,
+    stride: int | None = None,
+    classes: Sequence[str] | None = None,
+    allow_partial_revolution: bool = False,
+    batch: int = 1024,
+) -> Iterator[WindowSet]:
+    """The windows of `cut_windows`, at most `batch` at a time, for a recording whose windows are larger than memory.
+
+    Parameters
+    ----------
+    recording : in memory, or opened from its file.
+    length, stride, classes, allow_partial_revolution : as in `cut_windows`.
+    batch : windows that are in memory together.
+
+    Raises
+    ------
+    InputError, DataError
+        As in `cut_windows`, before the first windows come.
+    """
+    stored, stride = opened(recording), length if stride is None else stride
+    known = _class_order([stored], classes)
+    refuse_unfit(stored)
+    _require_long_enough(stored, length, allow_partial_revolution)
+    count = 1 + (stored.n_readings - length) // stride
+    for first in range(0, count, batch):
+        last = min(first + batch, count)
+        part = stored.slice(first * stride, (last - 1) * stride + length)
+        windows = _assembled([part], length, stride, known)
+        yield replace(windows, start=windows.start + first * stride)
+
+
+def _require_distinct(recordings: Sequence[Source]) -> None:
+    if not recordings:
+        raise DataError("no recording to cut windows from; check the folder or the selection.")
+    seen: set[str] = set()
+    for recording in recordings:
+        if recording.recording_id in seen:
+            raise DataError(
+                f"two recordings have the id {recording.recording_id}; ids tell training from test: make each unique."
+            )
+        seen.add(recording.recording_id)
+
+
+def _window_length(sample_rate: float, length: int | None, duration: float | None, like: WindowSet | None) -> int:
+    if sum(value is not None for value in (length, duration, like)) != 1:
+        raise InputError("give exactly one of length (readings), duration (seconds) and like (a window set).")
+    if like is not None:
+        return like.length
+    wanted = length if length is not None else round((duration or 0.0) * sample_rate)
+    if wanted < 2:
+        raise InputError(
+            f"a window of {wanted} reading(s) is too short to learn from; length counts readings, duration seconds "
+            f"(0.1 s is {round(0.1 * sample_rate)} readings at {sample_rate:g} Hz)."
+        )
+    return wanted
+
+
+def _require_one_layout(recordings: Sequence[Source], length: int, like: WindowSet | None) -> None:
+    first, first_name = _layout(recordings[0], length), recordings[0].recording_id
+    if like is not None:
+        first, first_name = like.layout, "the windows given as like="
+    for recording in recordings:
+        if difference := first.difference(_layout(recording, length)):
+            raise DataError(
+                f"{first_name} and {recording.recording_id} do not fit together: {difference}; resample, or pick the "
+                "channels with recording.picked(...)."
+            )
+
+
+def _layout(recording: Source, length: int) -> WindowLayout:
+    return WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, length)
+
+
+def _class_order(recordings: Sequence[Source], classes: Sequence[str] | None) -> tuple[str, ...]:
+    if classes is None:
+        return tuple(sorted({recording.label for recording in recordings if recording.label is not None}))
+    for recording in recordings:
+        if recording.label is not None and recording.label not in classes:
+            near = difflib.get_close_matches(recording.label, classes, n=1, cutoff=0.3)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise InputError(
+                f"{recording.recording_id} has the label {recording.label!r}; the classes are "
+                f"{', '.join(classes)}.{hint}"
+            )
+    return tuple(classes)
+
+
+def _require_long_enough(recording: Source, length: int, allow_partial_revolution: bool) -> None:
+    readings = opened(recording).n_readings
+    if readings < length:
+        raise DataError(
+            f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
+            f"{length}; shorten the window or leave the recording out."
+        )
+    shaft = stated_speed(recording)
+    if recording.condition is None or shaft is None or allow_partial_revolution:
+        return
+    least = math.ceil(recording.sample_rate / shaft * (1 - 1e-9))
+    if length < least:
+        raise InputError(
+            f"a window of {length} readings is shorter than one revolution of {recording.recording_id} "
+            f"({shaft * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
+            f"{least} or more, or allow_partial_revolution=True."
+        )
+
+
+def _slices(recording: Source, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
+    stored = opened(recording)
+    count = 1 + (stored.n_readings - length) // stride
+    windows = np.empty((count, len(stored.channels), length), dtype=np.float32)
+    at_once = max(1, BLOCK // stride)
+    for first in range(0, count, at_once):
+        last = min(first + at_once, count)
+        signal = stored.slice(first * stride, (last - 1) * stride + length).signal
+        views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
+        windows[first:last] = views.transpose(1, 0, 2)
+    return windows
+
+
+def _assembled(recordings: Sequence[Source], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
+    slices = [_slices(recording, length, stride) for recording in recordings]
+    repeats = [len(part) for part in slices]
+    index = {name: position for position, name in enumerate(classes)}
+    conditions = [recording.condition for recording in recordings]
+    pressure = [math.nan if condition is None else condition.discharge_pressure for condition in conditions]
+    speed = [
+        (stated_speed(one) or math.nan) * 2 * math.pi if condition is None else condition.speed
+        for one, condition in zip(recordings, conditions, strict=True)
+    ]
+    target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
+    return WindowSet(
+        signal=slices[0] if len(slices) == 1 else np.concatenate(slices),
+        target=np.repeat(np.array(target, dtype=np.int64), repeats),
+        classes=classes,
+        recording_id=np.repeat(np.array([recording.recording_id for recording in recordings], dtype=np.str_), repeats),
+        specimen=np.repeat(np.array([recording.specimen or "" for recording in recordings], dtype=np.str_), repeats),
+        discharge_pressure=np.repeat(np.array(pressure, dtype=np.float64), repeats),
+        speed=np.repeat(np.array(speed, dtype=np.float64), repeats),
+        start=np.concatenate([np.arange(count, dtype=np.int64) * stride for count in repeats]),
+        synthetic=np.repeat(np.array([recording.synthetic for recording in recordings], dtype=np.bool_), repeats),
+        sample_rate=float(recordings[0].sample_rate),
+        channels=recordings[0].channels,
+        unit=recordings[0].unit,
+    )

@@ -1,0 +1,157 @@
+"""Training and test sets that share no recording. Splitting by window does not exist here.
+
+Neighboring windows of one recording are nearly the same window; a random split of windows measures memory. Three roles
+need two calls: split off the test set first, then split the rest into training and validation.
+"""
+
+import warnings
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Int, Shaped
+from sklearn.model_selection import StratifiedGroupKFold
+
+from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.learning.windows.grouping import group_name, require_measured, window_groups
+from swashtwin.learning.windows.window_set import WindowSet
+
+
+def split_by_recording(
+    windows: WindowSet,
+    *,
+    test_fraction: float = 0.2,
+    seed: int = 0,
+    group: str | Mapping[str, str] = "recording",
+) -> tuple[WindowSet, WindowSet]:
+    """(training set, test set) that share no recording, with every class on both sides.
+
+    The groups are dealt into k folds of like composition by class and discharge pressure (scikit-learn's
+    `StratifiedGroupKFold`), one of which is the test set. k starts at 1/`test_fraction` and falls until every class
+    stands on both sides, so with few recordings the test set may be larger than asked.
+
+    Parameters
+    ----------
+    windows : measured windows with labels.
+    test_fraction : share of the windows to test on, above 0 and at most 0.5.
+    seed : seed of the draw.
+    group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only), ``"condition"`` (one
+        speed and pressure on one side only), or any group by recording id (`recording_groups`). A recording never
+        stands on both sides, whichever it is.
+
+    Raises
+    ------
+    DataError
+        Some class cannot stand on both sides, or a fact the split needs was not recorded.
+    LeakError
+        Some windows are synthetic. Add these to the training set afterwards.
+    """
+    if not 0 < test_fraction <= 0.5:
+        raise InputError(f"test_fraction ({test_fraction:g}) must be above 0 and at most 0.5; a fifth is 0.2.")
+    require_measured(windows)
+    windows.require_labels("a split by class")
+    groups = window_groups(windows, group)
+    _require_two_groups(windows, groups, group_name(group))
+    test = _best_test_set(windows, groups, test_fraction, seed)
+    if test is None:
+        raise DataError(
+            f"no split by {group_name(group)} keeps every class on both sides; name the test side with "
+            "hold_out(windows, ids)."
+        )
+    mask = np.zeros(len(windows), dtype=np.bool_)
+    mask[test] = True
+    return windows.subset(~mask), windows.subset(mask)
+
+
+def hold_out(windows: WindowSet, recording_ids: Iterable[str]) -> tuple[WindowSet, WindowSet]:
+    """(training set, test set), the test set being the recordings named.
+
+    Classes may miss on either side; training and the scores then say so.
+    """
+    return _held_out(windows, windows.recording_id, recording_ids, "recording")
+
+
+def hold_out_specimens(windows: WindowSet, specimens: Iterable[str]) -> tuple[WindowSet, WindowSet]:
+    """(training set, test set), the test set being every recording of the specimens named."""
+    return _held_out(windows, windows.specimen, specimens, "specimen")
+
+
+def check_disjoint(train: WindowSet, test: WindowSet) -> None:
+    """Raise a `LeakError` if the test set was, or could have been, seen in training.
+
+    That is: a recording stands on both sides, a test window is byte for byte a training window (one measurement under
+    two ids), or a test window is synthetic.
+    """
+    if test.synthetic.any():
+        raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; a test set holds measured windows only.")
+    shared = sorted(set(train.recording_id.tolist()) & set(test.recording_id.tolist()))
+    if shared:
+        more = f" and {len(shared) - 1} more" if len(shared) > 1 else ""
+        raise LeakError(f"recording {shared[0]}{more} stands in training and in test; split by recording.")
+    trained = {window.tobytes(): name for window, name in zip(train.signal, train.recording_id, strict=True)}
+    for window, name in zip(test.signal, test.recording_id, strict=True):
+        twin = trained.get(window.tobytes())
+        if twin is not None:
+            raise LeakError(f"test recording {name} holds a window of training recording {twin}; one copies the other.")
+
+
+def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"], group: str) -> None:
+    for index, name in enumerate(windows.classes):
+        count = np.unique(groups[windows.target == index]).size
+        if count < 2:
+            raise DataError(
+                f"class {name} has windows of {count} {group}(s), and needs 2 to stand in training and in test; record "
+                "another, or name the test side with hold_out(windows, ids)."
+            )
+
+
+def _best_test_set(
+    windows: WindowSet, groups: Shaped[np.ndarray, " window"], test_fraction: float, seed: int
+) -> Int[np.ndarray, " chosen"] | None:
+    """Of the first dealing that has any, the fold with every class on both sides, and most cells on both sides."""
+    pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
+    cells = windows.target * (int(pressures.max()) + 1) + pressures
+    most = min(round(1 / test_fraction), np.unique(groups).size)
+    for n_folds in range(most, 1, -1):
+        for strata in (cells, windows.target):
+            ranked = [
+                (_one_sided(cells, test), abs(test.size / len(windows) - test_fraction), position, test)
+                for position, test in enumerate(_folds(strata, groups, n_folds, seed))
+                if not _one_sided(windows.target, test)
+            ]
+            if ranked:
+                return min(ranked, key=lambda entry: entry[:3])[3]
+    return None
+
+
+def _folds(
+    strata: Int[np.ndarray, " window"], groups: Shaped[np.ndarray, " window"], n_folds: int, seed: int
+) -> list[Int[np.ndarray, " chosen"]]:
+    if np.bincount(strata).max() < n_folds:
+        return []
+    splitter = StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a cell smaller than n_folds is dealt as far as it goes
+        return [test for _, test in splitter.split(np.zeros(len(strata)), strata, groups)]
+
+
+def _one_sided(strata: Int[np.ndarray, " window"], test: Int[np.ndarray, " chosen"]) -> int:
+    """Number of strata that stand on one side only."""
+    everywhere = np.bincount(strata)
+    tested = np.bincount(strata[test], minlength=everywhere.size)
+    return int(np.sum((everywhere > 0) & ((tested == 0) | (tested == everywhere))))
+
+
+def _held_out(
+    windows: WindowSet, names: Shaped[np.ndarray, " window"], held: Iterable[str], kind: str
+) -> tuple[WindowSet, WindowSet]:
+    wanted = sorted({str(name) for name in held})
+    known = set(names.tolist())
+    missing = [name for name in wanted if name not in known]
+    if missing or not wanted:
+        raise InputError(f"no window is of the {kind} {missing[0]!r}." if missing else f"no {kind} was named.")
+    mask = np.isin(names, wanted)
+    if mask.all():
+        raise InputError(f"every {kind} was held out; nothing is left to train on.")
+    if windows.synthetic[mask].any():
+        raise LeakError(f"{windows.recording_id[mask & windows.synthetic][0]} is synthetic; a test set is measured.")
+    return windows.subset(~mask), windows.subset(mask)

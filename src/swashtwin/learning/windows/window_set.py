@@ -1,0 +1,185 @@
+"""A set of windows, each with the facts of the recording it was cut from."""
+
+import hashlib
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int64, Shaped
+
+from swashtwin.foundation import DataError, InputError
+
+
+@dataclass(frozen=True)
+class WindowLayout:
+    """What windows must have in common to be learnt from together."""
+
+    sample_rate: float
+    """Readings per second and channel [Hz]."""
+    channels: tuple[str, ...]
+    """Name of each channel, in order."""
+    unit: str
+    """Unit of every channel."""
+    length: int
+    """Readings per window and channel."""
+
+    def difference(self, other: "WindowLayout") -> str | None:
+        """Words for the first thing in which `other` differs, with both values, or None where nothing does."""
+        if not math.isclose(self.sample_rate, other.sample_rate, rel_tol=1e-6):
+            return f"sample rate {self.sample_rate:g} Hz against {other.sample_rate:g} Hz"
+        if len(self.channels) != len(other.channels):
+            return f"{len(self.channels)} channel(s) against {len(other.channels)}"
+        if self.channels != other.channels:
+            return f"channels {', '.join(self.channels)} against {', '.join(other.channels)}"
+        if self.unit != other.unit:
+            return f"unit {self.unit} against {other.unit}"
+        if self.length != other.length:
+            return f"window length {self.length} against {other.length} readings"
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSet:
+    """Windows of one layout, and for each its class, its recording, its specimen and its condition.
+
+    Built by `cut_windows`; ``a + b`` joins two sets, `subset` takes a part. The recording's id stays with each window,
+    so that a split and an evaluation can refuse a leak.
+    """
+
+    signal: Float32[np.ndarray, "window channel time"]
+    """Readings in `unit`."""
+    target: Int64[np.ndarray, " window"]
+    """Index into `classes`; -1 where the class is not known."""
+    classes: tuple[str, ...]
+    """Class names, in the order of the indices."""
+    recording_id: Shaped[np.ndarray, " window"]
+    """Recording that each window was cut from (strings)."""
+    specimen: Shaped[np.ndarray, " window"]
+    """Machine that was measured (strings); empty where nobody wrote it down."""
+    discharge_pressure: Float[np.ndarray, " window"]
+    """Absolute pressure at the outlet [Pa]; NaN where not known."""
+    speed: Float[np.ndarray, " window"]
+    """Angular speed of the shaft [rad/s]; NaN where not known."""
+    start: Int64[np.ndarray, " window"]
+    """Index in the recording of each window's first reading."""
+    synthetic: Bool[np.ndarray, " window"]
+    """Whether a model made it."""
+    sample_rate: float
+    """Readings per second and channel [Hz]."""
+    channels: tuple[str, ...]
+    """Name of each channel, in the order of `signal`."""
+    unit: str = "m/s^2"
+    """Unit of every channel."""
+
+    def __post_init__(self) -> None:
+        if self.signal.ndim != 3 or self.signal.shape[1] != len(self.channels):
+            raise DataError(
+                f"signal has shape {self.signal.shape}; with {len(self.channels)} channel name(s) it must be "
+                f"(window, {len(self.channels)}, time)."
+            )
+        for name in _PER_WINDOW:
+            if getattr(self, name).shape[:1] != (len(self),):
+                raise DataError(f"{name} has {getattr(self, name).shape[0]} entries for {len(self)} windows.")
+        if len(set(self.classes)) != len(self.classes):
+            raise InputError(f"classes ({', '.join(self.classes)}) name one class twice.")
+        if len(self) and not -1 <= self.target.min() <= self.target.max() < len(self.classes):
+            raise DataError(f"target holds indices outside -1...{len(self.classes) - 1}.")
+
+    def __len__(self) -> int:
+        return int(self.signal.shape[0])
+
+    def __add__(self, other: "WindowSet") -> "WindowSet":
+        if self.classes != other.classes:
+            raise InputError(
+                f"windows of the classes ({', '.join(self.classes)}) cannot join windows of the classes "
+                f"({', '.join(other.classes)}); cut the second with like= the first."
+            )
+        if difference := self.layout.difference(other.layout):
+            raise InputError(f"windows cannot be joined: {difference}; cut the second with like= the first.")
+        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
+        return self._with(joined)
+
+    def _with(self, arrays: dict[str, Any]) -> "WindowSet":
+        kept = {item.name: getattr(self, item.name) for item in fields(self)}
+        return WindowSet(**{**kept, **arrays})
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels."""
+        return int(self.signal.shape[1])
+
+    @property
+    def length(self) -> int:
+        """Readings per window and channel."""
+        return int(self.signal.shape[2])
+
+    @property
+    def layout(self) -> WindowLayout:
+        """Sample rate, channels, unit and length together."""
+        return WindowLayout(self.sample_rate, self.channels, self.unit, self.length)
+
+    @property
+    def label(self) -> Shaped[np.ndarray, " window"]:
+        """Class name of each window; empty where it is not known."""
+        return np.array([*self.classes, ""], dtype=np.str_)[self.target]
+
+    @property
+    def revolutions(self) -> Float[np.ndarray, " window"]:
+        """Turns of the shaft within each window; NaN where the speed is not known."""
+        return self.length / self.sample_rate * self.speed / (2 * np.pi)
+
+    def subset(self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]) -> "WindowSet":
+        """The windows that a mask keeps, or that indices name, in that order."""
+        return self._with({name: getattr(self, name)[chosen] for name in _PER_WINDOW})
+
+    def counts(self) -> dict[tuple[str, float | None], int]:
+        """Number of windows in each cell (class, discharge pressure [Pa]), empty cells included.
+
+        The pressure is rounded to 0.01 MPa, and None where it is not known. An empty cell is a missing condition.
+        """
+        cells = {(name, pressure): 0 for name in self.classes for pressure in sorted_pressures(self.cell_pressure)}
+        known = self.target >= 0
+        for name, pressure in zip(self.label[known], self.cell_pressure[known], strict=True):
+            cells[str(name), None if np.isnan(pressure) else float(pressure)] += 1
+        return cells
+
+    @property
+    def cell_pressure(self) -> Float[np.ndarray, " window"]:
+        """Discharge pressure rounded to 0.01 MPa [Pa], by which cells are counted; NaN where not known."""
+        return np.round(self.discharge_pressure / 1e4) * 1e4
+
+    def require_labels(self, purpose: str) -> None:
+        """Raise a `DataError` that names a recording without a class, if there is one."""
+        unknown = np.flatnonzero(self.target < 0)
+        if unknown.size:
+            raise DataError(
+                f"{self.recording_id[unknown[0]]} has no label, which {purpose} needs; give it one with "
+                "recording.relabeled(...), or only diagnose it."
+            )
+
+    def fingerprint(self) -> str:
+        """SHA-256 over every reading and every fact of the set, hexadecimal."""
+        digest = hashlib.sha256(repr((self.classes, self.layout)).encode())
+        for name in _PER_WINDOW:
+            array = np.ascontiguousarray(getattr(self, name))
+            digest.update("\x1f".join(array.tolist()).encode() if array.dtype.kind == "U" else array.tobytes())
+        return digest.hexdigest()
+
+
+def sorted_pressures(pressure: Float[np.ndarray, " window"]) -> list[float | None]:
+    """Each pressure that occurs once, ascending [Pa]; None, last, stands for NaN."""
+    known: list[float | None] = [float(value) for value in np.unique(pressure[~np.isnan(pressure)])]
+    return [*known, None] if np.isnan(pressure).any() else known
+
+
+_PER_WINDOW = (
+    "signal",
+    "target",
+    "recording_id",
+    "specimen",
+    "discharge_pressure",
+    "speed",
+    "start",
+    "synthetic",
+)

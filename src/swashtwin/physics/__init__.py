@@ -1,0 +1,5 @@
+"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, contacts, and the twin made of them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,71 @@
+"""Names that other rooms import, and where each lives."""
+
+from .contacts.check import ContactCheck as ContactCheck
+from .contacts.settings import SlipperContact as SlipperContact
+from .dynamics import Structure as Structure
+from .dynamics import Topology as Topology
+from .dynamics import assemble as assemble
+from .excitation import slipper_displacements as slipper_displacements
+from .fault_forcing import excitation_lines as excitation_lines
+from .fault_forcing import fault_forces as fault_forces
+from .fault_forcing import worn_values as worn_values
+from .loads import LoadCase as LoadCase
+from .loads import force_lines as force_lines
+from .solvers.periodic import PeriodicTerm as PeriodicTerm
+from .solvers.periodic import periodic_steady_state as periodic_steady_state
+from .solvers.steady import RK4 as RK4
+from .solvers.steady import HarmonicBalance as HarmonicBalance
+from .solvers.steady import SteadySolver as SteadySolver
+from .twin.batch import OrderLines as OrderLines
+from .twin.batch import accelerations as accelerations
+from .twin.batch import prepare as prepare
+from .twin.film import SlipperFilm as SlipperFilm
+from .twin.film import carry_over as carry_over
+from .twin.film import film_of as film_of
+from .twin.film import film_values as film_values
+from .twin.film import with_film as with_film
+from .twin.model import Scales as Scales
+from .twin.model import Twin as Twin
+from .twin.operating_profile import Course as Course
+from .twin.path import SensorPath as SensorPath
+from .twin.path import path_response as path_response
+from .twin.steady import steady_blocks as steady_blocks
+from .twin.steady import whole_revolutions as whole_revolutions
+from .twin.transient import course_blocks as course_blocks
+from .twin.transient import simulate_course as simulate_course
+
+__all__ = [
+    "RK4",
+    "ContactCheck",
+    "Course",
+    "HarmonicBalance",
+    "LoadCase",
+    "OrderLines",
+    "PeriodicTerm",
+    "Scales",
+    "SensorPath",
+    "SlipperContact",
+    "SlipperFilm",
+    "SteadySolver",
+    "Structure",
+    "Topology",
+    "Twin",
+    "accelerations",
+    "assemble",
+    "carry_over",
+    "course_blocks",
+    "excitation_lines",
+    "fault_forces",
+    "film_of",
+    "film_values",
+    "force_lines",
+    "path_response",
+    "periodic_steady_state",
+    "prepare",
+    "simulate_course",
+    "slipper_displacements",
+    "steady_blocks",
+    "whole_revolutions",
+    "with_film",
+    "worn_values",
+]

@@ -1,0 +1,201 @@
+"""Pressure of every chamber of a pump over the shaft angle.
+
+Each chamber follows dp/dtheta = B / (omega V) [Q_suction - Q_discharge - G (p - p_case)] - B / V dV/dtheta, and the
+outlet line follows the sum of the flows into it less that of its relief valve (docs/physics.md, section 5). Backward
+Euler over a uniform grid of the shaft angle; each step is solved by Newton's method, whose matrix is an arrow (chambers
+meet only in the line), with a step halved wherever it changes sign. The loop over the angles is compiled.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.foundation import compiled
+
+SMOOTHING = 2e4
+"""Pressure difference [Pa] below which the square root law of an orifice turns linear."""
+FLOOR = 1e3
+"""Lowest pressure [Pa]; oil cavitates rather than fall below it."""
+AIR_FLOOR = 5e4
+"""Lowest pressure [Pa] at which free air is still compressed as a gas."""
+ATMOSPHERE = 1e5
+"""Pressure [Pa] at which the fraction of free air is stated."""
+TOLERANCE = 1.0
+"""Newton step [Pa] after which a pressure is solved: the next one would be smaller by orders of magnitude."""
+ITERATIONS = 60
+"""Newton iterations of one step before it counts as failed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chambers:
+    """Coefficients of the chambers and of the outlet line of one pump."""
+
+    volume: Float[np.ndarray, " angle"]
+    """Volume of a chamber whose piston stands at that angle [m^3]."""
+    swept: Float[np.ndarray, " angle"]
+    """Its growth dV/dphi [m^3/rad]."""
+    suction_opening: Float[np.ndarray, " angle"]
+    """Flow through the suction port over the root of the pressure difference [m^3/(s Pa^0.5)]."""
+    discharge_opening: Float[np.ndarray, " angle"]
+    """The same of the discharge port [m^3/(s Pa^0.5)]."""
+    leakage: Float[np.ndarray, " angle"]
+    """Leakage to the case that all chambers share [m^3/(s Pa)]."""
+    piston_leakage: Float[np.ndarray, " angle"]
+    """Leakage along a piston over its clearance cubed [1/(s Pa)]."""
+    cubed_clearance: Float[np.ndarray, " piston"]
+    """Cube of the pistons' radial clearances [m^3]."""
+    scratch_leakage: Float[np.ndarray, " piston"]
+    """Leakage of single chambers [m^3/(s Pa)]."""
+    speed: float
+    """Angular speed of the shaft [rad/s]."""
+    bulk_modulus: float
+    """Bulk modulus of the oil without free air [Pa]."""
+    air_fraction: float
+    """Volume fraction of free air at 100 kPa [1]."""
+    suction_pressure: float
+    """Pressure in the suction port [Pa]."""
+    discharge_pressure: float
+    """Pressure at which the outlet line starts [Pa]."""
+    case_pressure: float
+    """Pressure in the housing [Pa]."""
+    line_volume: float
+    """Volume of the outlet line [m^3]."""
+    relief_slope: float
+    """Flow of the relief valve over the pressure above cracking [m^3/(s Pa)]."""
+    cracking_pressure: float
+    """Pressure at which the relief valve opens [Pa]."""
+
+
+class NotConverged(Exception):
+    """Newton's method failed at a step; `angle` [rad] says where."""
+
+    def __init__(self, angle: float) -> None:
+        super().__init__(f"at {angle:g} rad")
+        self.angle = angle
+
+
+def solve(
+    chambers: Chambers, revolutions: int
+) -> tuple[Float[np.ndarray, "piston angle"], Float[np.ndarray, " angle"]]:
+    """Pressures [Pa] in the chambers and in the outlet line over the last of `revolutions`.
+
+    Element k belongs to the shaft angle 2 pi (k + 1) / angle. The number of angles must be a multiple of the pistons'.
+
+    Raises
+    ------
+    NotConverged
+        A step took more than `ITERATIONS`.
+    """
+    n_angles, n_pistons = chambers.volume.size, chambers.cubed_clearance.size
+    step_time = 2 * math.pi / n_angles / chambers.speed
+    over_angle = np.stack(
+        [
+            chambers.suction_opening,
+            chambers.discharge_opening,
+            step_time / chambers.volume,
+            chambers.swept * chambers.speed,
+            chambers.leakage,
+            chambers.piston_leakage,
+        ],
+        axis=1,
+    )
+    over_pistons = np.stack([chambers.cubed_clearance, chambers.scratch_leakage])
+    constants = np.array(
+        [
+            chambers.suction_pressure,
+            chambers.discharge_pressure,
+            chambers.case_pressure,
+            1 / chambers.bulk_modulus,
+            chambers.air_fraction * ATMOSPHERE,
+            step_time * chambers.bulk_modulus / chambers.line_volume,
+            chambers.relief_slope,
+            chambers.cracking_pressure,
+        ]
+    )
+    chamber, line = np.empty((n_angles, n_pistons)), np.empty(n_angles)
+    failed = _march(over_angle, over_pistons, constants, revolutions, ITERATIONS, chamber, line)
+    if failed:
+        raise NotConverged(2 * math.pi * (failed % n_angles) / n_angles)
+    return chamber.T, line
+
+
+@compiled
+@no_type_check
+def _march(over_angle, over_pistons, constants, revolutions, iterations, chamber, line):
+    """Fill `chamber` (angle, piston) and `line` (angle); the step that failed, or 0."""
+    n_angles, n_pistons = chamber.shape
+    suction, discharge, case, softness, air = constants[0], constants[1], constants[2], constants[3], constants[4]
+    pressure, step, work = np.empty(n_pistons), np.empty((5, n_pistons)), np.empty((5, n_pistons))
+    for j in range(n_pistons):
+        rising = math.sin(2 * math.pi * j / n_pistons) < -1e-9
+        pressure[j] = discharge if rising else suction
+    line_pressure, stride = discharge, n_angles // n_pistons
+    for index in range(1, revolutions * n_angles + 1):
+        end = (index - 1) % n_angles
+        for j in range(n_pistons):
+            place = end + 1 + j * stride
+            here = over_angle[place if place < n_angles else place - n_angles]
+            compliance = here[2] / (softness + air / max(pressure[j], AIR_FLOOR) ** 2)
+            leakage = here[4] + here[5] * over_pistons[0, j] + over_pistons[1, j]
+            step[0, j], step[1, j], step[2, j], step[3, j] = here[0], here[1], compliance, leakage
+            step[4, j] = pressure[j] + compliance * (leakage * case - here[3])
+        line_pressure = _newton(step, constants, iterations, work, pressure, line_pressure)
+        if math.isnan(line_pressure):
+            return index
+        chamber[end] = pressure
+        line[end] = line_pressure
+    return 0
+
+
+@compiled
+@no_type_check
+def _newton(step, constants, iterations, work, pressure, line_before):
+    """Solve one step into `pressure`; the outlet line's pressure, or not a number where it does not converge."""
+    suction, line_compliance, relief, cracking = constants[0], constants[5], constants[6], constants[7]
+    residual, own, through, damping, before = work[0], work[1], work[2], work[3], work[4]
+    damping[:], before[:] = 1.0, 0.0
+    n_pistons, line = pressure.size, line_before
+    for _ in range(iterations):
+        flow_sum, slope_sum, pushed, answered = 0.0, 0.0, 0.0, 0.0
+        for j in range(n_pistons):
+            flow_in, slope_in = orifice(step[0, j], suction - pressure[j])
+            flow_out, slope_out = orifice(step[1, j], pressure[j] - line)
+            residual[j] = pressure[j] - step[4, j] - step[2, j] * (flow_in - flow_out - step[3, j] * pressure[j])
+            own[j] = 1 + step[2, j] * (slope_in + slope_out + step[3, j])
+            through[j] = -step[2, j] * slope_out
+            from_chamber = -line_compliance * slope_out / own[j]
+            flow_sum += flow_out
+            slope_sum += slope_out
+            pushed += from_chamber * residual[j]
+            answered += from_chamber * through[j]
+        excess = line - cracking
+        line_residual = line - line_before - line_compliance * (flow_sum - relief * max(excess, 0.0))
+        line_own = 1 + line_compliance * (slope_sum + relief * (excess > 0))
+        line_change = (pushed - line_residual) / (line_own - answered)
+        moved, least = 0.0, 1.0
+        for j in range(n_pistons):
+            change = (-residual[j] - through[j] * line_change) / own[j]
+            damping[j] = 0.5 * damping[j] if change * before[j] < 0 else min(1.0, 1.5 * damping[j])
+            before[j] = change
+            after = max(pressure[j] + damping[j] * change, FLOOR)
+            moved = max(moved, abs(after - pressure[j]))
+            least = min(least, damping[j])
+            pressure[j] = after
+        line += least * line_change
+        if max(moved / least, abs(line_change)) < TOLERANCE:
+            return line
+    return math.nan
+
+
+@compiled
+@no_type_check
+def orifice(opening, difference):
+    """Flow through an orifice under a pressure `difference`, and its derivative."""
+    if opening == 0.0:
+        return 0.0, 0.0
+    root = abs(difference) + SMOOTHING
+    slope = opening / math.sqrt(root)
+    return slope * difference, slope * (1 - 0.5 * abs(difference) / root)

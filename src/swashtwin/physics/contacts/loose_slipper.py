@@ -1,0 +1,238 @@
+"""A loose slipper simulated: one piston rattling in the play of its ball joint.
+
+The piston of the loose slipper has its own displacement u along the shaft, relative to its slipper and positive toward
+the valve plate, between u = 0, where pressure presses it on, and u = clearance, where the retainer pulls it:
+
+    m u'' = -A (p - p_case) + m R tan(gamma) omega^2 cos(phi) - friction + stop forces
+    p' = B(p) / V [Q_suction - Q_discharge - G (p - p_case) - V' + A u']
+
+with the chamber's own pressure p, whose ports are the orifices of `chambers`: while a port is barely open the pressure
+may be megapascals away from a tight joint's, where a linearized port would be wrong. Friction opposes the piston's
+sliding. A stop is a spring of such stiffness that an impact lasts `LooseSlipper.pulse`, with a damper for its
+restitution, and can only push; without bounce, as in the default, it is critically damped, which leaves e^-2 of the
+speed. The other chambers, the outlet line and the 13 degrees of freedom are taken as they would be with a tight joint.
+
+The same joint without clearance is simulated alongside, and all that is returned is the difference: the extra load on
+the pump is -m u'' along the shaft at the slipper's place, for the piston's mass moves with the retainer in the model,
+and what the extra pressure does anywhere. Sense and moment follow from that; nothing is prescribed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.optimize import brentq
+
+from swashtwin.foundation import InputError, SwashTwinError
+from swashtwin.physics.contacts.rattling import rattle
+from swashtwin.physics.excitation import FRICTION, Impact
+from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
+from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
+from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
+
+STEPS_PER_PULSE = 100
+"""Time steps of the march during one impact."""
+START = 1.5 * math.pi
+"""Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is pressed on."""
+MOST_REVOLUTIONS = 20
+"""Revolutions after which a motion that has not repeated is given up; two are usual."""
+SLOWEST = 0.01
+"""Speed [m/s] below which touching a stop is no impact."""
+
+
+@dataclass(frozen=True, eq=False)
+class LooseMotion:
+    """One revolution of a loose piston, on a uniform grid of its own shaft angle that starts at `START`."""
+
+    angle: Float[np.ndarray, " step"]
+    """Its shaft angle [rad]."""
+    displacement: Float[np.ndarray, " step"]
+    """Its displacement u relative to the slipper [m]."""
+    velocity: Float[np.ndarray, " step"]
+    """u' [m/s]."""
+    pressure: Float[np.ndarray, " step"]
+    """Pressure of its chamber [Pa]."""
+    extra_acceleration: Float[np.ndarray, " step"]
+    """u'' less that of a tight joint [m/s^2], from each angle to the next."""
+    extra_pressure: Float[np.ndarray, " step"]
+    """Pressure less that of a tight joint [Pa]."""
+    impacts: tuple[Impact, ...]
+    """Where it meets a stop; impulses are positive on the press side."""
+
+
+def _damping_ratio(restitution: float) -> float:
+    """Ratio of a damped spring that only pushes and returns `restitution` of a speed: exp(-2 x / tan x), cos x."""
+    if not 0 <= restitution <= 1:
+        raise InputError(f"LooseSlipper.restitution ({restitution:g}) must lie in 0...1.")
+    if restitution <= math.exp(-2):
+        return 1.0
+    if restitution == 1:
+        return 0.0
+    return math.cos(brentq(lambda x: 2 * x / math.tan(x) + math.log(restitution), 1e-6, math.pi / 2))
+
+
+def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
+    if not condition.period / 1e4 <= fault.pulse <= condition.period:
+        raise InputError(
+            f"LooseSlipper.pulse ({fault.pulse:g} s) must lie between a ten-thousandth of a revolution and a "
+            f"revolution ({condition.period:.3g} s) to be simulated. Times are in seconds: 0.2 ms is 2e-4."
+        )
+    return int(2 ** max(14, math.ceil(math.log2(STEPS_PER_PULSE * condition.period / fault.pulse))))
+
+
+def _ahead(pump: Pump, fault: LooseSlipper) -> float:
+    count = pump.rotating_group.piston_count
+    if fault.slipper >= count:
+        raise InputError(f"LooseSlipper.slipper ({fault.slipper}) is none of the {count} pistons; count from 0.")
+    return 2 * math.pi * fault.slipper / count
+
+
+def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray) -> np.ndarray:
+    """What `rattle` needs at every shaft angle of the loose piston."""
+    group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
+    lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
+    tight = chamber_pressures([LoadCase(pump, condition)])
+    outlet = np.interp(
+        np.mod(angle - _ahead(pump, fault), 2 * math.pi), tight.angle, tight.discharge[0], period=2 * np.pi
+    )
+    guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
+    leakage = (
+        slipper_leakage(pump, group.slipper_film, viscosity)
+        + valve_plate_leakage(pump, pump.valve_plate.film, viscosity)
+        + piston_leakage(pump, viscosity) / guide * group.piston_clearance**3
+    )
+    orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
+    openings = port_openings(pump, fault, angle)
+    return np.stack(
+        [
+            group.dead_volume + group.piston_area * lift * (1 - np.cos(angle)),
+            group.piston_area * lift * speed * np.sin(angle),
+            *(orifice * opening for opening in openings),
+            leakage,
+            outlet,
+            -lift * speed * np.sin(angle),
+            -lift * speed**2 * np.cos(angle),
+        ]
+    )
+
+
+def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> LooseMotion:
+    """Motion of the loose piston once it repeats.
+
+    Raises
+    ------
+    InputError
+        A restitution, a pulse or a slipper that cannot be.
+    SwashTwinError
+        The motion does not repeat.
+    """
+    steps = _steps(condition, fault)
+    angle = START + 2 * math.pi * np.arange(steps) / steps
+    tables = np.ascontiguousarray(_tables(pump, condition, fault, angle))
+    mass, step = pump.masses.piston_slipper, condition.period / steps
+    stop = mass * (math.pi / fault.pulse) ** 2
+    damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
+    loose, tight = (_march(pump, condition, tables, stop, damper, step, play) for play in (fault.clearance, 0.0))
+    accelerations = [(np.roll(motion[1], -1) - motion[1]) / step for motion in (loose, tight)]
+    return LooseMotion(
+        angle=angle,
+        displacement=loose[0],
+        velocity=loose[1],
+        pressure=loose[2],
+        extra_acceleration=accelerations[0] - accelerations[1],
+        extra_pressure=loose[2] - tight[2],
+        impacts=_impacts(mass, fault, angle, loose[0], loose[1], round(fault.pulse / step)),
+    )
+
+
+def _march(
+    pump: Pump,
+    condition: OperatingCondition,
+    tables: np.ndarray,
+    stop: float,
+    damper: float,
+    step: float,
+    clearance: float,
+) -> np.ndarray:
+    """Displacement, velocity and pressure over the revolution that repeats."""
+    area, oil = pump.rotating_group.piston_area, pump.oil
+    motion = np.empty((3, tables.shape[1]))
+    pressed = area * (condition.discharge_pressure - condition.case_pressure) / stop
+    start = np.array([-pressed, 0.0, condition.discharge_pressure])
+    scale = np.array([pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure])
+    for _ in range(MOST_REVOLUTIONS):
+        end = rattle(
+            step, clearance, stop, damper, pump.masses.piston_slipper, area, FRICTION, oil.bulk_modulus,
+            oil.air_fraction, condition.suction_pressure, condition.case_pressure, tables, start, *motion,
+        )  # fmt: skip
+        change = float(np.max(np.abs(np.array(end) - start) / scale))
+        if change < 1e-6:
+            return motion
+        start = np.array(end)
+    raise SwashTwinError(
+        f"the loose slipper's motion does not repeat within {MOST_REVOLUTIONS} revolutions (it still changes by "
+        f"{change:.1e} of its play), so it has no order lines; lower LooseSlipper.restitution or clearance."
+    )
+
+
+def _impacts(
+    mass: float, fault: LooseSlipper, angle: np.ndarray, place: np.ndarray, speed: np.ndarray, pulse: int
+) -> tuple[Impact, ...]:
+    """Impacts in the order of the angle; what leaves a stop later than one pulse after it came has not rebounded."""
+    found = []
+    for outside, sense in ((place < 0, 1.0), (place > fault.clearance, -1.0)):
+        for first in np.flatnonzero(outside & ~np.roll(outside, 1)):
+            stay = np.take(outside, first + np.arange(pulse + 1), mode="wrap")
+            last = first + (int(np.argmin(stay)) if not stay.all() else pulse)
+            before, after = speed[first - 1], speed[last % len(speed)]
+            if abs(before) > SLOWEST:
+                where = float(np.mod(angle[first], 2 * math.pi))
+                impulse = sense * mass * (abs(before) + max(0.0, sense * after))
+                found.append(Impact(where, float(abs(before)), float(impulse)))
+    return tuple(sorted(found, key=lambda impact: impact.angle))
+
+
+def loose_slipper_lines(
+    pump: Pump, condition: OperatingCondition, fault: LooseSlipper, n_lines: int, *, topology: str = "T1"
+) -> Complex[np.ndarray, "line 13"]:
+    """Order lines 0...`n_lines` [N, N m] of what a loose slipper adds to the forces of a pump without one.
+
+    Parameters
+    ----------
+    topology : T1, the piston's inertia acts on the retainer; T2, on the rotor, with which its slippers are rigid.
+    """
+    motion = loose_motion(pump, condition, fault)
+    group, steps = pump.rotating_group, len(motion.angle)
+    if n_lines < 1 or 2 * n_lines >= steps:
+        raise InputError(f"n_lines ({n_lines}) must lie in 1...{steps // 2 - 1}.")
+    half = math.pi / steps
+    inertia = pump.masses.piston_slipper * motion.extra_acceleration
+    pressing = group.piston_area * motion.extra_pressure
+    lines = _lines(_on_slipper(pump, inertia, motion.angle + half), motion.angle[0] + half, n_lines)
+    pressed = generalized_forces(pump, pressing[None], motion.angle[None])
+    lines += _lines(pressed, motion.angle[0], n_lines)
+    lines *= np.exp(1j * np.arange(n_lines + 1) * _ahead(pump, fault))[:, None]
+    if topology == "T2":
+        lines[:, 7] += lines[:, 12]
+        lines[:, 12] = 0
+    return lines
+
+
+def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Load of an axial `force` on one slipper toward the swash plate, with the side load it causes in the bore."""
+    group = pump.rotating_group
+    slope = math.tan(group.swash_angle) ** 2
+    upward, sideward = group.pitch_radius * force * np.cos(angle), group.pitch_radius * force * np.sin(angle)
+    loads = np.zeros((force.size, 13))
+    loads[:, 3] = -(1 + slope) * upward
+    loads[:, 4] = sideward
+    loads[:, 8] = slope * upward
+    loads[:, 12] = -force
+    return loads
+
+
+def _lines(loads: np.ndarray, first: float, n_lines: int) -> np.ndarray:
+    lines = np.fft.rfft(loads, axis=0)[: n_lines + 1] * (2 / len(loads))
+    lines[0] /= 2
+    return lines * np.exp(-1j * np.arange(n_lines + 1) * first)[:, None]

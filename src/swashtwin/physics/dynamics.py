@@ -1,0 +1,260 @@
+"""The 13 degrees of freedom: M, C and K, affine in the six interface values.
+
+Three rigid bodies, after the paper (DOI 10.1177/00202940261419020); the equations are our own derivation
+(docs/physics.md, section 2), for the paper's are not public as text. Degrees of freedom, in this order::
+
+    x_F y_F z_F a_F b_F | x_C y_C z_C a_C b_C | x_P y_P z_P
+
+F is the shell, C the rotor, P the retainer; a and b are small rotations about x and y. z runs along the shaft
+from the swash plate toward the valve plate, and y in the direction in which the swash plate rises. The retainer is kept
+parallel to the swash plate (it takes the shell's rotations), which keeps every interface blind to rigid motion.
+
+Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2: it enters K as k g g^T.
+Because the pistons are equal and equally spaced, their sum does not depend on the shaft angle: K and C are constant.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float, Shaped
+from torch import Tensor
+
+from swashtwin.foundation import InputError
+from swashtwin.pump import Pump
+
+DEGREES_OF_FREEDOM = (
+    *("x_F", "y_F", "z_F", "a_F", "b_F"),
+    *("x_C", "y_C", "z_C", "a_C", "b_C"),
+    *("x_P", "y_P", "z_P"),
+)
+"""Names of the 13 generalized coordinates."""
+
+N_DOF = len(DEGREES_OF_FREEDOM)
+
+Topology = Literal["T1", "T2"]
+"""T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in series.
+T2: slippers are rigid with the rotor."""
+
+_AXES = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Constant matrices of one pump, from which K and C follow for any interface values."""
+
+    mass: Float[Tensor, "13 13"]
+    """Masses and inertias [kg, kg m^2]."""
+    interface_shapes: Float[Tensor, "3 13 13"]
+    """Outer products of the slipper-swash, block-valve and piston-bore interfaces; times a stiffness, part of K."""
+    mount_stiffness: Float[Tensor, "13 13"]
+    """Stiffness of the mounting [N/m]."""
+    bearing_stiffness: Float[Tensor, "13 13"]
+    """Stiffness of the bearings [N/m]."""
+    spring_stiffness: Float[Tensor, "13 13"]
+    """Stiffness of the central spring [N/m]."""
+    fixed_damping: Float[Tensor, "13 13"]
+    """Damping of mounting and bearings [N s/m]."""
+    slipper_vector: Float[Tensor, " 13"]
+    """Coefficients g0 of the slippers' mean normal approach to the swash plate; forces of a defect act along it."""
+    lateral_vector: Float[Tensor, " 13"]
+    """Coefficients of the pistons' lateral displacement in the bores along y; forces of a bore defect act along it."""
+    sensor_rows: Float[Tensor, "sensor 13"]
+    """Acceleration read by each sensor per acceleration of each coordinate."""
+
+    def stiffness(
+        self,
+        values: Float[Tensor, "*batch 6"],
+        mount: Float[Tensor, "*#batch"] | float = 1.0,
+        bearing: Float[Tensor, "*#batch"] | float = 1.0,
+    ) -> Float[Tensor, "*batch 13 13"]:
+        """K [N/m] for interface `values` in the order of `pump.PARAMETERS`.
+
+        Parameters
+        ----------
+        mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as the pump file says.
+        """
+        return (
+            self._interfaces(values[..., 1::2])
+            + _column(mount) * self.mount_stiffness
+            + _column(bearing) * self.bearing_stiffness
+            + self.spring_stiffness
+        )
+
+    def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
+        """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
+        return self._interfaces(values[..., 0::2]) + self.fixed_damping
+
+    def _interfaces(self, factors: Tensor) -> Tensor:
+        """Sum of the interfaces' shapes; unlike a matrix product, of the same bits in any batch."""
+        return (factors[..., None, None] * self.interface_shapes).sum(dim=-3)
+
+    def to(self, device: torch.device | str, dtype: torch.dtype) -> "Structure":
+        """The same matrices on `device` in `dtype`; itself where they are so already."""
+        if self.mass.device == torch.device(device) and self.mass.dtype == dtype:
+            return self
+        return Structure(**{item.name: getattr(self, item.name).to(device, dtype) for item in fields(self)})
+
+
+def _column(factor: Tensor | float) -> Tensor | float:
+    return factor[..., None, None] if isinstance(factor, Tensor) else factor
+
+
+def moved(tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]) -> Shaped[Tensor, "*shape"]:
+    """`tensor`, real or complex, on the device and in the precision of `like`."""
+    return tensor.to(like.device, like.dtype.to_complex() if tensor.is_complex() else like.dtype)
+
+
+def displacement_rows(pump: Pump, body: str, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 13"]:
+    """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each coordinate."""
+    first = {"F": 0, "C": 5, "P": 10}[body]
+    center = {"F": pump.positions.shell, "C": pump.positions.rotor, "P": 0.0}[body]
+    rotation = {"F": 3, "C": 8, "P": 3}[body]  # the retainer turns with the swash plate
+    x, y, z = point[0], point[1], point[2] - center
+    rows = np.zeros((3, N_DOF))
+    rows[:, first : first + 3] = np.eye(3)
+    rows[:, rotation] += (0.0, -z, y)
+    rows[:, rotation + 1] += (z, 0.0, -x)
+    return rows
+
+
+def _between(
+    pump: Pump, direction: np.ndarray, body: str, other: str | None, point: np.ndarray
+) -> Float[np.ndarray, " 13"]:
+    row = direction @ displacement_rows(pump, body, point)
+    return row if other is None else row - direction @ displacement_rows(pump, other, point)
+
+
+def piston_points(pump: Pump, angle: float = 0.0) -> Float[np.ndarray, "piston 3"]:
+    """Slipper centers on the swash plane [m] when piston 0 is `angle` [rad] past top dead center."""
+    group = pump.rotating_group
+    phi = angle + 2 * np.pi * np.arange(group.piston_count) / group.piston_count
+    radius, slope = group.pitch_radius, math.tan(group.swash_angle)
+    return np.stack([radius * np.sin(phi), radius * np.cos(phi), radius * slope * np.cos(phi)], axis=1)
+
+
+def swash_normal(pump: Pump) -> Float[np.ndarray, " 3"]:
+    """Unit normal of the swash plate, toward the pistons."""
+    angle = pump.rotating_group.swash_angle
+    return np.array([0.0, -math.sin(angle), math.cos(angle)])
+
+
+def slipper_swash_shape(pump: Pump, topology: str, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Outer-product matrix (13, 13) of the slippers' normal contact, and its mean coefficient vector (13,)."""
+    body = "P" if topology == "T1" else "C"
+    rows = [_between(pump, swash_normal(pump), body, "F", point) for point in piston_points(pump, angle)]
+    stacked = np.array(rows)
+    return stacked.T @ stacked / len(rows), stacked.mean(axis=0)
+
+
+def block_valve_shape(pump: Pump) -> np.ndarray:
+    """Outer-product matrix (13, 13) of the valve plate film, a ring of axial springs."""
+    axial = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, pump.positions.valve_plate]))
+    shape = np.outer(axial, axial)
+    for offset in (3, 4):
+        tilt = np.zeros(N_DOF)
+        tilt[5 + offset], tilt[offset] = 1.0, -1.0
+        shape += pump.valve_plate.film_radius**2 / 2 * np.outer(tilt, tilt)
+    return shape
+
+
+def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
+    """Outer-product matrix (13, 13) of the pistons in their bores, axial at each piston and lateral in the mean."""
+    points = piston_points(pump, angle)
+    rows = [_between(pump, _AXES[2], "P", "C", point) for point in points]
+    shape = np.transpose(rows) @ np.array(rows) / len(rows)
+    for axis in (0, 1):
+        row = _between(pump, _AXES[axis], "P", "C", np.zeros(3))
+        shape = shape + pump.coupling.lateral_ratio * np.outer(row, row)
+    return shape
+
+
+def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
+    mount, masses = pump.mount, pump.masses
+    total = masses.shell + masses.rotor + masses.retainer
+    arm = pump.positions.mount - pump.positions.shell
+    inertia = masses.shell_inertia + masses.shell * arm**2
+    stiffness, damping = np.zeros((N_DOF, N_DOF)), np.zeros((N_DOF, N_DOF))
+    point = np.array([0.0, 0.0, pump.positions.mount])
+    for axis, value in zip(_AXES, (mount.stiffness_x, mount.stiffness_y, mount.stiffness_z), strict=True):
+        row = _between(pump, axis, "F", None, point)
+        stiffness += value * np.outer(row, row)
+        damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
+    for rotation in (3, 4):
+        stiffness[rotation, rotation] += mount.stiffness_tilt
+        damping[rotation, rotation] += 2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
+    return stiffness, damping
+
+
+def _bearings(pump: Pump) -> np.ndarray:
+    bearings = pump.bearings
+    stiffness = np.zeros((N_DOF, N_DOF))
+    for place, value in zip(bearings.positions, bearings.stiffnesses, strict=True):
+        for axis in (0, 1):
+            row = _between(pump, _AXES[axis], "C", "F", np.array([0.0, 0.0, place]))
+            stiffness += value * np.outer(row, row)
+    row = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, bearings.positions[-1]]))
+    return stiffness + bearings.axial_stiffness * np.outer(row, row)
+
+
+@lru_cache(maxsize=64)
+def assemble(pump: Pump, topology: str = "T1") -> Structure:
+    """Structure of `pump`, float64; the same object for equal pumps, so not to be written into.
+
+    Parameters
+    ----------
+    topology : see `Topology`.
+    """
+    if topology not in ("T1", "T2"):
+        raise InputError(f"topology {topology!r} is unknown; choose 'T1' or 'T2'.")
+    masses = pump.masses
+    diagonal = [masses.shell] * 3 + [masses.shell_inertia] * 2 + [masses.rotor] * 3 + [masses.rotor_inertia] * 2
+    slipper_shape, slipper_vector = slipper_swash_shape(pump, topology)
+    mount_stiffness, mount_damping = _mount(pump)
+    bearing_stiffness = _bearings(pump)
+    spring = _between(pump, _AXES[2], "P", "C", np.zeros(3))
+    rows = [np.array(s.direction) @ displacement_rows(pump, "F", np.array(s.position)) for s in pump.sensors]
+
+    def tensor(array: np.ndarray) -> Tensor:
+        return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float64)
+
+    return Structure(
+        mass=tensor(np.diag(diagonal + [masses.retainer] * 3)),
+        interface_shapes=tensor(np.stack([slipper_shape, block_valve_shape(pump), piston_bore_shape(pump)])),
+        mount_stiffness=tensor(mount_stiffness),
+        bearing_stiffness=tensor(bearing_stiffness),
+        spring_stiffness=tensor(pump.coupling.spring_stiffness * np.outer(spring, spring)),
+        fixed_damping=tensor(mount_damping + pump.bearings.damping_time * bearing_stiffness),
+        slipper_vector=tensor(slipper_vector),
+        lateral_vector=tensor(_between(pump, _AXES[1], "P", "C", np.zeros(3))),
+        sensor_rows=tensor(np.stack(rows)),
+    )
+
+
+def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray, " 13"]:
+    """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a moment.
+
+    T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact there, less its mean.
+    """
+    group = pump.rotating_group
+    point = np.array([math.sin(angle), math.cos(angle), math.tan(group.swash_angle) * math.cos(angle)])
+    point = group.pitch_radius * point
+    if topology == "T1":
+        return _between(pump, _AXES[2], "P", "C", point) - _between(pump, _AXES[2], "P", "C", np.zeros(3))
+    return _between(pump, swash_normal(pump), "C", "F", point) - slipper_swash_shape(pump, topology)[1]
+
+
+def rigid_motions(pump: Pump) -> Float[np.ndarray, "13 5"]:
+    """The five motions of the pump as one rigid body: x, y, z, and rotations about x and y through the origin."""
+    motions = np.zeros((N_DOF, 5))
+    centers = {0: pump.positions.shell, 5: pump.positions.rotor, 10: 0.0}
+    for first, center in centers.items():
+        motions[first : first + 3, :3] = np.eye(3)
+        for i in (0, 1):
+            motions[first : first + 3, 3 + i] = np.cross(_AXES[i], [0.0, 0.0, center])
+    for i in (0, 1):
+        motions[3 + i, 3 + i] = motions[8 + i, 3 + i] = 1.0
+    return motions

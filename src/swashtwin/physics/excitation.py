@@ -1,0 +1,203 @@
+"""What faults add to the chamber pressures: displacements, impacts and softer films.
+
+Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020), docs/physics.md, sections 3
+and 5, for the others. Lines are exact Fourier coefficients, not transforms of samples: a half-sine entry has jumps of
+velocity, so its lines fall slowly and would fold. Their clock is the shaft angle theta, 0 at top dead center of piston
+0, and piston j stands at theta + 2 pi j / n; line k - 1 is X_k of x(t) = Re sum_k X_k exp(i k theta), and the mean is
+left out.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from swashtwin.foundation import InputError
+from swashtwin.physics.recess import slipper_profile, stages
+from swashtwin.pump import BoreDefect, Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect, ValvePlateWear
+
+FRICTION = 20.0
+"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""
+PULL_ANGLE = math.radians(8)
+"""Shaft angle [rad] at which the force on a piston changes from pressing to pulling, after top dead center."""
+PRESS_ANGLE = math.radians(188)
+"""Shaft angle [rad] at which it changes back, after bottom dead center."""
+
+
+def _piston_angles(pump: Pump, angle: Float[np.ndarray, " time"]) -> Float[np.ndarray, "piston time"]:
+    count = pump.rotating_group.piston_count
+    return angle + 2 * math.pi * np.arange(count)[:, None] / count
+
+
+def _orders(n_lines: int) -> Int[np.ndarray, " line"]:
+    if n_lines < 1:
+        raise InputError(f"n_lines ({n_lines}) must be at least 1.")
+    return np.arange(1, n_lines + 1)
+
+
+def _shifted(pump: Pump, index: int, name: str) -> float:
+    """Shaft angle [rad] by which piston `index` is ahead of piston 0."""
+    count = pump.rotating_group.piston_count
+    if index >= count:
+        raise InputError(f"{name} ({index}) is none of the {count} pistons; count from 0.")
+    return 2 * math.pi * index / count
+
+
+def slipper_displacements(
+    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect, time: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "piston time"]:
+    """Displacement H_j(t) [m] of each slipper in the recess at `time` [s] since top dead center of piston 0."""
+    return slipper_profile(pump, defect, _piston_angles(pump, condition.speed * time))[0]
+
+
+def total_displacement(
+    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect, time: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
+    """Sum H(t) [m] of the displacements of all slippers; it repeats n times a revolution."""
+    return slipper_displacements(pump, condition, defect, time).sum(axis=0)
+
+
+def _integral(rate: Float[np.ndarray, " line"], length: float) -> Complex[np.ndarray, " line"]:
+    """Integral of exp(i rate s) over s from 0 to `length`."""
+    return length * np.exp(0.5j * rate * length) * np.sinc(rate * length / (2 * math.pi))
+
+
+def _half_sine(half_width: float, orders: Float[np.ndarray, " line"]) -> Float[np.ndarray, " line"]:
+    """Integral of cos(pi u / (2 D)) cos(k u) over u from -D to D, D the half width."""
+    turned = orders * half_width / math.pi
+    return half_width * (np.sinc(0.5 - turned) + np.sinc(0.5 + turned))
+
+
+def _profile_lines(pump: Pump, defect: SwashPlateDefect, orders: Float[np.ndarray, " line"]) -> np.ndarray:
+    """Lines [m] of one slipper that stands in the middle of the recess at angle 0; real, for its path is symmetric."""
+    stage = stages(pump, defect)
+    if defect.edge == "half_sine":
+        rate = math.pi / (2 * stage.rise)
+        rise = (_integral(rate - orders, stage.rise) - _integral(-rate - orders, stage.rise)) / 2j
+    else:
+        rate = math.pi / stage.rise
+        both = _integral(rate - orders, stage.rise) + _integral(-rate - orders, stage.rise)
+        rise = _integral(-orders, stage.rise) / 2 - both / 4
+    entry = (np.exp(0.5j * orders * stage.total) * rise).real
+    dwell = np.sin(orders * stage.dwell / 2) / orders
+    return 2 / math.pi * stage.depth * (dwell + entry)
+
+
+def displacement_lines(
+    pump: Pump,
+    condition: OperatingCondition,
+    defect: SwashPlateDefect,
+    n_lines: int,
+    *,
+    scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None = None,
+) -> Complex[np.ndarray, " line"]:
+    """Order lines [m] of the total displacement H.
+
+    Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of n: the lines of a
+    healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied here.
+
+    Parameters
+    ----------
+    condition : has no influence, for the displacement follows the shaft angle.
+    scatter : displacement of each slipper over the nominal one; None: all 1.
+    """
+    orders = _orders(n_lines)
+    count = pump.rotating_group.piston_count
+    if scatter is None:
+        combined = np.where(orders % count == 0, float(count), 0.0).astype(complex)
+    else:
+        weights = np.asarray(scatter, dtype=float)
+        if weights.shape != (count,):
+            raise InputError(f"scatter has shape {weights.shape} for {count} slippers.")
+        turns = (orders[:, None] * np.arange(count)) % count / count
+        combined = np.exp(2j * math.pi * turns) @ weights
+    return combined * np.exp(-1j * orders * defect.angle) * _profile_lines(pump, defect, orders.astype(float))
+
+
+def bore_lines(
+    pump: Pump, condition: OperatingCondition, defect: BoreDefect, n_lines: int
+) -> Complex[np.ndarray, " line"]:
+    """Order lines [m] of the lateral displacement H_c of the piston in the damaged bore, felt once a revolution.
+
+    H_c = depth cos(pi (phi - angle) / (2 half_width)) where the bore's angle phi is within `half_width` of the
+    defect's.
+
+    Parameters
+    ----------
+    condition : has no influence, for the displacement follows the shaft angle.
+    """
+    if defect.half_width > math.pi:
+        raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
+    orders = _orders(n_lines).astype(float)
+    middle = defect.angle - _shifted(pump, defect.bore, "BoreDefect.bore")
+    return defect.depth / math.pi * np.exp(-1j * orders * middle) * _half_sine(defect.half_width, orders)
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One impact of a loose slipper in its ball joint."""
+
+    angle: float
+    """Shaft angle at which it starts [rad], for the loose piston's own angle."""
+    speed: float
+    """Speed of the impact [m/s]."""
+    impulse: float
+    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/physics.md section 5 it acts as
+    -F g0, whose sense against the pressure's forces is open: only the two impacts' opposite signs are certain."""
+
+
+def impacts(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[Impact, Impact]:
+    """The two impacts of a revolution: when the piston starts to pull, and when pressure presses it back.
+
+    Pulled, the piston crosses the clearance e with a = R tan(gamma) omega^2 + friction / m: v = sqrt(2 a e). Pressed,
+    it can take no more than the oil that its stroke compresses in the chamber: v = A e sqrt(B / (V m)), V at bottom
+    dead center. Each impulse is m v (1 + restitution), and starts when the clearance is crossed.
+    """
+    group, mass = pump.rotating_group, pump.masses.piston_slipper
+    lift = group.pitch_radius * math.tan(group.swash_angle)
+    pull = lift * condition.speed**2 + FRICTION / mass
+    trapped = group.dead_volume + 2 * group.piston_area * lift
+    rate = group.piston_area * math.sqrt(pump.oil.bulk_modulus / (trapped * mass))
+    pull_speed, press_speed = math.sqrt(2 * pull * fault.clearance), rate * fault.clearance
+    rebound = mass * (1 + fault.restitution)
+    return (
+        Impact(PULL_ANGLE + condition.speed * pull_speed / pull, pull_speed, -rebound * pull_speed),
+        Impact(PRESS_ANGLE + condition.speed * math.pi / (2 * rate), press_speed, rebound * press_speed),
+    )
+
+
+def impact_lines(
+    pump: Pump, condition: OperatingCondition, fault: LooseSlipper, n_lines: int
+) -> Complex[np.ndarray, " line"]:
+    """Order lines [N] of the contact force F of a loose slipper: two half-sine pulses a revolution."""
+    if fault.pulse > condition.period:
+        raise InputError(f"LooseSlipper.pulse ({fault.pulse:g} s) exceeds one revolution ({condition.period:g} s).")
+    orders = _orders(n_lines).astype(float)
+    half_width = condition.speed * fault.pulse / 2
+    shape = _half_sine(half_width, orders) / (4 * half_width / math.pi) if half_width > 0 else np.ones_like(orders)
+    ahead = _shifted(pump, fault.slipper, "LooseSlipper.slipper")
+    lines = np.zeros(n_lines, dtype=complex)
+    for impact in impacts(pump, condition, fault):
+        middle = impact.angle + half_width - ahead
+        lines += condition.speed / math.pi * impact.impulse * shape * np.exp(-1j * orders * middle)
+    return lines
+
+
+@dataclass(frozen=True)
+class FilmScaling:
+    """Factors on the stiffness and damping of the film between cylinder block and valve plate."""
+
+    stiffness: float
+    """Factor on K_v [1]."""
+    damping: float
+    """Factor on C_v [1]."""
+
+
+def film_scaling(pump: Pump, fault: Fault | None) -> FilmScaling:
+    """How a worn valve plate softens its film: K_v with (h0 / h)^exponent, C_v with the cube; 1 for any other fault."""
+    if not isinstance(fault, ValvePlateWear):
+        return FilmScaling(stiffness=1.0, damping=1.0)
+    ratio = pump.valve_plate.film / (pump.valve_plate.film + fault.film_increase)
+    return FilmScaling(stiffness=ratio**fault.stiffness_exponent, damping=ratio**3)

@@ -1,0 +1,348 @@
+"""Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13 degrees of freedom.
+
+These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
+expected effects of each fault: docs/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper and valve
+plate faults; a swash plate defect acts on them only with ``contact="physical"``; the other faults leave them as in a
+healthy pump.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from swashtwin.foundation import InputError, SwashTwinError
+from swashtwin.physics.chambers import Chambers, NotConverged, solve
+from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
+from swashtwin.physics.recess import slipper_profile
+from swashtwin.pump import (
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    OperatingCondition,
+    PistonWear,
+    Pump,
+    SealingLandScratch,
+    SwashPlateDefect,
+    ValvePlateWear,
+)
+
+_PRESSING = (PistonWear, SealingLandScratch, ValvePlateWear, DamScratch, GrooveErosion)
+"""Faults that act on the pressures, whatever their settings."""
+
+CRACKING_SHARE = 0.95
+"""Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """One pump at one operating point with at most one fault: a row of a batch."""
+
+    pump: Pump
+    """What turns."""
+    condition: OperatingCondition
+    """Under which speed, pressures and temperature."""
+    fault: Fault | None = None
+    """What is wrong with it."""
+    piston_clearances: tuple[float, ...] | None = None
+    """Radial clearance of each piston [m]; None: all as in the pump file."""
+
+    def __post_init__(self) -> None:
+        count = self.pump.rotating_group.piston_count
+        if self.piston_clearances is not None and len(self.piston_clearances) != count:
+            raise InputError(f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons.")
+        for kind, name in ((PistonWear, "piston"), (SealingLandScratch, "bore")):
+            if isinstance(self.fault, kind) and getattr(self.fault, name) >= count:
+                index = getattr(self.fault, name)
+                raise InputError(f"{kind.__name__}.{name} ({index}) is none of the {count} pistons; count from 0.")
+
+
+@dataclass(frozen=True, eq=False)
+class ChamberPressures:
+    """Pressures over one revolution, once they repeat."""
+
+    angle: Float[np.ndarray, " step"]
+    """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at 2 pi."""
+    chamber: Float[np.ndarray, "case piston step"]
+    """Pressure in each chamber [Pa]."""
+    discharge: Float[np.ndarray, "case step"]
+    """Pressure in the outlet line [Pa]."""
+    flow: Float[np.ndarray, " case"]
+    """Mean flow out of the pump [m^3/s]."""
+
+
+def port_openings(
+    pump: Pump, fault: Fault | None, angle: Float[np.ndarray, " angle"]
+) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
+    """Areas [m^2] by which a bore at shaft `angle` [rad] opens onto the suction and the discharge port.
+
+    A kidney opens and closes linearly. Ahead of it lies a triangular relief groove of depth s tan(slope), s from its
+    tip.
+    """
+    plate = pump.valve_plate
+    advance, widening = (fault.advance, fault.area_factor) if isinstance(fault, GrooveErosion) else (0.0, 1.0)
+
+    def port(opens: float, closes: float) -> np.ndarray:
+        length = closes - opens + advance
+        turned = np.mod(angle - opens + advance + plate.groove_angle, 2 * math.pi) - plate.groove_angle
+        ramp = np.clip(np.minimum(turned, length - turned) / plate.port_ramp, 0, 1)
+        kidney = plate.port_area_ratio * pump.rotating_group.piston_area * ramp
+        along = pump.rotating_group.pitch_radius * np.clip(turned + plate.groove_angle, 0, plate.groove_angle)
+        groove = widening * (along * math.tan(plate.groove_slope)) ** 2 * math.tan(plate.groove_flank / 2)
+        return np.where(turned < length / 2, np.maximum(kidney, groove), kidney)
+
+    suction = port(plate.suction_open, plate.suction_close)
+    discharge = port(plate.discharge_open, plate.discharge_close)
+    if isinstance(fault, DamScratch):
+        from_bottom = np.mod(angle, 2 * math.pi) - math.pi
+        discharge = discharge + fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
+    return suction, discharge
+
+
+def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
+    """Coefficients of one case that depend on where a piston stands."""
+    pump, condition, fault = case.pump, case.condition, case.fault
+    group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
+    lift = group.pitch_radius * math.tan(group.swash_angle)
+    volume = group.dead_volume + group.piston_area * lift * (1 - np.cos(angle))
+    swept = group.piston_area * lift * np.sin(angle)
+    slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
+    if isinstance(fault, SwashPlateDefect) and fault.contact == "physical" and fault.depth > 0:
+        height, slope = slipper_profile(pump, fault, angle)
+        volume = volume + group.piston_area * height / math.cos(group.swash_angle)
+        swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
+        film = group.slipper_film + float(height.max())
+        lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
+        slipper = slipper + max(0.0, lifted - float(slipper[0])) * height / height.max()
+    film = pump.valve_plate.film + (fault.film_increase if isinstance(fault, ValvePlateWear) else 0.0)
+    guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
+    orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
+    suction, discharge = port_openings(pump, fault, angle)
+    return {
+        "volume": volume,
+        "swept": swept,
+        "suction_opening": orifice * suction,
+        "discharge_opening": orifice * discharge,
+        "leakage": slipper + valve_plate_leakage(pump, film, viscosity),
+        "piston_leakage": piston_leakage(pump, viscosity) / guide,
+    }
+
+
+def _over_pistons(case: LoadCase) -> dict[str, np.ndarray]:
+    """Coefficients of one case that differ from piston to piston."""
+    group, fault = case.pump.rotating_group, case.fault
+    clearance = np.full(group.piston_count, group.piston_clearance)
+    if case.piston_clearances is not None:
+        clearance = np.array(case.piston_clearances, dtype=float)
+    scratch = np.zeros(group.piston_count)
+    if isinstance(fault, PistonWear):
+        clearance[fault.piston] += fault.clearance
+    if isinstance(fault, SealingLandScratch):
+        scratch[fault.bore] = fault.conductance
+    return {"cubed_clearance": clearance**3, "scratch_leakage": scratch}
+
+
+def _relief_slope(case: LoadCase) -> float:
+    """Flow of the relief valve per pressure [m^3/(s Pa)]: all of the pump's at full override."""
+    displaced = case.pump.rotating_group.displacement * case.condition.shaft_frequency
+    return displaced / case.pump.line.relief_override
+
+
+def _cracking_pressure(case: LoadCase) -> float:
+    return case.condition.discharge_pressure - CRACKING_SHARE * case.pump.line.relief_override
+
+
+def _tabulated(case: LoadCase, steps: int) -> Chambers:
+    return Chambers(
+        **_over_angle(case, 2 * math.pi * np.arange(steps) / steps),
+        **_over_pistons(case),
+        speed=case.condition.speed,
+        bulk_modulus=case.pump.oil.bulk_modulus,
+        air_fraction=case.pump.oil.air_fraction,
+        suction_pressure=case.condition.suction_pressure,
+        discharge_pressure=case.condition.discharge_pressure,
+        case_pressure=case.condition.case_pressure,
+        line_volume=case.pump.line.volume,
+        relief_slope=_relief_slope(case),
+        cracking_pressure=_cracking_pressure(case),
+    )
+
+
+class _Starved(Exception):
+    """The pump leaks all that it displaces."""
+
+
+def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
+    chamber, discharge = solve(_tabulated(case, steps), revolutions)
+    excess = np.maximum(discharge - _cracking_pressure(case), 0.0)
+    flow = _relief_slope(case) * float(excess.mean())
+    if flow <= 0:
+        raise _Starved
+    return chamber, discharge, flow
+
+
+@contextmanager
+def _naming(index: int, case: LoadCase, steps: int) -> Iterator[None]:
+    """Say which case of a batch has failed."""
+    name = (
+        f"case {index} ({case.pump.name}, {case.condition.speed * 30 / math.pi:.4g} rev/min, "
+        f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault})"
+    )
+    try:
+        yield
+    except NotConverged as failure:
+        raise SwashTwinError(
+            f"chamber pressures of {name} do not converge at shaft angle {math.degrees(failure.angle):.4g} deg; "
+            f"more steps than {steps} per revolution may help."
+        ) from failure
+    except _Starved:
+        raise InputError(
+            f"{name} leaks all it displaces and cannot hold its discharge pressure; "
+            "raise the speed, or lower discharge_pressure or oil_temperature."
+        ) from None
+
+
+def _whole(steps: int, case: LoadCase) -> int:
+    """`steps` rounded up to a multiple of the number of pistons."""
+    count = case.pump.rotating_group.piston_count
+    return -(-steps // count) * count
+
+
+def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
+    """Periodic pressures of all `cases`.
+
+    Parameters
+    ----------
+    cases : pumps with the same number of pistons; all else may differ.
+    steps : steps per revolution, rounded up to a multiple of the number of pistons.
+    revolutions : how many to integrate; the last is returned, and the second already repeats to 3e-4.
+
+    Raises
+    ------
+    InputError
+        No case, different numbers of pistons, or a pump that leaks more than it displaces.
+    SwashTwinError
+        The pressures of a case cannot be solved for.
+    """
+    counts = {case.pump.rotating_group.piston_count for case in cases}
+    if len(counts) != 1:
+        raise InputError(f"a batch needs pumps of one number of pistons, not {sorted(counts)}; call once for each.")
+    if steps < 180 or revolutions < 1:
+        raise InputError(f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1.")
+    steps = _whole(steps, cases[0])
+    solutions = []
+    for index, case in enumerate(cases):
+        with _naming(index, case, steps):
+            solutions.append(_solved(case, steps, revolutions))
+    chamber, discharge, flow = zip(*solutions, strict=True)
+    return ChamberPressures(
+        angle=_end_angles(steps), chamber=np.stack(chamber), discharge=np.stack(discharge), flow=np.array(flow)
+    )
+
+
+def _end_angles(steps: int) -> np.ndarray:
+    """Shaft angle [rad] at the end of each step."""
+    return 2 * math.pi * np.arange(1, steps + 1) / steps
+
+
+def generalized_forces(
+    pump: Pump, force: Float[np.ndarray, "piston step"], angle: Float[np.ndarray, "piston step"]
+) -> Float[np.ndarray, "step 13"]:
+    """Forces of the chamber pressures on the 13 degrees of freedom, for topology T1 [N, N m].
+
+    Parameters
+    ----------
+    force : axial force A (p - p_case) on each piston [N].
+    angle : shaft angle phi_j of each piston [rad].
+    """
+    return _resultants(pump, force, np.cos(angle), np.sin(angle)).T @ _shares(pump).T
+
+
+def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """Sum of the piston forces [N], and their moments about x and y over the shaft angle [N m]."""
+    radius = pump.rotating_group.pitch_radius
+    return np.stack([force.sum(axis=0), radius * (force * cosine).sum(axis=0), radius * (force * sine).sum(axis=0)])
+
+
+def _shares(pump: Pump) -> np.ndarray:
+    """What each degree of freedom takes of the resultants, for topology T1."""
+    balance, tangent = pump.valve_plate.balance_ratio, math.tan(pump.rotating_group.swash_angle)
+    shares = np.zeros((13, 3))
+    shares[[2, 7, 12], 0] = balance, 1 - balance, -1.0
+    shares[[3, 8], 1] = balance - 1 - tangent**2, 1 - balance + tangent**2
+    shares[[4, 9], 2] = 1 - balance, balance - 1
+    return shares
+
+
+@lru_cache(maxsize=4)
+def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of the angle of each piston (piston, step)."""
+    angle = _end_angles(steps) + 2 * math.pi * np.arange(count)[:, None] / count
+    return np.cos(angle), np.sin(angle)
+
+
+def force_lines(
+    cases: Sequence[LoadCase], n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
+) -> Complex[np.ndarray, "case order 13"]:
+    """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
+
+    Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
+    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `KEPT` operating points are remembered.
+
+    Parameters
+    ----------
+    n_lines : highest order.
+    topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then takes the piston force.
+    steps : steps per revolution, at least; as many more as the lines need. Euler's method is of first order: with 1792
+        steps the lines up to 5 n are off by 1 % of their sum (7 % of the smallest), with 896 by twice that.
+
+    Raises
+    ------
+    InputError
+        No line is asked for; see also `chamber_pressures`.
+    """
+    if n_lines < 1:
+        raise InputError(f"n_lines ({n_lines}) must be at least 1.")
+    lines = np.empty((len(cases), n_lines + 1, 13), dtype=complex)
+    for index, case in enumerate(cases):
+        whole = _whole(max(steps, 2 * n_lines + 2), case)
+        with _naming(index, case, whole):
+            lines[index] = _all_force_lines(_pressing(case), whole)[: n_lines + 1]
+    if topology == "T2":
+        lines[:, :, 7] += lines[:, :, 12]
+        lines[:, :, 12] = 0
+    return lines
+
+
+def _pressing(case: LoadCase) -> LoadCase:
+    """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
+    recess = isinstance(case.fault, SwashPlateDefect) and case.fault.contact == "physical"
+    if case.fault is None or recess or isinstance(case.fault, _PRESSING):
+        return case
+    return replace(case, fault=None)
+
+
+KEPT = 64
+"""Operating points whose forces are remembered, of about 0.2 MB each."""
+
+
+@lru_cache(maxsize=KEPT)
+def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 13"]:
+    """Lines of one case for topology T1, as many as `steps` give."""
+    chamber, _, _ = _solved(case, steps, revolutions=2)
+    force = case.pump.rotating_group.piston_area * (chamber - case.condition.case_pressure)
+    resultants = _resultants(case.pump, force, *_turned(len(force), steps))
+    to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
+    lines = (np.fft.rfft(resultants) * (2 / steps) * to_zero).T @ _shares(case.pump).T
+    lines[0] /= 2
+    unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
+    lines[1, 5] += unbalance
+    lines[1, 6] -= 1j * unbalance
+    lines.flags.writeable = False
+    return lines

@@ -1,0 +1,169 @@
+"""The classical fourth-order Runge-Kutta recursion on a linear system: a fixed map, with its limit and its poles."""
+
+from typing import no_type_check
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from torch import Tensor
+
+from swashtwin.foundation import StabilityError, compiled
+
+REACH = 6.0
+"""No point of RK4's stability region is farther from the origin than this."""
+
+
+def state_matrix(
+    mass: Float[Tensor, "13 13"], damping: Float[Tensor, "*#batch 13 13"], stiffness: Float[Tensor, "*#batch 13 13"]
+) -> Float[Tensor, "*#batch 26 26"]:
+    """A of x' = A x + B u for the state (displacements, velocities)."""
+    damping, stiffness = torch.broadcast_tensors(damping, stiffness)
+    lower = -torch.linalg.solve(mass, torch.cat([stiffness, damping], dim=-1))
+    upper = torch.eye(26, dtype=lower.dtype, device=lower.device)[13:].expand_as(lower)
+    return torch.cat([upper, lower], dim=-2)
+
+
+def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
+    """Largest time step [s] at which RK4 stays bounded, for each of the batch; on the CPU.
+
+    Found by bisection on the amplification factor |1 + z + z^2/2 + z^3/6 + z^4/24| of every eigenvalue.
+
+    Raises
+    ------
+    StabilityError
+        No step is stable, for the motion itself grows.
+    """
+    rates = torch.linalg.eigvals(state.detach().cpu().double())
+    limits = torch.empty(rates.shape[:-1], dtype=torch.float64)
+    _find_limits(rates.reshape(-1, rates.shape[-1]).numpy(), limits.reshape(-1).numpy())
+    if not bool((limits > 0).all()):
+        raise StabilityError(
+            "no RK4 step is stable, because the pump's own motion grows: is a stiffness or a damping negative?"
+        )
+    return limits
+
+
+def require_decay(state: Float[Tensor, "*batch 26 26"]) -> None:
+    """Refuse a pump whose own motion grows.
+
+    Raises
+    ------
+    StabilityError
+        An eigenvalue has a positive real part, beyond rounding.
+    """
+    if state.is_meta:
+        return
+    rates = torch.linalg.eigvals(state.detach().cpu().double())
+    if not bool((rates.real <= 1e-9 * rates.abs().amax(dim=-1, keepdim=True)).all()):
+        raise StabilityError("the pump's own motion grows: is a stiffness or a damping negative?")
+
+
+def rk4_limit(state: Float[Tensor, "*batch 26 26"]) -> float:
+    """Largest time step [s] at which RK4 stays bounded, over the whole batch; see `rk4_limits`."""
+    return float(rk4_limits(state).min())
+
+
+def stable_step(state: Float[Tensor, "*batch 26 26"], step: float | None) -> float:
+    """`step` [s] if it is stable, or 0.8 of the limit where `step` is None.
+
+    Raises
+    ------
+    StabilityError
+        The step lies above the limit, which is named.
+    """
+    limit = rk4_limit(state)
+    if step is None:
+        return 0.8 * limit
+    if not step > 0:
+        raise StabilityError(
+            f"RK4 step {step * 1e6:.4g} us must be positive, up to {limit * 1e6:.4g} us for this pump."
+        )
+    if step > limit:
+        raise StabilityError(
+            f"RK4 step {step * 1e6:.4g} us lies above the stability limit {limit * 1e6:.4g} us of this pump; "
+            f"use at most {0.95 * limit * 1e6:.3g} us, or HarmonicBalance() (--solver harmonic-balance): it has none."
+        )
+    return step
+
+
+def rk4_map(
+    state: Float[Tensor, "*#batch 26 26"], step: Float[Tensor, "*#batch"] | float
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Phi, G0, G1, G2 of one RK4 step of x' = A x + u: x+ = Phi x + G0 u(t) + G1 u(t + h/2) + G2 u(t + h).
+
+    Phi = I + Z + Z^2/2 + Z^3/6 + Z^4/24 with Z = h A. All are (*batch, 26, 26).
+    """
+    eye = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
+    h = step[..., None, None] if isinstance(step, Tensor) else step
+    z = h * state
+    z2 = z @ z
+    z3 = z2 @ z
+    phi = eye + z + z2 / 2 + z3 / 6 + z3 @ z / 24
+    g0 = h / 6 * (eye + z + z2 / 2 + z3 / 4)
+    g1 = h / 6 * (4 * eye + 2 * z + z2 / 2)
+    g2 = (h / 6 * eye).expand_as(phi)
+    return phi, g0, g1, g2
+
+
+def rk4_poles(
+    turn: Float[np.ndarray, "*batch"],
+) -> tuple[Complex[np.ndarray, "*batch 4"], Complex[np.ndarray, "*batch 4"]]:
+    """Poles r and weights b with which RK4's answer to F exp(i w t) is X = sum_i b_i (M s^2 + C s + K)^-1 F, s = r_i/h.
+
+    A step multiplies the state by R(Z) = 1 + Z + Z^2/2 + Z^3/6 + Z^4/24, Z = h A, and adds h n(Z) u with
+    n(Z) = [1 + 4 y + z + (1 + 2 y) Z + (1 + y) Z^2/2 + Z^3/4] / 6, z = exp(i w h), y = exp(i w h/2). In steady state
+    (z - R(Z)) x = h n(Z) u. R has one degree more than n, so that the partial fractions are first-order systems: r_i
+    are the four roots of R(r) = z, and b_i = n(r_i) / R'(r_i). One root is near i w h, the others are RK4's own. They
+    keep apart for every w, for where R' vanishes R is below 0.6, and |z| is 1: nothing is ill-conditioned.
+
+    Parameters
+    ----------
+    turn : w h [rad], by which a line turns in a step.
+    """
+    beyond = -2 * np.sin(turn / 2) ** 2 + 1j * np.sin(turn)  # z - 1 without loss of digits
+    poles = np.empty((turn.size, 4), dtype=complex)
+    _find_poles(beyond.reshape(-1), poles)
+    poles = poles.reshape(*turn.shape, 4)
+    z, y = 1 + beyond[..., None], np.exp(0.5j * turn)[..., None]
+    inputs = 1 + 4 * y + z + poles * (1 + 2 * y + poles / 2 * (1 + y + poles / 2))
+    return poles, inputs / 6 / (1 + poles * (1 + poles / 2 * (1 + poles / 3)))
+
+
+@compiled
+@no_type_check
+def _find_poles(beyond, poles):
+    """Fill in the four roots of r + r^2/2 + r^3/6 + r^4/24 = `beyond`, by Aberth's simultaneous Newton iteration."""
+    for line in range(beyond.shape[0]):
+        r = poles[line]
+        r[0], r[1], r[2], r[3] = 0.3 + 0.2j, -2.785 + 0.1j, -0.6 + 2.9j, -0.7 - 2.8j
+        for _ in range(60):
+            change = 0.0
+            for i in range(4):
+                value = r[i] * (1 + r[i] / 2 * (1 + r[i] / 3 * (1 + r[i] / 4))) - beyond[line]
+                slope = 1 + r[i] * (1 + r[i] / 2 * (1 + r[i] / 3))
+                others = 0j
+                for j in range(4):
+                    if j != i:
+                        others += 1 / (r[i] - r[j])
+                step = value / (slope - value * others)
+                r[i] -= step
+                change = max(change, abs(step))
+            if change < 1e-15:
+                break
+
+
+@compiled
+@no_type_check
+def _find_limits(rates, limits):
+    """Fill in the largest step at which no growth factor of a row of eigenvalues exceeds 1, or 0 for none."""
+    for row in range(rates.shape[0]):
+        farthest = REACH / np.abs(rates[row]).max()
+        low, high = 0.0, farthest
+        for _ in range(80):
+            middle = (low + high) / 2
+            stable = True
+            for rate in rates[row]:
+                z = middle * rate
+                stable &= abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))) <= 1 + 1e-12
+            low, high = (middle, high) if stable else (low, middle)
+        limits[row] = low if low > 1e-6 * farthest else 0.0

@@ -1,0 +1,1 @@
+"""A pump, under a condition, with a fault: what its accelerometers would read."""

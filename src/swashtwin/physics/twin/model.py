@@ -1,0 +1,272 @@
+"""A pump, under a condition, with a fault: what its accelerometers would read."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from torch import Tensor
+
+from swashtwin.foundation import InputError
+from swashtwin.physics.contacts.check import ContactCheck, check_contact, slipper_forces
+from swashtwin.physics.contacts.settings import SlipperContact
+from swashtwin.physics.contacts.slippers import slipper_lines
+from swashtwin.physics.dynamics import Structure, Topology, assemble
+from swashtwin.physics.loads import LoadCase, force_lines
+from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
+from swashtwin.physics.twin.path import SensorPath
+from swashtwin.physics.twin.response import Drive, drive_of, motion_of, require_positive, respond
+from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.recordings import Recording
+from swashtwin.signals import synchronous_signal
+
+BONDED = SlipperContact()
+"""Slippers that are all alike and can pull, as the linear twin assumes."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Factors on constants that nobody measured; 1 where the pump file is right."""
+
+    mount: float = 1.0
+    """On the mounting's stiffness."""
+    bearing: float = 1.0
+    """On the bearings' stiffness."""
+    excitation: float = 1.0
+    """On the forces of a fault."""
+    sensor: float = 1.0
+    """On what the sensors read."""
+
+    def values(self) -> tuple[float, float, float, float]:
+        """The four factors in the order of the fields."""
+        return (self.mount, self.bearing, self.excitation, self.sensor)
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """Model of one pump at one operating condition.
+
+    In steady state, and linear unless `contact` says otherwise: acceleration at the multiples of the shaft frequency up
+    to `bandwidth`. A defect with half-sine edges excites all of them, so a level means little without the band it was
+    taken in. `notes` says where a linear twin leaves its range.
+    """
+
+    pump: Pump
+    condition: OperatingCondition
+    fault: Fault | None = None
+    """None is a healthy pump."""
+    interfaces: Interfaces | None = None
+    """Interface values; None takes the pump's nominal ones."""
+    topology: Topology = "T1"
+    """How the bodies are joined (`dynamics.Topology`)."""
+    bandwidth: float = 5000.0
+    """Highest frequency [Hz] that is computed."""
+    scales: Scales = Scales()
+    """Factors on mounting, bearings, excitation and sensors."""
+    contact: SlipperContact = BONDED
+    """What the slippers' films may do; by default all are alike and can pull, which makes the twin linear."""
+    path: SensorPath | None = None
+    """What stands between the rigid shell and the sensors; None is nothing."""
+
+    def __post_init__(self) -> None:
+        if self.bandwidth < self.pump.rotating_group.piston_count * self.condition.shaft_frequency:
+            raise InputError(
+                f"bandwidth ({self.bandwidth:g} Hz) lies below the piston-pass frequency "
+                f"({self.pump.rotating_group.piston_count * self.condition.shaft_frequency:.1f} Hz)."
+            )
+
+    @property
+    def label(self) -> str:
+        """Class of the fault, ``"normal"`` without one."""
+        return "normal" if self.fault is None else self.fault.label
+
+    @property
+    def values(self) -> Float[Tensor, " 6"]:
+        """Interface values in the order of `pump.PARAMETERS`, float64."""
+        return torch.tensor((self.interfaces or self.pump.interfaces).values(), dtype=torch.float64)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of shaft orders within `bandwidth`."""
+        return int(self.bandwidth / self.condition.shaft_frequency)
+
+    @property
+    def structure(self) -> Structure:
+        """Constant matrices."""
+        return assemble(self.pump, self.topology)
+
+    @property
+    def pressure(self) -> Complex[np.ndarray, "line 13"]:
+        """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
+        return force_lines([self.load_case], self.n_lines, topology=self.topology)[0]
+
+    @property
+    def load_case(self) -> LoadCase:
+        """What decides the chamber pressures."""
+        return LoadCase(self.pump, self.condition, self.fault)
+
+    @cached_property
+    def drive(self) -> Drive:
+        """What excites the twin at any interface values; computed once."""
+        return self._drive()
+
+    def _drive(self, *, from_rest: bool = False) -> Drive:
+        return drive_of(
+            self.pump,
+            self.condition,
+            self.fault,
+            self.topology,
+            self.contact,
+            self.path,
+            self.n_lines,
+            from_rest=from_rest,
+        )
+
+    @property
+    def orders(self) -> Int[np.ndarray, " line"]:
+        """Shaft orders at which there is anything to compute (`forces.active_orders`)."""
+        return self.drive.orders
+
+    def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:
+        """Force [N] of each slipper's film at `samples` shaft angles of a revolution, positive where it pushes.
+
+        The mean is that of pistons that slide in their bores (`coupling.held_down`); the band is the twin's own.
+        """
+        drive = self._drive(from_rest=True)
+        with torch.no_grad():
+            scales = torch.tensor(self.scales.values(), dtype=torch.float64)
+            recess = float(slipper_lines(self.pump, self.condition, self.fault, 1)[0].real)
+            motion = motion_of(self.pump, drive, self.values, scales, recess, self.n_lines)
+        return slipper_forces(
+            self.pump,
+            self.topology,
+            self.contact,
+            self.condition,
+            self.fault,
+            self.values,
+            motion,
+            excitation=self.scales.excitation,
+            samples=samples,
+        )
+
+    def contact_check(self) -> ContactCheck:
+        """Whether the slippers' films would have to pull, which no film can."""
+        return check_contact(self.slipper_forces())
+
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
+        notes = []
+        slipper = self.pump.rotating_group.slipper_diameter
+        if isinstance(self.fault, SwashPlateDefect) and self.fault.effective_depth(slipper) != self.fault.depth:
+            size = f"{self.fault.length * 1e3:.4g} mm x {self.fault.width * 1e3:.4g} mm"
+            notes.append(
+                f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth "
+                f"of {self.fault.depth * 1e3:.4g} mm counts as {self.fault.effective_depth(slipper) * 1e3:.4g} mm. The "
+                "paper has no such defect; this is an extrapolation of ours."
+            )
+        if not self.contact.one_sided:
+            check = self.contact_check()
+            if not check.within_range:
+                notes.append(check.sentence())
+        return tuple(notes)
+
+    def at(self, condition: OperatingCondition) -> "Twin":
+        """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""
+        return replace(self, condition=condition)
+
+    def with_fault(self, fault: Fault | None) -> "Twin":
+        """The same pump with another fault."""
+        return replace(self, fault=fault)
+
+    def with_interfaces(self, interfaces: Interfaces, scales: Scales | None = None) -> "Twin":
+        """The same pump with other interface values and `scales`; the pressures do not depend on them and are kept."""
+        other = replace(self, interfaces=interfaces, scales=scales or self.scales)
+        if "drive" in self.__dict__:
+            other.__dict__["drive"] = self.drive  # where cached_property keeps it
+        return other
+
+    def acceleration(
+        self,
+        values: Float[Tensor, "*batch 6"] | None = None,
+        *,
+        scales: Float[Tensor, "*batch 4"] | None = None,
+        solver: SteadySolver | None = None,
+    ) -> Complex[Tensor, "*batch sensor line"]:
+        """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with respect to `values`.
+
+        Parameters
+        ----------
+        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own. Their device and their
+            precision are those of the whole computation; in single precision lines are off by up to 1e-4 of the
+            largest one, and gradients by up to 1e-3.
+        scales : factors on mount, bearing, excitation and sensor; None takes the twin's own.
+        solver : `HarmonicBalance` by default, `RK4` for the paper's.
+
+        Raises
+        ------
+        InputError
+            A value or a scale is not positive.
+        """
+        values = self.values if values is None else values
+        scales = values.new_tensor(self.scales.values()) if scales is None else scales
+        require_positive(values, scales)
+        batch = torch.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
+        rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, 4).reshape(-1, 4)
+        lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
+        return lines.reshape(*batch, *lines.shape[1:])
+
+    def simulate(
+        self,
+        duration: float,
+        sample_rate: float,
+        *,
+        solver: SteadySolver | None = None,
+        phase: float = 0.0,
+        recording_id: str = "simulated",
+    ) -> Recording:
+        """Steady acceleration as a synthetic recording.
+
+        Parameters
+        ----------
+        duration : length [s].
+        sample_rate : readings per second [Hz], above twice the `bandwidth`.
+        phase : shaft angle at the first reading [rad].
+
+        Raises
+        ------
+        InputError
+            The sample rate is below twice the bandwidth.
+        """
+        self.require_rate(sample_rate)
+        with torch.no_grad():
+            lines = self.acceleration(solver=solver).numpy()
+        angle = phase + self.condition.speed * np.arange(round(duration * sample_rate)) / sample_rate
+        return self.read_off(lines, angle, sample_rate, recording_id)
+
+    def require_rate(self, sample_rate: float) -> None:
+        """Refuse a sample rate [Hz] at which the twin's highest lines would fold."""
+        if sample_rate < 2 * self.bandwidth:
+            raise InputError(
+                f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
+                f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
+            )
+
+    def read_off(
+        self,
+        lines: Complex[np.ndarray, "sensor line"],
+        angle: Float[np.ndarray, " time"],
+        sample_rate: float,
+        recording_id: str,
+    ) -> Recording:
+        """Synthetic recording of the twin's `lines` of acceleration, read off along a shaft `angle` [rad]."""
+        return Recording(
+            signal=synchronous_signal(lines, self.orders, angle),
+            sample_rate=sample_rate,
+            recording_id=recording_id,
+            channels=self.pump.channels,
+            label=self.label,
+            condition=self.condition,
+            specimen=self.pump.name,
+            synthetic=True,
+        )

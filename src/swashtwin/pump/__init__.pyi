@@ -1,0 +1,59 @@
+"""Names that other rooms import, and where each lives."""
+
+from .catalog import SECTIONS as SECTIONS
+from .catalog import available_pumps as available_pumps
+from .catalog import load_pump as load_pump
+from .catalog import new_pump as new_pump
+from .condition import OperatingCondition as OperatingCondition
+from .faults import CLASSES as CLASSES
+from .faults import BoreDefect as BoreDefect
+from .faults import DamScratch as DamScratch
+from .faults import Fault as Fault
+from .faults import GrooveErosion as GrooveErosion
+from .faults import LooseSlipper as LooseSlipper
+from .faults import PistonWear as PistonWear
+from .faults import SealingLandScratch as SealingLandScratch
+from .faults import SwashPlateDefect as SwashPlateDefect
+from .faults import TiltedBlockFace as TiltedBlockFace
+from .faults import ValvePlateWear as ValvePlateWear
+from .faults import canonical_label as canonical_label
+from .parameters import LETTERS as LETTERS
+from .parameters import PARAMETERS as PARAMETERS
+from .parameters import Bearings as Bearings
+from .parameters import Interface as Interface
+from .parameters import Interfaces as Interfaces
+from .parameters import Pump as Pump
+from .parameters import Sensor as Sensor
+from .parsing import FAULT_KINDS as FAULT_KINDS
+from .parsing import read_condition as read_condition
+from .parsing import read_fault as read_fault
+
+__all__ = [
+    "CLASSES",
+    "FAULT_KINDS",
+    "LETTERS",
+    "PARAMETERS",
+    "SECTIONS",
+    "Bearings",
+    "BoreDefect",
+    "DamScratch",
+    "Fault",
+    "GrooveErosion",
+    "Interface",
+    "Interfaces",
+    "LooseSlipper",
+    "OperatingCondition",
+    "PistonWear",
+    "Pump",
+    "SealingLandScratch",
+    "Sensor",
+    "SwashPlateDefect",
+    "TiltedBlockFace",
+    "ValvePlateWear",
+    "available_pumps",
+    "canonical_label",
+    "load_pump",
+    "new_pump",
+    "read_condition",
+    "read_fault",
+]

@@ -1,0 +1,204 @@
+"""Pumps from TOML files.
+
+A bare number is refused, and so is one without a source: whoever edits the file cannot mistake millimeters for meters,
+and whoever reads a result can judge what it rests on.
+"""
+
+import math
+import re
+import tomllib
+from dataclasses import fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, write_text
+from swashtwin.pump.parameters import (
+    Bearings,
+    Coupling,
+    Interface,
+    Interfaces,
+    Line,
+    Masses,
+    Mount,
+    Oil,
+    Positions,
+    Pump,
+    RotatingGroup,
+    Sensor,
+    ValvePlate,
+)
+
+FORMAT = 1
+
+SECTIONS = {
+    "rotating_group": RotatingGroup,
+    "valve_plate": ValvePlate,
+    "oil": Oil,
+    "line": Line,
+    "masses": Masses,
+    "positions": Positions,
+    "mount": Mount,
+    "bearings": Bearings,
+    "coupling": Coupling,
+}
+
+MAY_BE_ZERO = ("piston_eccentricity", "air_fraction", "rotor_eccentricity")
+
+
+def _quantity(entry: Any, unit: str, path: str, sources: dict[str, str]) -> Any:
+    if not isinstance(entry, dict) or "value" not in entry:
+        raise UnitError(
+            f"{path} = {entry!r} is a bare value; "
+            f'write {path.split(".")[-1]} = {{ value = "... {unit}", source = "..." }}.'
+        )
+    if not str(entry.get("source", "")).strip():
+        raise DataError(f'{path} has no source; add source = "..." so that others can judge the number.')
+    sources[path] = str(entry["source"])
+    value = entry["value"]
+    if isinstance(value, list):
+        return tuple(parse(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value))
+    return parse(value, unit, name=path)
+
+
+def _refuse_unknown(table: dict[str, Any], known: tuple[str, ...], where: str) -> None:
+    for name in table:
+        if name not in known:
+            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(known)}.")
+
+
+def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
+    if not isinstance(table, dict):
+        raise DataError(f"[{path}] is missing or no table.")
+    known = {item.name: item for item in fields(kind)}
+    _refuse_unknown(table, tuple(known), f"[{path}]")
+    values: dict[str, Any] = {}
+    for name, item in known.items():
+        if name not in table:
+            raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
+        value = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", sources)
+        if isinstance(value, tuple) != (item.type not in (int, float)):
+            wanted = "one quantity" if isinstance(value, tuple) else 'a list of quantities, ["...", "..."]'
+            raise DataError(f"{path}.{name} = {table[name]['value']!r} must be {wanted}.")
+        numbers = value if isinstance(value, tuple) else (value,)
+        signed = (kind, name) == (Bearings, "positions") or kind is Positions
+        for number in numbers:
+            if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
+                raise InputError(f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive.")
+        if item.type is int and value != int(value):
+            raise InputError(f"{path}.{name} ({value:g}) must be a whole number.")
+        values[name] = int(value) if item.type is int else value
+    return kind(**values)
+
+
+def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise DataError("the pump has no [[sensors]]; give at least one with name, position and direction.")
+    sensors: list[Sensor] = []
+    for i, table in enumerate(tables):
+        path = f"sensors[{i}]"
+        for key in ("name", "position", "direction"):
+            if key not in table:
+                raise DataError(f"{path} lacks {key}.")
+        position = _quantity(table["position"], "m", f"{path}.position", sources)
+        direction = table["direction"]
+        if not all(isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)):
+            raise DataError(f"{path}: position and direction must be lists of three components.")
+        if not all(isinstance(component, (int, float)) for component in direction):
+            raise DataError(f"{path}.direction = {direction!r} must be bare numbers: it has no unit.")
+        norm = math.hypot(*direction)
+        if not (math.isfinite(norm) and norm > 0):
+            raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
+        direction = tuple(component / norm for component in direction)
+        if any(table["name"] == other.name for other in sensors):
+            raise DataError(f"{path}: another sensor is named {table['name']!r} already.")
+        sensors.append(Sensor(name=str(table["name"]), position=position, direction=direction))
+    return tuple(sensors)
+
+
+def available_pumps() -> tuple[str, ...]:
+    """Names of the pumps that come with swashtwin."""
+    folder = resources.files("swashtwin.pump") / "pumps"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def _text_of(name: str | Path) -> tuple[str, str]:
+    path = Path(name)
+    if path.suffix == ".toml":
+        if not path.is_file():
+            raise MissingFileError(f"{path}: no such pump file.")
+        try:
+            return path.read_text(encoding="utf-8"), str(path)
+        except UnicodeDecodeError as cause:
+            raise DataError(f"{path}: not a text file in UTF-8.") from cause
+    if str(name) not in available_pumps():
+        known = ", ".join(available_pumps())
+        raise MissingFileError(f"no pump named {str(name)!r}; there are {known}, or give a .toml file.")
+    return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml"
+
+
+def load_pump(name: str | Path) -> Pump:
+    """Pump of that name, or from that ``.toml`` file.
+
+    Raises
+    ------
+    MissingFileError, DataError, UnitError, InputError
+        No such pump; damaged TOML; a bare number or a wrong unit; impossible geometry. The message names the entry.
+
+    Examples
+    --------
+    >>> pump = load_pump("25scy14-1b")
+    >>> round(pump.rotating_group.displacement * 1e6, 2)
+    24.94
+    """
+    text, origin = _text_of(name)
+    sources: dict[str, str] = {}
+    try:
+        table = tomllib.loads(text)
+        if table.get("format") != FORMAT:
+            raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
+        _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors"), "the pump")
+        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in SECTIONS.items()}
+        joints = table.get("interfaces", {})
+        if not isinstance(joints, dict):
+            raise DataError("[interfaces] is no table.")
+        _refuse_unknown(joints, tuple(item.name for item in fields(Interfaces)), "[interfaces]")
+        parts["interfaces"] = Interfaces(
+            **{
+                item.name: _section(Interface, joints.get(item.name), f"interfaces.{item.name}", sources)
+                for item in fields(Interfaces)
+            }
+        )
+        return Pump(
+            name=str(table.get("name", Path(origin).stem)),
+            sensors=_sensors(table.get("sensors"), sources),
+            sources=sources,
+            **parts,
+        )
+    except tomllib.TOMLDecodeError as cause:
+        raise DataError(f"{origin}: not valid TOML: {cause}.") from cause
+    except (DataError, UnitError, InputError) as cause:
+        raise type(cause)(f"{origin}: {cause}") from cause
+
+
+def new_pump(name: str, *, like: str | Path = "25scy14-1b", folder: Path = Path()) -> Path:
+    """Path of a commented copy of pump `like`, to be edited.
+
+    Raises
+    ------
+    InputError
+        The file exists already (nothing is overwritten), or the name is none for a file.
+    DataError, UnitError
+        Pump `like` is damaged.
+    """
+    if not re.fullmatch(r"\w[\w.-]*", name):
+        raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
+    load_pump(like)
+    text, origin = _text_of(like)
+    target = Path(folder) / f"{name}.toml"
+    if target.exists():
+        raise InputError(f"{target} exists already; choose another name or remove it.")
+    head, mark, tables = text.partition("\n[")
+    head = re.sub(r"(?m)^name\s*=.*\n?", "", head)
+    comment = f"# Copied from {origin}; edit the values and their sources.\n"
+    return write_text(target, f'{comment}{head.rstrip()}\nname = "{name}"\n{mark}{tables}')

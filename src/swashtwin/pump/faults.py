@@ -1,0 +1,278 @@
+"""Why a pump is not normal: the fault classes, and faults with dimensions.
+
+A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
+is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the model is
+written in `loads` (chamber pressures), `excitation` (displacements, impulses) and `forces`. Severities follow our own
+derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's
+(DOI 10.1177/00202940261419020).
+"""
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import ClassVar, Literal, TypeVar, get_args, get_origin
+
+from swashtwin.foundation import InputError
+
+CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
+"""The paper's five classes, in its order."""
+
+ALIASES = {
+    "healthy": "normal",
+    "ok": "normal",
+    "swashplate": "swash_plate",
+    "swash": "swash_plate",
+    "cylinder": "cylinder_block",
+    "block": "cylinder_block",
+    "rotor": "cylinder_block",
+    "plunger": "piston",
+    "valve": "valve_plate",
+    "port_plate": "valve_plate",
+    "slipper": "loose_slipper",
+}
+"""Other names in use for the classes; read, never written."""
+
+
+def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
+    """Class name that `text` stands for.
+
+    Raises
+    ------
+    InputError
+        It stands for none; the nearest is offered.
+
+    Examples
+    --------
+    >>> canonical_label("Plunger fault")
+    'piston'
+    """
+    word = text.strip().lower().removesuffix("fault").removesuffix("_").strip().replace(" ", "_").replace("-", "_")
+    word = word.removesuffix("_")
+    if word in classes:
+        return word
+    if ALIASES.get(word) in classes:
+        return ALIASES[word]
+    known = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.3)
+    hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
+    raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
+
+
+_F = TypeVar("_F", bound="_Fault")
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """Shared validation and scaling of severities."""
+
+    label: ClassVar[str]
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Length [m] above which a dimension can only be a slip of the unit."""
+
+    def __post_init__(self) -> None:
+        kind = type(self).__name__
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, float | int) and not (math.isfinite(value) and value >= 0):
+                raise InputError(f"{kind}.{item.name} ({value:g}) must be zero or a positive number.")
+            if get_origin(item.type) is Literal and value not in get_args(item.type):
+                words = ", ".join(get_args(item.type))
+                raise InputError(f"{kind}.{item.name} ({value!r}) must be one of {words}.")
+        for name, limit in self.longest.items():
+            if getattr(self, name) > limit:
+                raise InputError(
+                    f"{kind}.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. "
+                    "Lengths are in meters: 30 mm is mm(30)."
+                )
+
+    @property
+    def severity(self) -> float:
+        """Value of the first field, in its unit."""
+        return float(getattr(self, fields(self)[0].name))
+
+    def scaled(self: _F, factor: float) -> _F:
+        """The same fault with its severity times `factor`."""
+        return replace(self, **{fields(self)[0].name: self.severity * factor})
+
+
+@dataclass(frozen=True)
+class SwashPlateDefect(_Fault):
+    """Rectangular recess in the swash plate's running surface, on the slippers' track (the paper's artificial defect).
+
+    A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (an extrapolation of ours).
+    """
+
+    label: ClassVar[str] = "swash_plate"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02, "length": 0.3, "width": 0.3})
+
+    depth: float
+    """Depth [m]; the paper's is 0.6 mm."""
+    length: float
+    """Length along the track [m]; the paper's is 30 mm."""
+    width: float
+    """Width across the track [m]; the paper's is 24 mm."""
+    angle: float = math.radians(270)
+    """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
+    entry: Literal["centre", "edge"] = "centre"
+    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading ``edge`` (ours)."""
+    edge: Literal["half_sine", "raised_cosine"] = "half_sine"
+    """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does not)."""
+    contact: Literal["shared", "literal", "physical"] = "shared"
+    """What one slipper's displacement loads: its own share of the total stiffness (``shared``), all of it (``literal``,
+    the paper's formula as printed), or only inertia, volume and leakage, for a film cannot pull (``physical``)."""
+    gain: float = 1.0
+    """Factor on the excitation; a nuisance that calibration may free."""
+    off_axis: bool = True
+    """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.length == 0 or self.width == 0:
+            raise InputError("SwashPlateDefect.length and width must be positive.")
+
+    def effective_depth(self, slipper_diameter: float) -> float:
+        """Depth a rigid slipper reaches [m]: all of it where the recess is longer and wider than the slipper."""
+        along, across = min(1.0, self.length / slipper_diameter), min(1.0, self.width / slipper_diameter)
+        return self.depth * along**2 * across**2
+
+
+@dataclass(frozen=True)
+class PistonWear(_Fault):
+    """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per revolution."""
+
+    label: ClassVar[str] = "piston"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.002})
+
+    clearance: float
+    """Added radial clearance [m]; 25...60 um is moderate to severe."""
+    piston: int = 0
+    """Which piston, from 0."""
+
+
+@dataclass(frozen=True)
+class BoreDefect(_Fault):
+    """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's side force.
+
+    Source of the mechanism: the cylinder-defect paper cited in `docs/physics.md`, section 1, no. 2.
+    """
+
+    label: ClassVar[str] = "cylinder_block"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02})
+
+    depth: float
+    """Depth [m]; 50...300 um."""
+    half_width: float = math.radians(25)
+    """Half of the shaft angle over which it is felt [rad]."""
+    angle: float = math.radians(270)
+    """Shaft angle of the bore at which it is loaded most [rad]."""
+    bore: int = 0
+    """Which bore, from 0."""
+
+
+@dataclass(frozen=True)
+class SealingLandScratch(_Fault):
+    """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the case."""
+
+    label: ClassVar[str] = "cylinder_block"
+
+    conductance: float
+    """Added leakage conductance [m^3/(s Pa)]; 6e-13...2.5e-12."""
+    bore: int = 0
+    """Which bore, from 0."""
+
+
+@dataclass(frozen=True)
+class TiltedBlockFace(_Fault):
+    """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and turns.
+
+    K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion periodically
+    (`forces.periodic_terms`).
+    """
+
+    label: ClassVar[str] = "cylinder_block"
+
+    variation: float
+    """Relative variation eps of the film stiffness around the face; below 1."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.variation >= 1:
+            raise InputError(f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: a film cannot pull.")
+
+
+@dataclass(frozen=True)
+class ValvePlateWear(_Fault):
+    """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and is softer."""
+
+    label: ClassVar[str] = "valve_plate"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"film_increase": 0.002})
+
+    film_increase: float
+    """Added film thickness [m]; 5...15 um."""
+    stiffness_exponent: float = 1.0
+    """K_v falls with (h0/h) to this power, 1 or 2; C_v falls with the third power."""
+
+
+@dataclass(frozen=True)
+class DamScratch(_Fault):
+    """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure early."""
+
+    label: ClassVar[str] = "valve_plate"
+
+    area: float
+    """Largest opening [m^2]; around 1e-6."""
+    width: float = math.radians(5)
+    """Standard deviation of the opening over the shaft angle [rad]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width == 0:
+            raise InputError("DamScratch.width must be positive.")
+
+
+@dataclass(frozen=True)
+class GrooveErosion(_Fault):
+    """Eroded relief grooves: the ports open earlier, and the grooves are wider."""
+
+    label: ClassVar[str] = "valve_plate"
+
+    advance: float
+    """How much earlier the ports open [rad]; up to 6 deg."""
+    area_factor: float = 4.0
+    """Factor on the groove's area."""
+
+
+@dataclass(frozen=True)
+class LooseSlipper(_Fault):
+    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
+
+    label: ClassVar[str] = "loose_slipper"
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})
+
+    clearance: float
+    """Play of the joint [m]; 0.05...0.2 mm."""
+    slipper: int = 0
+    """Which slipper, from 0."""
+    restitution: float = 0.0
+    """Coefficient of restitution of the impacts, 0...1."""
+    pulse: float = 2e-4
+    """Duration of one impact [s]; 0.1...0.3 ms."""
+    motion: Literal["simulated", "pulses"] = "simulated"
+    """How its piston moves: marched between the stops of its joint (`contacts.loose_motion`), which gives the force
+    its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of docs/physics.md."""
+
+
+Fault = (
+    SwashPlateDefect
+    | PistonWear
+    | BoreDefect
+    | SealingLandScratch
+    | TiltedBlockFace
+    | ValvePlateWear
+    | DamScratch
+    | GrooveErosion
+    | LooseSlipper
+)
+"""Any fault the model can simulate."""

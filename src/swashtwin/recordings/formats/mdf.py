@@ -1,0 +1,59 @@
+"""Measurement data format of ASAM, versions 3 and 4, as vehicles and test benches record it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.subprocess_reader import read_apart
+from swashtwin.recordings.formats.tables import read_time_column
+from swashtwin.recordings.recording import Recording
+
+
+def read(path: Path, options: Options) -> RawFile:
+    """Channels of numbers of every group, read in another process: asammdf crashes on some damaged files."""
+    return read_apart("mdf", path, options)
+
+
+def read_here(path: Path, options: Options) -> RawFile:
+    """Channels of numbers of every group, whose master channel (the time) gives their rate.
+
+    A name that stands in several groups is called ``GROUP/NAME``, with the group's number from 0.
+    """
+    asammdf = load_extra("asammdf", "mdf")
+    columns: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    rates: dict[str, float] = {}
+    gaps: dict[str, str] = {}
+    with path.open("rb") as opened, asammdf.MDF(opened) as file:
+        names = [channel.name for group in file.groups for channel in group.channels]
+        for number, group in enumerate(file.groups):
+            master = file.masters_db.get(number)
+            for place, channel in enumerate(group.channels):
+                if place == master:
+                    continue
+                signal = file.get(group=number, index=place)
+                if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiu" or len(signal.samples) < 2:
+                    continue
+                name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
+                columns[name] = signal.samples.astype(np.float64)
+                if unit := known_unit(signal.unit):
+                    units[name] = unit
+                if master is not None:
+                    rates[name], gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
+                    gaps |= {"time_gaps": gap} if gap else {}
+        start = str(file.start_time)
+    return RawFile(columns, None, units, {"start_time": start, **gaps}, rates=rates)
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write one group of doubles with its time, version 4.10."""
+    asammdf = load_extra("asammdf", "mdf")
+    time = recording.time
+    with asammdf.MDF(version="4.10") as file:
+        signals = [
+            asammdf.Signal(np.ascontiguousarray(row), timestamps=time, name=name, unit=recording.unit)
+            for name, row in zip(recording.channels, recording.signal, strict=True)
+        ]
+        file.append(signals)
+        file.save(path, overwrite=True)

@@ -1,0 +1,74 @@
+"""Parquet tables."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, read_all
+from swashtwin.recordings.formats.subprocess_reader import read_apart
+from swashtwin.recordings.formats.tables import split_unit, timed_columns
+from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.stored import Column
+
+
+def read(path: Path, options: Options) -> RawFile:
+    """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a time column the rate.
+
+    A column of time stamps counts as the time [s] since its first.
+    """
+    return read_all(open_columns(path, options))
+
+
+def open_columns(path: Path, options: Options) -> RawFile:
+    """As `read`, in slices; only the time is read at once. Another process goes first: damage makes polars panic."""
+    read_apart("parquet", path, options, keep=False)
+    return read_here(path, options)
+
+
+def read_here(path: Path, options: Options) -> RawFile:
+    """As `open_columns`, for a file that the library survives."""
+    polars = load_extra("polars")
+    table = polars.scan_parquet(path)
+    height = table.select(polars.len()).collect().item()
+    columns: dict[str, Column] = {}
+    units: dict[str, str] = {}
+    for heading, kind in table.collect_schema().items():
+        if not (kind.is_numeric() or kind in (polars.Boolean, polars.Datetime, polars.Duration)):
+            continue
+        name, unit = split_unit(heading)
+        name = name if name not in columns else heading
+        columns[name] = _Column(table.select(heading), height)
+        if unit and not kind.is_temporal():
+            units[name] = unit
+    return timed_columns(path, columns, units, {}, options)
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write time and channels as columns of doubles, the unit in their headings."""
+    polars = load_extra("polars")
+    table = {"time [s]": recording.time}
+    table |= {f"{name} [{recording.unit}]": row for name, row in zip(recording.channels, recording.signal, strict=True)}
+    with path.open("wb") as file:
+        polars.DataFrame(table).write_parquet(file)
+
+
+class _Column:
+    """One column of a table, which is read when it is sliced."""
+
+    def __init__(self, table: Any, height: int) -> None:
+        self._table = table
+        self._height = height
+
+    def __len__(self) -> int:
+        return self._height
+
+    def __getitem__(self, where: slice, /) -> np.ndarray:
+        polars = load_extra("polars")
+        start, stop, step = where.indices(self._height)
+        series = self._table.slice(start, max(0, stop - start)).collect().to_series()
+        if series.dtype.is_temporal():
+            nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
+            origin = self._table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
+            series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
+        return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)[::step]

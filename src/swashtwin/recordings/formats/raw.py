@@ -1,0 +1,133 @@
+"""What a file says of itself, before an index adds the rest."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any
+
+from swashtwin.foundation import MissingExtraError, UnitError, parse
+from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.stored import Column
+
+RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
+"""What files call their sample rate [Hz], in any case of letters."""
+
+_SPELLINGS = {"g": "g_0", "G": "g_0", "gn": "g_0", "mg": "mg_0", "m/s2": "m/s^2", "m/s/s": "m/s^2", "mm/s2": "mm/s^2"}
+_CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
+"""Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to read a file that does not say it itself."""
+
+    separator: str | None = None
+    """Character between two columns of a text file; found out where None."""
+    decimal: str | None = None
+    """Decimal mark of a text file, ``"."`` or ``","``; found out where None."""
+    header_lines: int | None = None
+    """Lines before the first reading of a text file; found out where None."""
+    time_column: str | int | None = None
+    """Name or number (from 0) of the column with the time in seconds; found by its name where None."""
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """Columns of one file and what it carries about them."""
+
+    columns: Mapping[str, Column]
+    """Every signal-like column, one-dimensional, in the file's order: an array, or what reads when it is sliced."""
+    sample_rate: float | None = None
+    """Rate the file states or its time column shows [Hz]."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of each column for which the file names one."""
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    """Whatever else the file said."""
+    recording: Recording | None = None
+    """What is known of the recording, with its first reading only, where the file is one of our own."""
+    speeds: Column | None = None
+    """Angular speed of the shaft at each reading [rad/s], where the file is one of our own and has it."""
+    full_scale: bool = False
+    """Whether readings are shares of an unknown full scale (integer WAV)."""
+    rates: Mapping[str, float] = field(default_factory=dict)
+    """Rate of each column [Hz], where the file holds several."""
+
+
+def read_all(raw: RawFile) -> RawFile:
+    """The same with its columns in memory."""
+    return replace(raw, columns={name: column[:] for name, column in raw.columns.items()})
+
+
+def load_extra(module: str, extra: str = "readers") -> Any:
+    """The optional module, imported when first needed; `extra` is what to install for it."""
+    try:
+        return import_module(module)
+    except ImportError as cause:
+        raise MissingExtraError(
+            f'this file needs {module}, which is not installed: pip install "swashtwin[{extra}]".'
+        ) from cause
+
+
+def acceleration_factor(unit: str) -> float | None:
+    """m/s^2 per `unit`, or None where it is a unit of something else.
+
+    ``g`` is the acceleration of gravity here, not the gram.
+
+    Raises
+    ------
+    UnitError
+        Nobody knows the unit.
+
+    Examples
+    --------
+    >>> acceleration_factor("g"), acceleration_factor("mm/s^2"), acceleration_factor("Pa")
+    (9.80665, 0.001, None)
+    """
+    spelled = _SPELLINGS.get(unit.strip(), unit.strip())
+    if spelled == "1":
+        return None
+    try:
+        parse(f"1 {spelled}", spelled)
+    except UnitError as cause:
+        raise UnitError(
+            f'unit = "{unit}" is not known; write such as "g", "m/s^2", "Pa", or "1" for no scale.'
+        ) from cause
+    try:
+        return parse(f"1 {spelled}", "m/s^2")
+    except UnitError:
+        return None
+
+
+def known_unit(text: object) -> str | None:
+    """The unit a file names, or None where what it names is none."""
+    unit = str(text).strip()
+    if not unit or unit.upper() in ("NONE", "N/A", "UNKNOWN"):
+        return None
+    try:
+        acceleration_factor(unit)
+    except UnitError:
+        return None
+    return unit
+
+
+def snapped_rate(step: float, tolerance: float) -> float:
+    """Sensible sample rate [Hz] nearest to one over `step` that the step's rounding allows.
+
+    Parameters
+    ----------
+    step : time between two readings [s].
+    tolerance : relative error of `step`, such as 5e-6 for six digits.
+
+    Examples
+    --------
+    >>> snapped_rate(2.08333e-05, 5e-6), round(snapped_rate(5.85938e-05, 5e-6), 6)
+    (48000.0, 17066.666667)
+    """
+    rate = 1 / step
+    candidates = [float(f"{rate:.{digits}e}") for digits in range(5)]
+    for clock in _CLOCKS:
+        candidates.append(clock / max(1, round(clock / rate)))
+    for candidate in candidates:
+        if abs(candidate * step - 1) <= tolerance * (1 + 1e-6):
+            return candidate
+    return rate

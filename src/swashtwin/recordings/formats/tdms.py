@@ -1,0 +1,85 @@
+"""TDMS files of National Instruments."""
+
+import logging
+import weakref
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, read_all, snapped_rate
+from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.stored import Column
+
+_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
+
+
+def read(path: Path, options: Options) -> RawFile:
+    """Channels of a TDMS file, called ``group/channel`` where it has several groups."""
+    return read_all(open_columns(path, options))
+
+
+def open_columns(path: Path, options: Options) -> RawFile:
+    """As `read`, in slices."""
+    nptdms = load_extra("nptdms")
+    for name in ("reader", "types", "tdms_segment", "base_segment", "tdms"):
+        logging.getLogger(f"nptdms.{name}").setLevel(logging.CRITICAL)  # what it warns of is refused below
+    opened = path.open("rb")
+    try:
+        file = nptdms.TdmsFile.open(opened)
+        if file.file_status.incomplete_final_segment:
+            raise DataError(f"{path} is cut off: its last segment is incomplete.")
+        raw = _columns(file)
+    except BaseException:
+        opened.close()
+        raise
+    weakref.finalize(file, opened.close)
+    return raw
+
+
+def _columns(file: Any) -> RawFile:
+    groups = file.groups()
+    columns: dict[str, Column] = {}
+    units: dict[str, str] = {}
+    rates: dict[str, float] = {}
+    for group in groups:
+        for channel in group.channels():
+            if len(channel) < 2 or channel.dtype.kind not in "fiu":
+                continue
+            name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
+            columns[name] = _Channel(file, channel)
+            unit = next(filter(None, (known_unit(channel.properties.get(key, "")) for key in _UNIT_PROPERTIES)), None)
+            if unit:
+                units[name] = unit
+            if step := float(channel.properties.get("wf_increment", 0.0)):
+                rates[name] = snapped_rate(step, 1e-9)
+    facts = {name: str(value) for name, value in file.properties.items()}
+    return RawFile(columns, None, units, facts, rates=rates)
+
+
+class _Channel:
+    """Readings of one channel, which keep their file open."""
+
+    def __init__(self, file: Any, channel: Any) -> None:
+        self._file = file
+        self._channel = channel
+
+    def __len__(self) -> int:
+        return len(self._channel)
+
+    def __getitem__(self, where: slice, /) -> np.ndarray:
+        start, stop, step = where.indices(len(self))
+        return np.asarray(self._channel[start:stop], dtype=np.float64)[::step]
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write one group of double channels with rate and unit."""
+    nptdms = load_extra("nptdms")
+    properties = {"wf_increment": 1 / recording.sample_rate, "wf_start_offset": 0.0, "unit_string": recording.unit}
+    channels = [
+        nptdms.ChannelObject("recording", name, np.ascontiguousarray(row), properties=properties)
+        for name, row in zip(recording.channels, recording.signal, strict=True)
+    ]
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment(channels)

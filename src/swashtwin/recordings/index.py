@@ -1,0 +1,202 @@
+"""The index file ``recordings.toml``: one entry per file, and what each file is."""
+
+import math
+import os
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from swashtwin.foundation import DataError, InputError, MissingFileError, sha256_of, write_text
+from swashtwin.recordings.assembly import opened_from, recording_from
+from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.registry import stem_of, suffix_of
+from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.store import is_store, open_store
+from swashtwin.recordings.stored import StoredRecording
+
+Kind = TypeVar("Kind", Recording, StoredRecording)
+
+INDEX_NAME = "recordings.toml"
+_LOSSLESS = (".h5", ".hdf5")
+
+
+def read_recordings(path: str | Path) -> list[Recording]:
+    """Every recording of an index or a store, in its order.
+
+    Parameters
+    ----------
+    path : folder that holds ``recordings.toml``, the index file itself, or a store (`write_store`).
+
+    Raises
+    ------
+    DataError
+        The index or a file is missing, damaged, or one contradicts the other.
+    """
+    path = Path(path)
+    if is_store(path):
+        return [recording.loaded() for recording in open_store(path)]
+    return _entered(path, recording_from)
+
+
+def open_recordings(path: str | Path) -> list[StoredRecording]:
+    """As `read_recordings`, but the readings stay in their files until they are asked for (see `open_recording`)."""
+    path = Path(path)
+    return open_store(path) if is_store(path) else _entered(path, opened_from)
+
+
+def _entered(path: Path, read: Callable[[Path, Entry], Kind]) -> list[Kind]:
+    index = index_path(path)
+    table = _load(index)
+    root = index.parent / str(table.get("root", ""))
+    entries = _entries(table, index)
+    recordings = []
+    for entry in entries:
+        _check_class(entry.label, table.get("classes"), index, entry.file)
+        recording = read(root / entry.file, entry)
+        _check_class(recording.label, table.get("classes"), index, entry.file)
+        recordings.append(recording)
+    seen: dict[str, str] = {}
+    for entry, recording in zip(entries, recordings, strict=True):
+        name = recording.recording_id
+        if name in seen:
+            raise DataError(f'{index}: {seen[name]} and {entry.file} share the id {name!r}; give one id = "...".')
+        seen[name] = entry.file
+    return recordings
+
+
+def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], path: str | Path) -> Path:
+    """Path of the index that now says what each of `files` holds.
+
+    Parameters
+    ----------
+    recordings : what was written.
+    files : where each was written, absolute or relative to the index.
+    path : index file, or the folder for ``recordings.toml``.
+    """
+    path = Path(path)
+    path = path if path.suffix == ".toml" else path / INDEX_NAME
+    if len(recordings) != len(files):
+        raise InputError(f"{len(files)} files for {len(recordings)} recordings.")
+    ids = [recording.recording_id for recording in recordings]
+    twice = next((name for name in ids if ids.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two recordings have the id {twice!r}; ids must be unique within an index.")
+    index: dict[str, Any] = {"format": 1}
+    classes = list(dict.fromkeys(recording.label for recording in recordings if recording.label is not None))
+    if classes:
+        index["classes"] = classes
+    index["recording"] = [
+        _described(recording, Path(file), path.parent) for recording, file in zip(recordings, files, strict=True)
+    ]
+    return save_index(index, path)
+
+
+def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
+    """Path of the index file, which is replaced only when the new one is complete."""
+    import tomli_w
+
+    return write_text(Path(path), tomli_w.dumps(dict(index)))
+
+
+def source_files(path: str | Path) -> list[Path]:
+    """Files that a source is read from: an index and all that it names, or one file or store, which is itself."""
+    path = Path(path)
+    if not (path.is_dir() or path.suffix == ".toml"):
+        return [path]
+    index = index_path(path)
+    table = _load(index)
+    root = index.parent / str(table.get("root", ""))
+    return [index, *(root / entry.file for entry in _entries(table, index))]
+
+
+def declared_classes(path: str | Path) -> tuple[str, ...] | None:
+    """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
+    if is_store(Path(path)):
+        return None
+    classes = _load(index_path(Path(path))).get("classes")
+    return None if classes is None else tuple(str(name) for name in classes)
+
+
+def index_path(path: Path) -> Path:
+    """The index file: `path` itself, or ``recordings.toml`` in the folder `path`."""
+    if path.is_dir():
+        path = path / INDEX_NAME
+    if not path.is_file():
+        raise MissingFileError(f"{path} does not exist; propose one with: swashtwin index {path.parent}")
+    if path.suffix != ".toml":
+        raise DataError(f"{path} is not an index (recordings.toml); one file alone is read by read_recording.")
+    return path
+
+
+def _load(index: Path) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(index.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise DataError(f"{index} is not valid TOML: {cause}") from cause
+    unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
+    if unknown:
+        raise DataError(
+            f"{index}: unknown key {unknown[0]!r}; known: format, classes, root, [defaults], [[recording]]."
+        )
+    if table.get("format") != 1:
+        raise DataError(f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1.")
+    kinds = {"classes": list, "root": str, "defaults": dict, "recording": list}
+    for key, kind in kinds.items():
+        if key in table and not isinstance(table[key], kind):
+            raise DataError(f"{index}: {key} = {table[key]!r} must be a {kind.__name__}.")
+    if not table.get("recording"):
+        raise DataError(f"{index} has no [[recording]] entry.")
+    return table
+
+
+def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
+    entries = []
+    for number, own in enumerate(table["recording"], 1):
+        if not isinstance(own, dict):
+            raise DataError(f"{index}: entry {number} is not a [[recording]] table.")
+        entries.append(Entry.from_mapping({**table.get("defaults", {}), **own}, where=f"{index}: entry {number}"))
+    return entries
+
+
+def _check_class(label: str | None, classes: list[str] | None, index: Path, file: str) -> None:
+    if classes is None or label is None or label in classes:
+        return
+    near = get_close_matches(label, classes, n=1, cutoff=0.4)
+    hint = f"did you mean {near[0]!r}?" if near else f"classes = {classes}."
+    raise DataError(f"{index}: {file} has the unknown class {label!r}; {hint}")
+
+
+def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]:
+    """Entry that gives back what the file's format loses."""
+    absolute = file if file.is_absolute() else folder / file
+    relative = os.path.relpath(absolute, folder)
+    entry: dict[str, Any] = {"file": Path(relative).as_posix()}
+    if recording.recording_id != stem_of(file):
+        entry["id"] = recording.recording_id
+    entry |= {name: getattr(recording, name) for name in ("label", "specimen") if getattr(recording, name)}
+    if recording.condition is not None:
+        condition = recording.condition
+        entry["speed"] = f"{condition.speed * 30 / math.pi:.15g} rpm"
+        for name in ("discharge_pressure", "suction_pressure", "case_pressure"):
+            entry[name] = f"{getattr(condition, name) / 1e6:.15g} MPa"
+        entry["oil_temperature"] = f"{condition.oil_temperature - 273.15:.15g} degC"
+    if recording.synthetic:
+        entry["synthetic"] = True
+    attributes = {key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")}
+    if suffix_of(file) not in _LOSSLESS:
+        entry |= {"names": list(recording.channels), "sample_rate": rate_text(recording.sample_rate)}
+        scale_key = "calibration_factor" if suffix_of(file) == ".wav" else "unit"
+        entry[scale_key] = f"1 {recording.unit}" if scale_key == "calibration_factor" else recording.unit
+        entry |= {key: attributes.pop(key) for key in QUANTITIES if key in attributes}
+        if attributes:
+            entry["attributes"] = attributes
+    if absolute.is_file():
+        entry["sha256"] = sha256_of(absolute)
+    return entry
+
+
+def rate_text(rate: float) -> str:
+    """Rate with its unit, such as ``25.6 kHz``."""
+    return f"{rate / 1e3:.15g} kHz" if rate >= 1e3 else f"{rate:.15g} Hz"

@@ -1,0 +1,79 @@
+"""Names that other rooms import, and where each lives."""
+
+from .bearings import BEARINGS as BEARINGS
+from .bearings import SEATS as SEATS
+from .bearings import defect_prominences as defect_prominences
+from .bearings import prewhitened as prewhitened
+from .indicators.line_spectra import LineSpectrum as LineSpectrum
+from .indicators.line_spectra import Mark as Mark
+from .indicators.line_spectra import spectrum_of as spectrum_of
+from .indicators.registry import BANDS as BANDS
+from .indicators.registry import FAMILIES as FAMILIES
+from .indicators.registry import Band as Band
+from .indicators.registry import Indicator as Indicator
+from .indicators.statistics import TIME_STATISTICS as TIME_STATISTICS
+from .indicators.statistics import time_statistics as time_statistics
+from .indicators.table import IndicatorTable as IndicatorTable
+from .indicators.table import Row as Row
+from .indicators.table import indicators_of as indicators_of
+from .indicators.table import stacked as stacked
+from .indicators.trend import Trend as Trend
+from .indicators.trend import TrendPoint as TrendPoint
+from .indicators.trend import trend_of as trend_of
+from .orders.pistons import piston_pass_angle as piston_pass_angle
+from .orders.resampling import resampled_by_angle as resampled_by_angle
+from .orders.shaft_angle import ShaftAngle as ShaftAngle
+from .orders.shaft_angle import stated_angle as stated_angle
+from .orders.tachometer import tachometer_speed as tachometer_speed
+from .orders.tracking import tracked_speed as tracked_speed
+from .spectra import OrderSpectrum as OrderSpectrum
+from .spectra import add_noise as add_noise
+from .spectra import aligned as aligned
+from .spectra import band_limited as band_limited
+from .spectra import band_shares as band_shares
+from .spectra import order_spectrum as order_spectrum
+from .spectra import peak_error as peak_error
+from .spectra import spectral_correlation as spectral_correlation
+from .spectra import spectrum_value_error as spectrum_value_error
+from .spectra import synchronous_signal as synchronous_signal
+from .spectra import waveform_rmse as waveform_rmse
+
+__all__ = [
+    "BANDS",
+    "BEARINGS",
+    "FAMILIES",
+    "SEATS",
+    "TIME_STATISTICS",
+    "Band",
+    "Indicator",
+    "IndicatorTable",
+    "LineSpectrum",
+    "Mark",
+    "OrderSpectrum",
+    "Row",
+    "ShaftAngle",
+    "Trend",
+    "TrendPoint",
+    "add_noise",
+    "aligned",
+    "band_limited",
+    "band_shares",
+    "defect_prominences",
+    "indicators_of",
+    "order_spectrum",
+    "peak_error",
+    "piston_pass_angle",
+    "prewhitened",
+    "resampled_by_angle",
+    "spectral_correlation",
+    "spectrum_of",
+    "spectrum_value_error",
+    "stacked",
+    "stated_angle",
+    "synchronous_signal",
+    "tachometer_speed",
+    "time_statistics",
+    "tracked_speed",
+    "trend_of",
+    "waveform_rmse",
+]

@@ -1,0 +1,67 @@
+"""The real cepstrum: families of lines at one spacing, gathered into one peak."""
+
+import numpy as np
+import scipy.signal
+from jaxtyping import Float
+
+from swashtwin.foundation import InputError
+
+_PERIODS = 10
+"""Periods of the spacing in each segment of the family index: its lines then lie ten readings apart."""
+_NEAR, _AROUND = 0.015, 0.05
+"""How far from the expected quefrency a peak may lie, and how far about it nothing counts as background; relative."""
+
+
+def real_cepstrum(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float
+) -> tuple[Float[np.ndarray, " quefrency"], Float[np.ndarray, "channel quefrency"]]:
+    """Quefrencies [s] and the inverse transform of the log magnitude of the spectrum, without unit.
+
+    Mean removed, Hann taper; natural logarithm; as the inverse transform gives it, the half up to half the duration:
+    an echo of strength a after τ reads a/2 at τ. Quefrency 0 (the level) is left at its place.
+    """
+    readings = signal.shape[-1]
+    taper = np.hanning(readings + 1)[:-1]
+    spectrum = np.fft.rfft((signal - signal.mean(axis=-1, keepdims=True)) * taper, axis=-1)
+    magnitude = np.abs(spectrum)
+    least = 1e-12 * np.maximum(magnitude.max(axis=-1, keepdims=True), 1e-300)
+    cepstrum = np.fft.irfft(np.log(np.maximum(magnitude, least)), readings, axis=-1)
+    half = readings // 2 + 1
+    return np.arange(half) / sample_rate, cepstrum[:, :half]
+
+
+def harmonic_family_index(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, spacing: float
+) -> Float[np.ndarray, " channel"]:
+    """How far the cepstrum's peak at the quefrency 1 / `spacing` stands out, in deviations of what surrounds it.
+
+    The cepstrum of the power averaged over half-overlapping segments of ten periods, in which a family's lines fill the
+    spectrum as far as they go; its highest value within 1.5 % of that quefrency, over 1.4826 times the median magnitude
+    between half and one and a half times of it, the nearest 5 % left out (our reading; the literature has no one
+    definition). docs/indicators.md says what noise alone and families of lines reach.
+
+    Parameters
+    ----------
+    spacing : distance of the family's lines [Hz], such as the shaft frequency.
+
+    Raises
+    ------
+    InputError
+        A spacing that is not positive, that fewer than three periods of fit into the signal, or above a twentieth of
+        the sample rate.
+    """
+    duration = signal.shape[-1] / sample_rate
+    if not 3 / duration < spacing < sample_rate / 20:
+        raise InputError(
+            f"lines {spacing:g} Hz apart are no family in {duration:.3g} s at {sample_rate:g} Hz; the spacing must lie "
+            f"between {3 / duration:.3g} and {sample_rate / 20:g} Hz."
+        )
+    length = min(signal.shape[-1], round(_PERIODS / spacing * sample_rate))
+    _, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, detrend="constant")
+    least = 1e-24 * np.maximum(power.max(axis=-1, keepdims=True), 1e-300)
+    cepstrum = np.fft.irfft(np.log(np.maximum(power, least)) / 2, length, axis=-1)[:, : length // 2 + 1]
+    ratio = np.arange(cepstrum.shape[1]) / sample_rate * spacing
+    near = np.abs(ratio - 1) <= max(_NEAR, 1.5 * spacing / sample_rate)
+    around = (np.abs(ratio - 1) <= 0.5) & (np.abs(ratio - 1) > max(_AROUND, 3 * spacing / sample_rate))
+    scale = 1.4826 * np.median(np.abs(cepstrum[:, around]), axis=-1)
+    return cepstrum[:, near].max(axis=-1) / np.maximum(scale, 1e-300)

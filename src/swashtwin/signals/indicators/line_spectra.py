@@ -1,0 +1,129 @@
+"""One spectrum of a recording with the lines of shaft and pistons marked: amplitude, envelope, order or cepstrum."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.recordings import Recording, refuse_unfit, stated_speed
+from swashtwin.signals.indicators.cepstrum import real_cepstrum
+from swashtwin.signals.indicators.envelope import envelope_spectrum
+from swashtwin.signals.orders.resampling import resampled_by_angle
+from swashtwin.signals.orders.shaft_angle import ShaftAngle, stated_angle
+from swashtwin.signals.spectra import amplitude_spectrum
+
+Kind = Literal["amplitude", "envelope", "order", "cepstrum"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Spectra that `spectrum_of` makes."""
+
+_SHAFT_MARKS, _PISTON_MARKS = 2, 5
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a line is expected."""
+
+    at: float
+    """Place on the axis, in its unit."""
+    name: str
+    """What it is: ``1x``, or ``7x`` for the piston-pass line of seven pistons."""
+    of_pistons: bool
+    """Whether it belongs to the pistons rather than to the shaft."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineSpectrum:
+    """A spectrum of each channel."""
+
+    kind: Kind
+    """Which spectrum."""
+    recording_id: str
+    """Of which recording."""
+    channels: tuple[str, ...]
+    """Name of each channel."""
+    axis: str
+    """What lies along the axis."""
+    axis_unit: str
+    """Unit of the axis, empty for orders."""
+    place: Float[np.ndarray, " line"]
+    """Place of each line on the axis."""
+    amplitude: Float[np.ndarray, "channel line"]
+    """One-sided peak amplitude; the cepstrum's value for a cepstrum."""
+    unit: str
+    """Unit of the amplitude, empty for a cepstrum."""
+    marks: tuple[Mark, ...]
+    """Where lines of shaft and pistons are expected; empty where nobody knows the speed."""
+    bands: tuple[tuple[float, float], ...] = ()
+    """Band [Hz] of each channel's envelope."""
+    angle_from: str = ""
+    """Where the shaft's angle comes from, for orders."""
+
+    def at(self, mark: Mark) -> Float[np.ndarray, " channel"]:
+        """Greatest value of each channel within 0.6 %, or two lines, of a mark; NaN beyond the spectrum's end."""
+        near = np.abs(self.place - mark.at) <= max(0.006 * mark.at, 2 * float(self.place[1] - self.place[0]))
+        if mark.at > self.place[-1]:
+            return np.full(len(self.channels), math.nan)
+        return self.amplitude[:, near].max(axis=1)
+
+
+def spectrum_of(
+    recording: Recording,
+    kind: Kind = "amplitude",
+    *,
+    angle: ShaftAngle | None = None,
+    pistons: int | None = None,
+    band: tuple[float, float] | None = None,
+    resolution: float | None = None,
+) -> LineSpectrum:
+    """Spectrum of each channel, Hann taper corrected, with the places of the shaft's and the pistons' lines.
+
+    Parameters
+    ----------
+    kind : ``amplitude`` and ``envelope`` over frequency, ``order`` over multiples of the shaft (along its angle),
+        ``cepstrum`` over quefrency.
+    angle : shaft angle from a tachometer or a followed line; orders fall back on the stated speed without it.
+    pistons : number of pistons, for the marks.
+    band : edges [Hz] for the envelope; by default the kurtogram's for each channel.
+    resolution : spacing of lines [Hz], or in orders for ``order``; None takes the whole recording at once.
+
+    Raises
+    ------
+    InputError
+        No speed for orders, or a band that is none.
+    DataError
+        The recording is unfit.
+    """
+    refuse_unfit(recording)
+    shaft = stated_speed(recording) if angle is None else angle.mean_speed / (2 * math.pi)
+    signal, rate, unit = recording.signal, recording.sample_rate, recording.unit
+    known = (kind, recording.recording_id, recording.channels)
+    if kind == "amplitude":
+        frequency, amplitude = amplitude_spectrum(signal, rate, resolution)
+        return LineSpectrum(*known, "frequency", "Hz", frequency, amplitude, unit, _marks(shaft, pistons))
+    if kind == "envelope":
+        found = envelope_spectrum(signal, rate, band, resolution=resolution)
+        bands = tuple(zip(found.low.tolist(), found.high.tolist(), strict=True))
+        marks = _marks(shaft, pistons)
+        return LineSpectrum(*known, "frequency", "Hz", found.frequency, found.amplitude, unit, marks, bands)
+    if kind == "cepstrum":
+        quefrency, cepstrum = real_cepstrum(signal, rate)
+        marks = tuple(Mark(1 / mark.at, mark.name, mark.of_pistons) for mark in _marks(shaft, pistons, harmonics=False))
+        return LineSpectrum(*known, "quefrency", "s", quefrency, cepstrum, "", marks)
+    angle = stated_angle(recording) if angle is None else angle
+    turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
+    per_turn = float(turned.attributes["readings_per_turn"])
+    order, amplitude = amplitude_spectrum(turned.signal, per_turn, resolution)
+    marks = _marks(1.0, pistons)
+    return LineSpectrum(*known, "order", "", order, amplitude, unit, marks, angle_from=angle.source)
+
+
+def _marks(shaft: float | None, pistons: int | None, *, harmonics: bool = True) -> tuple[Mark, ...]:
+    if shaft is None:
+        return ()
+    marks = [Mark(k * shaft, f"{k}x", False) for k in range(1, (_SHAFT_MARKS if harmonics else 1) + 1)]
+    if pistons is not None:
+        orders = [pistons * k for k in range(1, (_PISTON_MARKS if harmonics else 1) + 1)]
+        marks += [Mark(order * shaft, f"{order}x", True) for order in orders]
+    return tuple(marks)

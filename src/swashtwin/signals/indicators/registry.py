@@ -1,0 +1,225 @@
+"""Every indicator by name: what it is, in which unit, and which family computes it."""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.foundation import InputError
+from swashtwin.recordings import Recording
+from swashtwin.signals.indicators.cepstrum import harmonic_family_index
+from swashtwin.signals.indicators.envelope import envelopes
+from swashtwin.signals.indicators.kurtogram import kurtogram
+from swashtwin.signals.indicators.levels import band_rms, velocity_rms
+from swashtwin.signals.indicators.statistics import TIME_STATISTICS, time_statistics
+from swashtwin.signals.indicators.synchronous import synchronous_lines
+from swashtwin.signals.orders.shaft_angle import ShaftAngle
+from swashtwin.signals.spectra import order_spectrum
+
+_BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
+
+_SHOWN = {"m/s": (1000.0, "mm/s"), "rad": (180 / math.pi, "deg")}
+"""Factor and unit of the trade for what is shown to people; files and JSON are in SI units."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Band of frequencies, in Hz or in multiples of the shaft."""
+
+    low: float
+    """Lower edge [Hz] or [shaft orders]."""
+    high: float
+    """Upper edge [Hz] or [shaft orders]."""
+    in_orders: bool = False
+    """Whether the edges are multiples of the shaft frequency."""
+
+    @classmethod
+    def parse(cls, text: str) -> "Band":
+        """Band of a text such as ``10-1000 Hz``, ``1-5 kHz`` or ``0.5-6.5x``.
+
+        Raises
+        ------
+        InputError
+            The text is no band.
+
+        Examples
+        --------
+        >>> Band.parse("0.5-6.5x")
+        Band(low=0.5, high=6.5, in_orders=True)
+        """
+        match = _BAND.fullmatch(text.strip())
+        if match is None or not float(match[1]) < float(match[2]):
+            raise InputError(f'band {text!r} must be two rising numbers and a unit: "10-1000 Hz" or "0.5-6.5x".')
+        factor = 1000.0 if match[3] == "kHz" else 1.0
+        return cls(float(match[1]) * factor, float(match[2]) * factor, in_orders=match[3] == "x")
+
+    @property
+    def name(self) -> str:
+        """Edges and unit, such as ``10-1000 Hz`` or ``0.5-6.5x``."""
+        return f"{self.low:g}-{self.high:g}{'x' if self.in_orders else ' Hz'}"
+
+
+BANDS = (Band(10, 1000), Band(1000, 2000), Band(2000, 5000), Band(5000, 10000))
+"""Bands of `indicators_of` where none are named."""
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """One column of a table."""
+
+    name: str
+    """Name, such as ``rms`` or ``order_amplitude 7x``."""
+    unit: str
+    """Unit, empty where it has none."""
+    meaning: str
+    """What it is, with its convention."""
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor to the unit in which people read it, and that unit: millimeters per second, degrees."""
+        return _SHOWN.get(self.unit, (1.0, self.unit))
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A recording and all that indicators are computed from."""
+
+    recording: Recording
+    """The channels to describe."""
+    shaft: float | None
+    """Shaft frequency [Hz], or None where nobody knows it."""
+    angle: ShaftAngle | None
+    """Angle of the shaft where it was measured or followed; phases need it."""
+    orders: tuple[int, ...]
+    """Multiples of the shaft whose lines are wanted."""
+    bands: tuple[Band, ...]
+    """Bands whose levels are wanted."""
+
+
+Compute = Callable[[np.ndarray, float], np.ndarray]
+Values = Iterator[tuple[Indicator, Float[np.ndarray, " channel"]]]
+
+_STATISTICS = {
+    "rms": "root mean square, mean removed",
+    "peak": "largest magnitude, mean removed",
+    "crest_factor": "peak over rms",
+    "kurtosis": "fourth standardized moment; 3 for Gaussian noise",
+    "skewness": "third standardized moment; 0 for a symmetric signal",
+}
+
+
+def _statistics(measured: Measured) -> Values:
+    signal = measured.recording.signal
+    columns = time_statistics(signal - signal.mean(axis=1, keepdims=True))
+    for name, meaning in _STATISTICS.items():
+        unit = measured.recording.unit if name in ("rms", "peak") else ""
+        yield Indicator(name, unit, meaning), columns[:, TIME_STATISTICS.index(name)]
+
+
+def _or_nan(
+    measured: Measured, compute: Compute, signal: Float[np.ndarray, "channel time"] | None = None
+) -> Float[np.ndarray, " channel"]:
+    """What `compute` gives, or NaN where the recording is too short or too slow for it."""
+    try:
+        return compute(measured.recording.signal if signal is None else signal, measured.recording.sample_rate)
+    except InputError:
+        return np.full(measured.recording.n_channels, math.nan)
+
+
+def _order_amplitude(shaft: float, order: int) -> Compute:
+    def compute(signal: np.ndarray, rate: float) -> np.ndarray:
+        return order_spectrum(signal, rate, shaft, np.array([order])).amplitude[:, 0]
+
+    return compute
+
+
+def _velocity(measured: Measured) -> Values:
+    if measured.recording.unit == "m/s^2":
+        found = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
+        yield found, _or_nan(measured, velocity_rms)
+
+
+def _levels(measured: Measured) -> Values:
+    for band in measured.bands:
+        factor = measured.shaft if band.in_orders else 1.0
+        if factor is None:
+            continue
+        level = partial(band_rms, low=band.low * factor, high=band.high * factor)
+        found = Indicator(f"band_rms {band.name}", measured.recording.unit, "rms in the band; its square is the energy")
+        yield found, _or_nan(measured, level)
+
+
+def _lines(measured: Measured) -> Values:
+    if measured.shaft is None:
+        return
+    shaft, angle, unit = measured.shaft, measured.angle, measured.recording.unit
+    gathered = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
+    turning = "peak amplitude of the line that turns with the shaft's angle"
+    for order in measured.orders:
+        if angle is None:
+            found = Indicator(f"order_amplitude {order}x", unit, gathered)
+            yield found, _or_nan(measured, _order_amplitude(shaft, order))
+            continue
+        try:
+            lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
+            amplitude, phase = lines.amplitude[:, 0], lines.phase[:, 0]
+        except InputError:
+            amplitude = phase = np.full(measured.recording.n_channels, math.nan)
+        reference = "the tachometer's pulse" if angle.absolute else "the first channel"
+        yield Indicator(f"order_amplitude {order}x", unit, turning), amplitude
+        yield (
+            Indicator(f"order_phase {order}x", "rad", f"its phase against {reference}, positive where it leads"),
+            phase,
+        )
+
+
+def _envelope(measured: Measured) -> Values:
+    signal, rate = measured.recording.signal, measured.recording.sample_rate
+    meaning = "edge of the channel's most impulsive band (kurtogram)"
+    try:
+        least = 3 * max(measured.orders, default=0) * (measured.shaft or 0.0)
+        grams = [kurtogram(row, rate, least_bandwidth=least) for row in signal]
+    except InputError:
+        return
+    bands = np.array([gram.band for gram in grams])
+    height = np.array([gram.kurtosis[gram.best] for gram in grams])
+    yield Indicator("spectral_kurtosis", "", "kurtosis of the most impulsive band; 0 for Gaussian noise"), height
+    yield Indicator("envelope_band_low", "Hz", f"lower {meaning}"), bands[:, 0]
+    yield Indicator("envelope_band_high", "Hz", f"upper {meaning}"), bands[:, 1]
+    if measured.shaft is None:
+        return
+    envelope = envelopes(signal, rate, bands)
+    for order in measured.orders:
+        found = Indicator(
+            f"envelope_amplitude {order}x", measured.recording.unit, "peak amplitude of the envelope's line"
+        )
+        yield found, _or_nan(measured, _order_amplitude(measured.shaft, order), envelope)
+
+
+def _families(measured: Measured) -> Values:
+    if measured.shaft is None:
+        return
+    for order in measured.orders:
+        index = partial(harmonic_family_index, spacing=order * measured.shaft)
+        found = Indicator(
+            f"harmonic_index {order}x", "", "cepstrum's peak for lines that far apart, in deviations of its background"
+        )
+        yield found, _or_nan(measured, index)
+
+
+FAMILIES: Mapping[str, tuple[str, Callable[[Measured], Values]]] = MappingProxyType(
+    {
+        "statistics": ("rms, peak, crest factor, kurtosis, skewness", _statistics),
+        "velocity": ("rms velocity, 10 to 1000 Hz", _velocity),
+        "bands": ("rms in bands of Hz or of shaft orders", _levels),
+        "orders": ("amplitude, and with an angle phase, of shaft orders", _lines),
+        "envelope": ("most impulsive band, and shaft orders of its envelope", _envelope),
+        "cepstrum": ("how far families of shaft orders stand out", _families),
+    }
+)
+"""Families of indicators: what they hold, and the function that computes them."""

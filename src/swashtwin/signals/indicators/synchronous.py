@@ -1,0 +1,83 @@
+"""Magnitude and phase of lines at multiples of the shaft, along its angle."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from swashtwin.foundation import InputError
+from swashtwin.signals.orders.shaft_angle import ShaftAngle
+
+_PARTS = 4
+"""The scatter between so many parts of the recording says how well a line is known."""
+_LEAST_TURNS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class SynchronousLines:
+    """Lines that turn with the shaft: sum of amplitude · cos(order · angle + phase)."""
+
+    orders: Int[np.ndarray, " order"]
+    """Multiples of the shaft."""
+    lines: Complex[np.ndarray, "channel order"]
+    """Peak amplitude times exp(i phase)."""
+    deviation: Float[np.ndarray, "channel order"]
+    """Standard deviation of the amplitude, from the scatter between four parts of the recording."""
+    reference: str
+    """What phases count from: ``"tachometer"``, whose pulse is angle 0, or ``"first channel"``, whose phases are 0."""
+
+    @property
+    def amplitude(self) -> Float[np.ndarray, "channel order"]:
+        """Peak amplitude, in the signal's unit."""
+        return np.abs(self.lines)
+
+    @property
+    def phase(self) -> Float[np.ndarray, "channel order"]:
+        """Phase [rad] in (-pi, pi]; positive where the line peaks before the reference."""
+        return np.angle(self.lines)
+
+
+def synchronous_lines(
+    signal: Float[np.ndarray, "channel time"], angle: ShaftAngle, orders: Int[np.ndarray, " order"]
+) -> SynchronousLines:
+    """Lines at `orders`, averaged along the shaft's angle with a Hann taper over the whole of it.
+
+    Only what keeps its phase with the shaft counts: noise and lines of other machines average out, and a line whose
+    angle is not known well enough reads low (`signals.order_spectrum` gathers the power beside it instead).
+
+    Raises
+    ------
+    InputError
+        The signal and the angle differ in length, an order below 1 or above half the readings per turn, or fewer than
+        16 revolutions.
+    """
+    if signal.shape[1] != len(angle.angle):
+        raise InputError(f"{signal.shape[1]} readings and {len(angle.angle)} angles; give the signal's own angle.")
+    fastest = float(angle.speed.max()) / (2 * math.pi)
+    if orders.min() < 1 or orders.max() * fastest >= angle.sample_rate / 2:
+        raise InputError(
+            f"orders {orders.min()} to {orders.max()} must lie from 1 to below half the sample rate "
+            f"({angle.sample_rate / 2 / fastest:.1f} orders)."
+        )
+    if angle.turns < _LEAST_TURNS:
+        raise InputError(f"{angle.turns:.1f} revolutions are too few for lines that turn with the shaft; record 16.")
+    whole = _averaged(signal, angle.angle, orders)
+    parts = np.array_split(np.arange(signal.shape[1]), _PARTS)
+    scatter = np.stack([_averaged(signal[:, part], angle.angle[part], orders) for part in parts])
+    deviation = np.abs(scatter).std(axis=0, ddof=1) / math.sqrt(_PARTS)
+    if not angle.absolute:
+        whole = whole * np.exp(-1j * np.angle(whole[0]))
+    return SynchronousLines(orders, whole, deviation, "tachometer" if angle.absolute else "first channel")
+
+
+def _averaged(
+    signal: Float[np.ndarray, "channel time"], angle: Float[np.ndarray, " time"], orders: Int[np.ndarray, " order"]
+) -> Complex[np.ndarray, "channel order"]:
+    place = (angle - angle[0]) / (angle[-1] - angle[0])
+    weight = (1 - np.cos(2 * np.pi * place)) * np.gradient(angle)
+    weight = weight / weight.sum()
+    centered = signal - (signal @ weight)[:, None]
+    turning = np.exp(-1j * np.outer(angle, orders))
+    result: np.ndarray = 2 * (centered * weight) @ turning
+    return result

@@ -1,0 +1,115 @@
+"""The noise of measured windows, which a twin's windows are laid over."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+import scipy.signal
+from jaxtyping import Bool, Float, Int
+
+from swashtwin.foundation import InputError
+from swashtwin.learning import WindowSet
+from swashtwin.physics import Twin
+from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, without_synchronous
+
+Background = Literal["none", "spectrum", "residual"]
+"""What a twin's windows are laid over: nothing, noise of measured windows' spectrum, or what those are made of beside
+their synchronous part."""
+
+
+@runtime_checkable
+class BackgroundNoise(Protocol):
+    """What gives a window its noise."""
+
+    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+        """Noise of one window, in the unit of the measured ones."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectrum:
+    """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
+
+    like: WindowSet
+    """Measured windows."""
+    windows: Int[np.ndarray, " window"]
+    """Among which of them one is drawn."""
+    clear: Bool[np.ndarray, " frequency"]
+    """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
+
+    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+        window = self.like.signal[rng.choice(self.windows)].astype(float)
+        taper = scipy.signal.get_window("hann", self.like.length)  # untapered, strong lines leak over all others
+        tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
+        spectrum = np.abs(np.fft.rfft(tapered, axis=-1))
+        line, clear = np.arange(self.clear.size), self.clear
+        for row in spectrum:
+            row[~clear] = np.interp(line[~clear], line[clear], row[clear])
+        phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
+        return np.fft.irfft(spectrum * phase, self.like.length, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Residual:
+    """Measured windows less what turns with the shaft, one of them at a time."""
+
+    residual: Float[np.ndarray, "window channel time"]
+
+    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+        return self.residual[rng.integers(len(self.residual))]
+
+
+def background_noise(like: WindowSet, twin: Twin, kind: Background, machine: str | None = None) -> BackgroundNoise:
+    """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where there are any.
+
+    Parameters
+    ----------
+    kind : ``"spectrum"``: the amplitudes of a window between the piston-pass lines, in random phase; one window is
+        enough. ``"residual"``: a window less the synchronous part of its recording, sample for sample as measured,
+        shocks and what the channels have in common included; it takes four windows of a recording.
+    machine : specimen whose windows alone are taken, such as the one that the twin was calibrated on.
+
+    Raises
+    ------
+    InputError
+        `like` has no measured window of that machine, or none of a recording with enough of them.
+    """
+    quiet = _quiet_windows(like, twin.condition.discharge_pressure, machine)
+    if kind == "residual":
+        return _Residual(_residuals(like.subset(quiet), twin.condition.shaft_frequency))
+    frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
+    pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
+    distance = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
+    return _Spectrum(like, quiet, distance > 2.5 * frequency[1])
+
+
+def _quiet_windows(like: WindowSet, pressure: float, machine: str | None) -> np.ndarray:
+    """Indices of measured normal windows (any class where there is none) at the pressure nearest to `pressure`."""
+    candidates = ~like.synthetic
+    if machine is not None:
+        candidates &= like.specimen == machine
+    if "normal" in like.classes and np.any(candidates & (like.label == "normal")):
+        candidates &= like.label == "normal"
+    if not candidates.any():
+        of = "" if machine is None else f" of {machine}"
+        raise InputError(f"no measured window{of} to take noise from; pass background=False.")
+    distance = np.abs(like.discharge_pressure - pressure)
+    if np.isfinite(distance[candidates]).any():
+        candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
+    return np.flatnonzero(candidates)
+
+
+def _residuals(quiet: WindowSet, shaft_frequency: float) -> Float[np.ndarray, "window channel time"]:
+    parts = []
+    for name in np.unique(quiet.recording_id):
+        own = quiet.subset(quiet.recording_id == name)
+        known = float(own.speed[0]) / (2 * np.pi)
+        period = quiet.sample_rate / (known if known > 0 else shaft_frequency)
+        if len(own) >= MINIMUM_WINDOWS and quiet.length >= 1.02 * period:
+            parts.append(without_synchronous(own.signal.astype(float), period))
+    if not parts:
+        raise InputError(
+            f"a residual takes {MINIMUM_WINDOWS} windows of one recording, each of more than a revolution; take longer "
+            'windows or more of them, or background="spectrum".'
+        )
+    return np.concatenate(parts)

@@ -1,0 +1,57 @@
+"""Copies of measured windows: the controls that every other filling has to beat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int64
+
+from swashtwin.foundation import derive_seed, stream
+from swashtwin.learning import WindowSet
+from swashtwin.signals import add_noise
+from swashtwin.synthesis.filler import filled_cell, require_count, sources_of
+
+
+@dataclass(frozen=True)
+class Duplicate:
+    """Random oversampling: measured windows of the cell, drawn with replacement and repeated as they are."""
+
+    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+        """`count` windows of the cell, each a copy of a measured one (`Filler`)."""
+        drawn = drawn_sources(train, label, pressure, count, seed)
+        return filled_cell(
+            train.signal[drawn], drawn, train=train, name="duplicate", label=label, pressure=pressure, seed=seed
+        )
+
+
+@dataclass(frozen=True)
+class NoisyDuplicate:
+    """Copies of measured windows, each with white noise of its own."""
+
+    snr_db: float = 30.0
+    """Power of the window over that of the noise, per channel [dB]."""
+
+    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+        """`count` windows of the cell, each a copy of a measured one with noise (`Filler`)."""
+        drawn = drawn_sources(train, label, pressure, count, seed)
+        noise = derive_seed(seed, "noisy duplicate", label)
+        signal = np.stack(
+            [add_noise(train.signal[source].astype(float), self.snr_db, noise, i) for i, source in enumerate(drawn)]
+        )
+        return filled_cell(
+            signal, drawn, train=train, name="noisy_duplicate", label=label, pressure=pressure, seed=seed
+        )
+
+
+def drawn_sources(train: WindowSet, label: str, pressure: float, count: int, seed: int) -> np.ndarray:
+    """Index of the measured window that each synthetic one comes from; all come before one comes twice."""
+    require_count(count)
+    return drawn_from(sources_of(train, label, pressure), label, count, seed)
+
+
+def drawn_from(
+    sources: Int64[np.ndarray, " source"], label: str, count: int, seed: int
+) -> Int64[np.ndarray, " window"]:
+    """`count` of `sources` in random order; all come before one comes twice."""
+    rng = stream(seed, "sources", label)
+    rounds = -(-count // len(sources))
+    return np.concatenate([rng.permutation(sources) for _ in range(rounds)])[:count]

@@ -1,0 +1,143 @@
+"""How like measured windows synthetic ones are, and how much they are mere copies.
+
+Each metric says in its docstring with which measured windows it is to be asked: held-out ones, which no filler saw, or
+the training windows that the filler drew from.
+"""
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.signal import periodogram
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.metrics import roc_auc_score
+from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
+from sklearn.neighbors import NearestNeighbors
+from sklearn.preprocessing import normalize
+
+from swashtwin.foundation import DataError, InputError, derive_seed
+from swashtwin.learning import Scores, WindowSet, evaluate, extract_features, fit_extra_trees
+from swashtwin.synthesis.filler import Filler
+
+_FOLDS = 5
+"""Folds of the discriminator; fewer where there are fewer measured recordings."""
+
+
+def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.ndarray, " channel"]:
+    """Log-spectral distance [dB] of each channel: 0 where the mean power spectra are the same.
+
+    d = sqrt(mean over lines of (10 log10(P_measured / P_synthetic))^2), P being the power at a line (Hann taper, mean
+    removed) averaged over the windows. A gain of 1 dB in all lines is a distance of 1 dB. That of two measured
+    recordings of the cell says what is near.
+
+    Parameters
+    ----------
+    measured : held-out windows of the cell; with training windows it says how well a filler was fitted, not more.
+    synthetic : windows of the same layout.
+    """
+    _require_both(measured, synthetic)
+    power = [
+        np.maximum(periodogram(one.signal.astype(float), one.sample_rate, "hann")[1][..., 1:].mean(axis=0), 1e-30)
+        for one in (measured, synthetic)
+    ]
+    return np.sqrt(np.mean((10 * np.log10(power[0] / power[1])) ** 2, axis=-1))
+
+
+def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int) -> float:
+    """AUROC with which extra trees on vibration features tell synthetic windows from measured ones; 0.5 is cannot.
+
+    It is that of windows which the trees did not see, cross-validated so that no recording is on both sides. A measured
+    set of few recordings can be told by what is its own: copies of the training windows (`Duplicate`), which have
+    no fingerprint but that, score what has to be granted to every filler.
+
+    Parameters
+    ----------
+    measured : held-out windows of the cell, of two recordings at least.
+    synthetic : windows of the same layout, each a recording of its own.
+    seed : of the folds and the trees.
+
+    Raises
+    ------
+    DataError
+        The measured windows are of one recording.
+    """
+    _require_both(measured, synthetic)
+    groups = np.concatenate([measured.recording_id, synthetic.recording_id])
+    folds = min(_FOLDS, len(np.unique(measured.recording_id)), len(np.unique(synthetic.recording_id)))
+    if folds < 2:
+        raise DataError(
+            "measured windows of one recording would be told by that recording, not by being measured; give those of "
+            "two recordings at least."
+        )
+    made = np.repeat([0, 1], [len(measured), len(synthetic)])
+    values = np.concatenate([extract_features(one).values for one in (measured, synthetic)])
+    own = derive_seed(seed, "discriminator") % 2**32
+    trees = ExtraTreesClassifier(100, class_weight="balanced", random_state=own, n_jobs=1)
+    split = StratifiedGroupKFold(folds, shuffle=True, random_state=own)
+    told = cross_val_predict(trees, values, made, groups=groups, cv=split, method="predict_proba")
+    return float(roc_auc_score(made, told[:, 1]))
+
+
+def copied_share(train: WindowSet, synthetic: WindowSet) -> float:
+    """Share of synthetic windows that lie nearer to a training window than half of the training windows to each other.
+
+    Nearness is that of the amplitude spectra (Hann taper) over their norm, which neither a shift in time nor a gain
+    changes, among the windows of the same classes. New windows of the recordings that were trained on give about
+    a half, copies 1, and windows unlike all that was measured 0.
+
+    Parameters
+    ----------
+    train : the training windows that the filler drew from, never held-out ones; synthetic ones are not looked at.
+    synthetic : windows of the same layout.
+    """
+    own = train.subset(~train.synthetic & np.isin(train.label, synthetic.label))
+    _require_both(own, synthetic)
+    if len(own) < 2:
+        raise DataError("one training window has no neighbor; give two or more.")
+    points = _shape(own)
+    near = NearestNeighbors(n_neighbors=2).fit(points)
+    usual = np.median(near.kneighbors(points)[0][:, 1])
+    return float(np.mean(near.kneighbors(_shape(synthetic), n_neighbors=1)[0] < usual))
+
+
+def train_synthetic_test_real(
+    filler: Filler, train: WindowSet, test: WindowSet, *, per_cell: int, seed: int
+) -> tuple[Scores, Scores]:
+    """Scores on measured windows of extra trees that saw (synthetic windows only, measured windows only).
+
+    Every cell of `train` (class and pressure) is made anew, and the trees that learn from what was made answer for held
+    out measured windows (Esteban, Hyland and Rätsch 2017, arXiv:1706.02633). Scores below those of the measured
+    windows are what the synthetic ones lack.
+
+    Parameters
+    ----------
+    filler : what makes the windows; it is fitted on `train`.
+    train : training windows.
+    test : held-out measured windows, of recordings that `train` has none of.
+    per_cell : synthetic windows made in each cell.
+    seed : of the filler and the trees.
+    """
+    measured = train.subset(~train.synthetic)
+    made: WindowSet | None = None
+    for (label, pressure), count in measured.counts().items():
+        if count:
+            at = float("nan") if pressure is None else pressure
+            cell = filler(measured, label=label, pressure=at, count=per_cell, seed=seed)
+            made = cell if made is None else made + cell
+    if made is None:
+        raise InputError("train has no measured window.")
+    manifest = np.unique(measured.recording_id).tolist()
+    synthetic, real = (
+        evaluate(fit_extra_trees(windows, seed=seed, manifest=manifest), test) for windows in (made, measured)
+    )
+    return synthetic, real
+
+
+def _shape(windows: WindowSet) -> Float64[np.ndarray, "window value"]:
+    power = periodogram(windows.signal.astype(float), windows.sample_rate, "hann")[1][..., 1:]
+    return normalize(np.sqrt(power).reshape(len(windows), -1))
+
+
+def _require_both(measured: WindowSet, synthetic: WindowSet) -> None:
+    if not (len(measured) and len(synthetic)):
+        raise DataError(f"{len(measured)} measured and {len(synthetic)} synthetic windows; each side needs some.")
+    if difference := measured.layout.difference(synthetic.layout):
+        raise InputError(f"measured and synthetic windows differ: {difference}.")

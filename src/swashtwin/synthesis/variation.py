@@ -1,0 +1,63 @@
+"""What differs from one synthetic window to the next, and a twin with it drawn."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swashtwin.foundation import celsius, stream
+from swashtwin.physics import Twin
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What is drawn anew for each synthetic window; the shaft's phase always is. Zero switches one off.
+
+    Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
+    estimates of ours; those of severity and angle are also the virtual rig's own, so that results on the rig are those
+    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike; what a
+    calibration leaves open of each comes on top of it (`synthesize(posterior=)`).
+    """
+
+    speed: float = 0.005
+    """Half-width of the uniform spread of the speed, relative."""
+    pressure: float = 0.03
+    """Half-width of the uniform spread of the discharge pressure, relative."""
+    severity: float = 0.2
+    """Standard deviation of the logarithm of the fault's severity."""
+    angle: float = math.radians(0.5)
+    """Standard deviation of the place of a swash plate or bore defect [rad]."""
+    temperature: tuple[float, float] = (celsius(30), celsius(60))
+    """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
+    interfaces: float = 0.1
+    """Standard deviation of the logarithm of each interface value."""
+    sensor: float = 0.04
+    """Standard deviation of each channel's gain, relative."""
+
+
+DEFAULT_VARIATION = Variation()
+"""The spread around the twin that is taken where nothing else is said."""
+
+
+def drawn(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
+    """`twin` with its condition, fault and interface values as `variation` spreads them.
+
+    Parameters
+    ----------
+    seed, index : address the draw; the same ones give the same twin.
+    """
+    rng = stream(seed, "variation", twin.label, index)
+    condition = replace(
+        twin.condition,
+        speed=twin.condition.speed * (1 + variation.speed * rng.uniform(-1, 1)),
+        discharge_pressure=twin.condition.discharge_pressure * (1 + variation.pressure * rng.uniform(-1, 1)),
+        oil_temperature=rng.uniform(*variation.temperature),
+    )
+    fault = twin.fault
+    if fault is not None:
+        fault = fault.scaled(float(np.exp(rng.normal(0, variation.severity))))
+        if hasattr(fault, "angle"):
+            fault = replace(fault, angle=abs(fault.angle + rng.normal(0, variation.angle)))
+    values = twin.values.numpy() * np.exp(rng.normal(0, variation.interfaces, 6))
+    interfaces = type(twin.pump.interfaces).from_values(values)
+    return replace(twin, condition=condition, fault=fault, interfaces=interfaces)

@@ -1,0 +1,120 @@
+"""The house as it was drawn: floors, light imports, short modules, and a walk through it that runs."""
+
+import ast
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+import swashtwin
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.foundation import MPa
+from swashtwin.recordings import write_index, write_recording
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "src" / "swashtwin"
+MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.pyi"))
+HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
+
+
+def test_imports_go_one_way_down() -> None:
+    assert lint_imports(config_filename=str(ROOT / ".importlinter"), no_cache=True) == EXIT_STATUS_SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("module", "text", "contract"),
+    [
+        ("oddments.py", "", "lower floors only"),
+        ("foundation/errors.py", "import swashtwin.cli\n", "lower floors only"),
+        ("calibration/procedure.py", "import swashtwin.learning\n", "lower floors only"),
+        ("report/page.py", "import swashtwin.bench\n", "lower floors only"),
+        ("learning/features.py", "import swashtwin.physics\n", "know no physics"),
+        ("report/page.py", "import swashtwin.pump.faults\n", "front doors only"),
+        ("bench/rigs/fleet.py", "from swashtwin.physics import Twin\n", "use no twin"),
+    ],
+)
+def test_a_module_that_breaks_the_floors_is_refused(tmp_path: Path, module: str, text: str, contract: str) -> None:
+    shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
+    with (tmp_path / "swashtwin" / module).open("a") as file:
+        file.write(text)
+    command = [sys.executable, "-c", "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports("]
+    command[-1] += f"{str(ROOT / '.importlinter')!r}, no_cache=True))"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT / "tests" / "support")])}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    broken = [line for line in done.stdout.splitlines() if line.endswith("BROKEN")]
+    assert done.returncode == 1
+    assert any(contract in line for line in broken)
+
+
+def test_importing_swashtwin_loads_nothing_heavy() -> None:
+    code = "import sys, swashtwin; print(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(HEAVY) & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("room", ["", *ROOMS])
+def test_every_name_at_a_door_can_be_imported_and_is_listed(room: str) -> None:
+    door = import_module(f"swashtwin.{room}".rstrip("."))
+    stub = ast.parse((PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8"))
+    names = [alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    listed = next(ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
+    assert sorted(listed) == sorted(names) == sorted(door.__all__)
+    for name in names:
+        assert getattr(door, name) is not None
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_name_at_a_door_is_also_a_module_of_the_room(room: str) -> None:
+    modules = {path.stem for path in (PACKAGE / room).iterdir()}
+    assert not modules & set(import_module(f"swashtwin.{room}").__all__)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_no_module_is_longer_than_400_lines(module: str) -> None:
+    assert len((PACKAGE / module).read_text(encoding="utf-8").splitlines()) <= 400
+
+
+def test_no_module_evaluates_its_annotations_late_or_has_a_name_that_says_nothing() -> None:
+    for module in MODULES:
+        assert "from __future__ import annotations" not in (PACKAGE / module).read_text(encoding="utf-8")
+        assert not {"utils", "helpers", "common", "misc"} & set(re.split(r"[/.]", module))
+
+
+def test_the_readme_shows_the_walk_as_it_is_run() -> None:
+    walk = (ROOT / "examples" / "walk.py").read_text(encoding="utf-8")
+    steps = walk[walk.index("recordings = read_recordings") :]
+    assert steps.strip() in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_walk_runs_from_recordings_to_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    _write_rig(tmp_path / "rig")
+    quick = {
+        "calibrate": partial(swashtwin.calibrate, method=swashtwin.GaussNewton(starts=1)),
+        "fit": partial(swashtwin.fit, settings=swashtwin.TrainingSettings(epochs=1)),
+        "BiTCN": partial(swashtwin.BiTCN, stride=32, channels=(8, 8)),
+    }
+    for name, function in quick.items():  # the walk as it stands takes half an hour
+        monkeypatch.setitem(swashtwin.__dict__, name, function)
+    names = runpy.run_path(str(ROOT / "examples" / "walk.py"))
+    assert names["scores"].n_windows == len(names["test"])
+    assert set(names["calibration"].recording_ids) <= set(names["train"].recording_id)
+    assert "<svg" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+def _write_rig(folder: Path) -> None:
+    size = RigSize(specimens=2, repeats=2, duration=1.3)
+    recordings = [one for one, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
+    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    write_index(recordings, files, folder)

@@ -1,0 +1,125 @@
+"""The ways that the benchmark times compute the same; their times are not looked at here."""
+
+import importlib
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from tiny_case import tiny, tiny_recordings
+
+from swashtwin.bench import run_plan
+from swashtwin.bench.results.naming import training_set_words
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+STEPS = 60
+
+
+@pytest.fixture(scope="module", autouse=True)
+def benchmarks() -> Iterator[None]:
+    """The benchmarks' own modules, importable as when a script there is run."""
+    sys.path.insert(0, str(FOLDER))
+    yield
+    sys.path.remove(str(FOLDER))
+
+
+def module(name: str) -> ModuleType:
+    return importlib.import_module(f"peers.{name}")
+
+
+def result(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
+    made = getattr(module(name), of_class)
+    contender = made(module("problem").Problem(STEPS, per_step=made.per_step))
+    values = contender.problem.nominal
+    loss, slopes = contender.gradient(values)
+    assert contender.value(values) == pytest.approx(loss, rel=1e-12)
+    return loss, slopes * values, contender.velocities(values)
+
+
+@pytest.fixture(scope="module")
+def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
+    return result("eager", "Eager")
+
+
+@pytest.mark.parametrize(
+    ("name", "of_class", "package"),
+    [
+        ("ours", "Trajectory", "swashtwin"),
+        ("ours", "TrajectoryOfLines", "swashtwin"),
+        ("numba_adjoint", "Numba", "numba"),
+        ("jax_side", "JaxScan", "jax"),
+        ("jax_side", "JaxScanAgain", "jax"),
+        ("diffrax_side", "Diffrax", "diffrax"),
+        ("diffrax_side", "DiffraxRemembering", "diffrax"),
+        ("diffrax_side", "DiffraxForward", "diffrax"),
+    ],
+)
+def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
+    name: str, of_class: str, package: str, eager: tuple[float, np.ndarray, np.ndarray]
+) -> None:
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    loss, slopes, velocities = result(name, of_class)
+    assert loss == pytest.approx(eager[0], rel=1e-10)
+    np.testing.assert_allclose(slopes, eager[1], rtol=0, atol=1e-9 * np.abs(eager[1]).max())
+    np.testing.assert_allclose(velocities, eager[2], rtol=0, atol=1e-10 * np.abs(eager[2]).max())
+
+
+def test_the_settled_motion_goes_on_as_the_eager_loop_steps_it(eager: tuple[float, np.ndarray, np.ndarray]) -> None:
+    """It starts there; what remains is the Runge-Kutta method's own error at the edge of its stability."""
+    steady = module("ours").Steady(module("problem").Problem(STEPS))
+    exact = steady.velocities(steady.problem.nominal)
+    np.testing.assert_allclose(eager[2], exact, rtol=0, atol=1e-5 * np.abs(exact).max())
+
+
+def test_the_loss_of_the_eager_loop_has_the_slopes_that_differences_give() -> None:
+    made = module("eager").Eager
+    contender = made(module("problem").Problem(STEPS))
+    values = contender.problem.nominal
+    slopes = contender.gradient(values)[1] * values
+    for i in (0, 2, 4):
+        ahead, behind = (contender.value(values * (1 + sign * 1e-5 * np.eye(6)[i])) for sign in (1, -1))
+        assert (ahead - behind) / 2e-5 == pytest.approx(slopes[i], rel=1e-5)
+
+
+def test_steady_state_and_its_runge_kutta_agree_in_loss_and_slopes() -> None:
+    exact, stepped = (module("ours").__dict__[name] for name in ("Steady", "SteadyRungeKutta"))
+    problem = module("problem").Problem()
+    values = problem.nominal
+    loss, slopes = exact(problem).gradient(values)
+    other, others = stepped(problem).gradient(values)
+    assert other == pytest.approx(loss, rel=1e-6)
+    np.testing.assert_allclose(others * values, slopes * values, rtol=0, atol=1e-5 * np.abs(slopes * values).max())
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.py")), ids=lambda path: path.stem)
+def test_every_benchmark_finds_what_it_imports(path: Path) -> None:
+    try:
+        assert importlib.import_module(path.stem).__doc__
+    except ModuleNotFoundError as missing:  # a peer's package, from benchmarks/requirements.txt
+        if str(missing.name).startswith("swashtwin"):
+            raise
+        pytest.skip(f"{missing.name} is not installed")
+
+
+def test_the_printed_tables_hold_what_the_study_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printing = importlib.import_module("results_tables")
+    study = run_plan(tiny(), tiny_recordings(), seeds=(0, 1), out=tmp_path)
+    monkeypatch.setattr(sys, "argv", ["results_tables.py", str(tmp_path)])
+    printing.main()
+    printed = capsys.readouterr().out
+    for row in study.rows():
+        numbers = f"{row['accuracy']['mean']:.3f} ± {row['accuracy']['std']:.3f}"
+        assert re.search(rf"\| {row['level']} \| .* \| {training_set_words(row['training_set'])} \| {numbers}", printed)
+    rows = [{name: row[name] for name in study.factors} for row in study.rows() if row["level"] == "L2"]
+    first, second = (next(row for row in rows if row["training_set"] == name) for name in ("calibrated", "measured"))
+    points = 100 * study.contrast(first, second, metric="scarce_recall").mean
+    assert f"with calibrated twin less measured only, recall in the scarce cell: {points:+.1f}" in printed.replace(
+        "**", ""
+    )

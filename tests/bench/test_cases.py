@@ -1,0 +1,229 @@
+"""The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny_case import TINY, tiny, tiny_recordings
+
+from swashtwin.bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
+from swashtwin.bench.results.runs import Embedding, load_run, load_runs
+from swashtwin.bench.rivals.models import DEFAULT
+from swashtwin.bench.studies.dataset import calibration_tasks
+from swashtwin.bench.studies.scenario import MACHINED, split_scenario
+from swashtwin.bench.studies.training_sets import Filling
+from swashtwin.foundation import ArtifactError, DataError
+from swashtwin.pump import PistonWear
+from swashtwin.recordings import Recording
+from swashtwin.synthesis import Jitter
+
+SETS = ("measured", "nominal", "calibrated")
+MEASURED = {"measured": Filling()}
+
+
+def embeddings(study: StudyResult) -> list[Embedding]:
+    return [run.embedding for run in study.laid_out if run.embedding is not None]
+
+
+def confusions(study: StudyResult, seed: int) -> list[Any]:
+    """Confusion matrices of the classifiers that learnt from measured windows alone."""
+    own = [one for one in (*study.outcomes, *study.rivals) if (one.seed, one.training_set) == (seed, "measured")]
+    return [(one.factors, one.scores.confusion.tolist()) for one in own]
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return tiny_recordings()
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("out")
+
+
+@pytest.fixture(scope="module")
+def result(recordings: list[Recording], out: Path) -> StudyResult:
+    return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin study case1 rig")
+
+
+def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
+    told = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    wanted = [(name, level) for name in SETS for level in ("L2", "L4")]
+    assert [(row["training_set"], row["level"]) for row in told["rows"]] == wanted
+    for row in [*told["rows"], *told["rivals"]]:
+        for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
+            assert len(row[name]["values"]) == 2
+            assert row[name]["mean"] == pytest.approx(np.mean(row[name]["values"]))
+    assert {row["classifier"] for row in told["rivals"]} == {"extra_trees"}
+    assert (told["study"], told["seeds"]) == ("case1", [0, 1])
+    assert "stand-in for a machine" in told["origin"]
+    assert set(told["splits"]["0"]) == {"train", "calibration", "reference", "L2", "L4"}
+    assert len(told["contrasts"]) == 8
+
+
+def test_synthetic_windows_are_in_the_filled_training_sets_only(result: StudyResult) -> None:
+    assert "of them synthetic" not in result.cells["measured"]
+    assert "of them synthetic" not in result.cells["L2"]
+    for name in ("nominal", "calibrated"):
+        assert result.cells[name]["of them synthetic"] == 6
+        filled, bare = (result.cells[key]["swash_plate @ 15 MPa"] for key in (name, "measured"))
+        assert (filled, bare) == (9, 3)
+
+
+def test_a_test_set_holds_every_class_alike(result: StudyResult) -> None:
+    for level in ("L2", "L4"):
+        assert len({count for name, count in result.cells[level].items() if "15 MPa" in name}) == 1
+        assert len(result.cells[level]) == 5
+
+
+def test_every_training_pump_is_calibrated_away_from_the_tests(
+    result: StudyResult, recordings: list[Recording]
+) -> None:
+    split = split_scenario(recordings, TINY, 0)
+    assert len(result.calibrations) == 2
+    for calibration in result.calibrations:
+        assert set(calibration.recording_ids) <= split.train | set(split.scarce["swash_plate"])
+
+
+def test_a_rerun_does_nothing_again(
+    recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swashtwin.bench.studies.runner.carry_out", lambda *_: pytest.fail("was done before"))
+    said: list[str] = []
+    again = run_plan(tiny(), recordings, seeds=(0, 1), out=out, progress=lambda what, *_: said.append(what))
+    assert again.rows() == result.rows()
+    assert said == ["6 of seed 0 done before", "6 of seed 1 done before"]
+    assert len(again.calibrations) == 2
+    for one, before in zip(embeddings(again), embeddings(result), strict=True):
+        np.testing.assert_allclose(one.features, before.features, rtol=1e-6)
+
+
+def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
+    plan, data = tiny(), "0" * 64
+    keys = {task.key for task in plan.tasks(0, data)}
+    assert len(keys) == 6
+    for other in (
+        tiny(scenario=replace(plan.scenario, synthetic=7)),
+        tiny(models={name: model.with_training(epochs=2) for name, model in plan.models.items()}),
+        tiny(snrs=(5.0,)),
+    ):
+        network = [task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT]
+        assert not keys & set(network)
+    assert not keys & {task.key for task in plan.tasks(1, data)}
+    assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}
+
+
+def test_two_processes_give_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
+    again = run_plan(tiny(fillings=MEASURED), recordings, seeds=(0,), workers=Workers(jobs=2))
+    assert confusions(again, 0) == confusions(result, 0)
+
+
+def test_a_dask_cluster_gives_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
+    distributed = pytest.importorskip("distributed", reason="dask is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        workers = Workers(backend="dask", address=cluster.scheduler_address)
+        again = run_plan(tiny(fillings=MEASURED), recordings, seeds=(0,), workers=workers)
+    assert confusions(again, 0) == confusions(result, 0)
+
+
+def test_an_interrupted_task_leaves_no_result_and_the_finished_ones_stay(
+    recordings: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from swashtwin.bench.studies import runner as carrying
+
+    calls, real = [], carrying.carry_out
+
+    def interrupted(*arguments: Any) -> Any:
+        calls.append(arguments[0].key)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    plan = tiny(fillings=MEASURED)
+    monkeypatch.setattr(carrying, "carry_out", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_plan(plan, recordings, seeds=(0,), out=tmp_path)
+    assert [run.task.key for run in load_runs(tmp_path)] == calls[:1]
+    assert len(run_plan(plan, recordings, seeds=(0,), out=tmp_path).runs) == 2
+    assert len(calls) == 3
+
+
+def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: StudyResult, tmp_path: Path) -> None:
+    run = result.runs[0]
+    folder = tmp_path / "case1" / run.task.key
+    folder.mkdir(parents=True)
+    table = run.to_dict()
+    for text, said in (
+        ('{"half', "is damaged"),
+        (json.dumps({**table, "format": "swashtwin run 0"}), "this version reads"),
+        (json.dumps({**table, "task": {**table["task"], "seed": 5}}), "other settings"),
+    ):
+        (folder / "result.json").write_text(text)
+        with pytest.raises(ArtifactError, match=said):
+            load_run(folder)
+    with pytest.raises(ArtifactError, match="other settings"):
+        run_plan(tiny(), recordings, seeds=(0,), out=tmp_path)
+
+
+def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = plan_of("case1", "quick")
+    keys = [task.key for task in plan.tasks(0, "data")]
+    group = plan.scenario.pump.rotating_group
+    worn = replace(plan.scenario.pump, rotating_group=replace(group, piston_clearance=2 * group.piston_clearance))
+    other_pump = replace(plan, scenario=replace(plan.scenario, pump=worn))
+    assert not set(keys) & {task.key for task in other_pump.tasks(0, "data")}
+    on_a_gpu = [task.key for task in plan.tasks(0, "data", "cuda")]
+    networks = [task.factors["classifier"] == DEFAULT for task in plan.tasks(0, "data")]
+    assert [one != other for one, other in zip(keys, on_a_gpu, strict=True)] == networks
+    filled = replace(plan, fillings={"jitter": Filling("jitter")})
+    before = {task.key for task in filled.tasks(0, "data")}
+    monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
+    assert not before & {task.key for task in filled.tasks(0, "data")}
+
+
+def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(folder: Path, **how: object) -> None:
+        folder.mkdir()
+        (folder / "half.h5").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("swashtwin.bench.studies.sources.build_rig", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Fleets(tmp_path).taken(0)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "rig-small-0").mkdir()
+    (tmp_path / "rig-small-0" / "half.h5").touch()
+    with pytest.raises(DataError, match="delete it, and the same command"):
+        Fleets(tmp_path).taken(0)
+
+
+def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    def keys(study: str) -> dict[str, str]:
+        return {"-".join(task.factors.values()): task.key for task in plan_of(study, "paper").tasks(0, "data")}
+
+    before = {study: keys(study) for study in ("augmentation", "noise")}
+    other = {**MACHINED, "piston": (PistonWear(clearance=1e-4),)}
+    plan = plan_of("augmentation", "paper")
+    plan = replace(plan, scenario=replace(plan.scenario, faults=other))
+    changed = {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
+    differing = {name for name, key in before["augmentation"].items() if changed[name] != key}
+    assert differing == {name for name in changed if "every_class" in name}
+    monkeypatch.setattr("swashtwin.bench.studies.training_sets.TRAINING_SNRS", (5.0, 25.0))
+    assert {name for name, key in keys("noise").items() if before["noise"][name] != key} == {
+        name for name in before["noise"] if "calibrated_noise" in name
+    }
+
+
+def test_a_calibration_is_not_taken_for_one_of_recordings_that_say_something_else(recordings: list[Recording]) -> None:
+    def named(own: list[Recording]) -> list[str]:
+        return [task.key for task in calibration_tasks(own, TINY, 0)]
+
+    faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
+    assert not set(named(recordings)) & set(named(faster))

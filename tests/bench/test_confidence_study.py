@@ -1,0 +1,45 @@
+"""The study of confidence keeps its roles apart, and finds every row."""
+
+import json
+import math
+
+from swashtwin.bench import ConfidenceStudySettings, run_confidence
+from swashtwin.bench.questions.confidence import METRICS, _recorded
+from swashtwin.learning import TrainingSettings
+from swashtwin.pump import CLASSES
+
+TINY = ConfidenceStudySettings(
+    trained_pumps=1,
+    teaching_pumps=1,
+    unseen_pumps=1,
+    duration=0.2,
+    training=TrainingSettings(epochs=1, normalization="set"),
+    network={"stride": 32, "channels": (8, 8)},
+    trees=10,
+)
+
+
+def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
+    parts = _recorded(0, TINY)
+    ids = [one.recording_id for some in parts.values() for one in some]
+    assert len(set(ids)) == len(ids)
+    specimens = {role: {one.specimen for one in some} for role, some in parts.items()}
+    assert specimens["train"] == specimens["same"] == specimens["L2"]
+    assert not specimens["L4"] & (specimens["train"] | specimens["other"])
+    assert not specimens["other"] & specimens["train"]
+    for some in parts.values():
+        assert {one.label for one in some} == set(CLASSES)
+
+
+def test_every_row_has_every_figure() -> None:
+    study = run_confidence(seeds=(0,), settings=TINY)
+    told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert len(told["rows"]) == 8
+    for row in told["rows"]:
+        assert all(row[name]["mean"] is not None for name in METRICS)
+        assert 1 <= row["set_size"]["mean"] <= 5
+        assert math.isclose(
+            row["unknown_auroc"]["mean"], sum(row[f"auroc_{label}"]["mean"] for label in CLASSES) / 5, rel_tol=1e-9
+        )
+    assert "stand-in for a machine" in told["origin"]
+    assert "sets asked to hold 90%" in told["answer"][0]

@@ -1,0 +1,304 @@
+"""Studies of classifiers as plans: what they train and test, and the noise exactly as the protocol defines it."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swashtwin.bench import FILLERS, Plan, models_of, plan_of, rig_recordings, run_plan
+from swashtwin.bench.results.contrasts import Contrast, holm, paired_interval, signed_rank_p
+from swashtwin.bench.results.result import contrasts_of
+from swashtwin.bench.results.runs import Run
+from swashtwin.bench.results.table import Trial
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
+from swashtwin.bench.rivals.order_threshold import threshold_orders
+from swashtwin.bench.studies.dataset import Material, again_cut, calibration_tasks, prepare
+from swashtwin.bench.studies.plan import noisy_test
+from swashtwin.bench.studies.registry import PLANS
+from swashtwin.bench.studies.runner import _notes
+from swashtwin.bench.studies.scenario import split_scenario
+from swashtwin.bench.studies.training_sets import Filling, filled_cells, noisy_training
+from swashtwin.calibration import GaussNewton
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import BASELINES, NETWORKS, cut_windows
+from swashtwin.recordings import Recording
+from swashtwin.signals import add_noise
+from swashtwin.synthesis import discriminative_score
+
+FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
+
+
+def small(study: str, **changes: Any) -> Plan:
+    plan = plan_of(study, "quick")
+    scenario = replace(plan.scenario, method=GaussNewton(starts=1), **FEW)
+    return replace(plan, **{"scenario": scenario, "fillings": {"measured": Filling()}, **changes})
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return [recording for recording, _ in rig_recordings(1, RigSize(specimens=3, repeats=2, duration=0.9))]
+
+
+@pytest.fixture(scope="module")
+def material(recordings: list[Recording]) -> Material:
+    return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
+
+
+def test_a_finished_run_is_found_again() -> None:
+    """A key that changes makes every finished run of every user run anew: say so in the changelog, and why."""
+    keys = [task.key for task in plan_of("case1", "quick").tasks(0, "0" * 64) if task.factors["classifier"] == DEFAULT]
+    assert keys == [
+        "seed0-spectral_bitcn-measured-9ac6c02fe6f4a160",
+        "seed0-spectral_bitcn-nominal-7bdf00f3e8a116e1",
+        "seed0-spectral_bitcn-calibrated-57b18eb0d4fae047",
+    ]
+
+
+def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
+    recordings: list[Recording], material: Material
+) -> None:
+    clean, noisy = material.tests["L4"], noisy_test(material, "L4", 5.0, repeat=3)
+    name = str(clean.recording_id[0])
+    recording = next(one for one in recordings if one.recording_id == name)
+    expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
+    cut = cut_windows([expected], like=clean, stride=1)
+    own = np.flatnonzero(clean.recording_id == name)
+    for place in own:
+        np.testing.assert_array_equal(noisy.signal[place], cut.signal[clean.start[place]])
+    added = expected.signal - recording.signal
+    power = recording.signal.var(axis=1) / added.var(axis=1)
+    assert 10 * np.log10(power) == pytest.approx([5.0] * len(power), abs=0.2)
+    again, other = noisy_test(material, "L4", 5.0, repeat=3), noisy_test(material, "L4", 5.0, repeat=4)
+    np.testing.assert_array_equal(again.signal, noisy.signal)
+    assert not np.array_equal(other.signal, noisy.signal)
+
+
+def test_windows_cut_again_from_the_same_recordings_are_the_same(
+    recordings: list[Recording], material: Material
+) -> None:
+    np.testing.assert_array_equal(again_cut(recordings, material.measured).signal, material.measured.signal)
+
+
+def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(material: Material) -> None:
+    noisy, values = filled_cells(material, Filling(noise=True))
+    assert values == {}
+    assert noisy.recording_id.tolist() == material.measured.recording_id.tolist()
+    assert not noisy.synthetic.any()
+    assert (noisy.signal != material.measured.signal).any(axis=(1, 2)).all()
+    np.testing.assert_array_equal(noisy.signal, noisy_training(material).signal)
+
+
+def test_noisy_tests_are_told_by_ratio_in_the_mean_over_their_draws(recordings: list[Recording]) -> None:
+    plan = small("noise", models={"extra_trees": MODELS["quick"]["extra_trees"]}, snrs=(math.inf, 5.0), draws=2)
+    study = run_plan(plan, recordings)
+    assert [(row["level"], row["snr"]) for row in study.rows()] == [
+        (level, snr) for level in ("L2", "L4") for snr in ("clean", "5 dB")
+    ]
+    drawn = [one.scores.accuracy for one in study.outcomes if (one.level, one.factors["snr"]) == ("L2", "5 dB")]
+    assert len(drawn) == 2
+    assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(drawn)])
+
+
+def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
+    for size in ("quick", "paper"):
+        plan = plan_of("algorithms", size)
+        ablations = {name for name in NETWORKS if name.startswith("bitcn_")}
+        assert set(NETWORKS) - ablations <= set(plan.models)
+        kernels = {name for name, one in BASELINES.items() if one.columns != "features"}
+        assert set(BASELINES) - kernels <= set(plan.models)
+        missing = kernels - set(plan.models)
+        assert missing == set(plan.absent)
+    assert {"bitcn", *ablations} <= set(plan_of("ablation", "paper").models)
+
+
+@pytest.mark.parametrize("study", PLANS)
+def test_every_plan_has_tasks_whose_keys_differ(study: str) -> None:
+    for size in ("quick", "paper"):
+        tasks = plan_of(study, size).tasks(0, "data")
+        assert tasks
+        assert len({task.key for task in tasks}) == len(tasks)
+
+
+def test_the_corrected_interval_is_wider_than_students() -> None:
+    points = [0.02, 0.03, 0.01, 0.04]
+    plain, corrected = paired_interval(points), paired_interval(points, test_share=0.5)
+    assert corrected[0] < plain[0] < 0.025 < plain[1] < corrected[1]
+    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(math.sqrt(0.75 / 0.25))
+    assert math.isnan(paired_interval([0.1])[0])
+
+
+def test_signed_ranks_need_six_pairs_and_holm_never_lowers_a_p_value() -> None:
+    assert math.isnan(signed_rank_p([0.1] * 5))
+    assert signed_rank_p([0.0] * 6) == 1.0
+    assert signed_rank_p([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]) < 0.05
+    raw = [0.2, 0.01, 0.04]
+    assert all(corrected >= value for corrected, value in zip(holm(raw), raw, strict=True))
+
+
+def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
+    """Pairs of a factor's values that a plan contrasts, at one level, were all its rows there."""
+    tasks = plan.tasks(0, "data")
+    trials = [Trial({**task.factors, "level": "L2"}, 0, {"accuracy": 0.5}) for task in tasks]
+    none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
+    none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
+    runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
+    return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared, plan.bare)}
+
+
+@pytest.mark.parametrize("splits_of_one_set", [True, False])
+def test_signed_ranks_are_left_out_where_pairs_are_splits_of_the_same_recordings(splits_of_one_set: bool) -> None:
+    plan = plan_of("case1", "quick")
+    none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
+    none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
+    tasks = [task for seed in range(8) for task in plan.tasks(seed, "one" if splits_of_one_set else f"fleet {seed}")]
+    better = {"calibrated": 0.9, "nominal": 0.8, "measured": 0.7}
+    trials = [
+        Trial({**task.factors, "level": "L2"}, task.seed, {"accuracy": better[task.factors["training_set"]]})
+        for task in tasks
+    ]
+    runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
+    found = contrasts_of(trials, runs, plan.compared)
+    assert found
+    assert {one.is_corrected for one in found} == {splits_of_one_set}
+    assert all(math.isnan(one.p_value) is splits_of_one_set for one in found)
+
+
+def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_ours_with_ours() -> None:
+    pairs = contrasted(plan_of("ablation", "paper"), "classifier")
+    papers = {("bitcn", name) for name in ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")}
+    assert pairs == papers | {(DEFAULT, name) for name in (*VARIED, "bitcn")}
+    assert contrasted(plan_of("ablation", "quick"), "classifier") == {(DEFAULT, name) for name in VARIED}
+
+
+def test_a_filling_of_any_number_of_windows_is_contrasted_with_none() -> None:
+    plan = plan_of("augmentation", "quick")
+    budgets = {name for name in plan.variants if name != "0"}
+    of_measured = {pair for pair in contrasted(plan, "synthetic") if pair[1] == "0"}
+    assert of_measured == {(budget, "0") for budget in budgets}
+    assert {("calibrated", "measured"), ("calibrated", "nominal")} <= contrasted(plan, "training_set")
+    assert {first == second for first, second in contrasted(plan, "synthetic") - of_measured} == {True}
+
+
+def test_each_way_to_calibrate_is_contrasted_with_the_other_and_with_none() -> None:
+    plan = plan_of("calibrators", "quick")
+    rows = {(task.factors["training_set"], task.factors["calibrator"]) for task in plan.tasks(0, "data")}
+    ways = ("ipinn", "gauss_newton", "healthy")
+    assert rows == {("measured", "none"), *((name, way) for name in ("calibrated", "every_class") for way in ways)}
+    pairs = contrasted(plan, "calibrator")
+    assert {("gauss_newton", "ipinn"), ("healthy", "ipinn"), ("healthy", "gauss_newton")} <= pairs
+    assert all(one[0] != one[1] for one in pairs)
+    assert {("calibrated", "measured"), ("every_class", "measured")} <= contrasted(plan, "training_set")
+    assert plan.scenario_of("ipinn") == plan_of("case1", "quick").scenario
+    assert plan.scenario_of("gauss_newton").described() != plan.scenario_of("ipinn").described()
+
+
+def test_fewer_pumps_train_and_the_same_are_held_out() -> None:
+    recordings = [one for one, _ in rig_recordings(2, RigSize(4, 2, 0.3), labels=("normal", "swash_plate"))]
+    scenario = replace(plan_of("unseen-specimen", "quick").scenario, held_out=1)
+    one, two = (split_scenario(recordings, replace(scenario, specimens=count), 0) for count in (1, 2))
+    assert one.tests["L4"] == two.tests["L4"]
+    assert one.train < two.train
+    assert {name[0] for name in one.train | one.tests["L2"]} < {name[0] for name in two.train}
+
+
+def test_every_fault_is_unknown_at_the_unseen_pressure_and_normals_are_not(recordings: list[Recording]) -> None:
+    scenario = small("unseen-pressure").scenario
+    scenario = replace(scenario, scarce_windows=0)
+    counts = prepare(recordings, scenario, 0, ()).measured.counts()
+    assert counts["normal", 15e6] > 0
+    assert [counts[label, 15e6] for label in scenario.scarce] == [0, 0, 0, 0]
+    assert all(counts[label, 10e6] > 0 for label in scenario.scarce)
+    tasks = calibration_tasks(recordings, scenario, 0)
+    assert [task.label for task in tasks] == ["normal"] * 2
+
+
+def test_few_shots_keep_as_many_measured_windows_as_they_say(recordings: list[Recording]) -> None:
+    plan = plan_of("few-shot", "quick")
+    for count in ("0", "5", "10"):
+        scenario = replace(plan.scenario_of(count), windows=2, held_out=1)
+        assert prepare(recordings, scenario, 0, ()).measured.counts()["swash_plate", 15e6] == int(count)
+
+
+def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> None:
+    for size in ("quick", "paper"):
+        tasks = plan_of("augmentation", size).tasks(0, "data")
+        at_none = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "0"}
+        filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
+        assert at_none == {"measured", "class_weights"}
+        assert {*FILLERS, "nominal", "calibrated", "posterior", "residual", "every_class"} == filled
+
+
+def test_a_study_tells_windows_apart_as_augmentation_does(material: Material) -> None:
+    filling = Filling("jitter", count=4)
+    made, values = filled_cells(material, filling)
+    test = material.tests[material.scenario.levels[0]]
+    held_out = test.subset(np.isin(test.label, material.scenario.scarce))
+    assert values["discriminator"] == discriminative_score(held_out, made, seed=material.seed)
+
+
+@pytest.mark.parametrize("by", ["duplicate", "nominal"])
+def test_a_filling_puts_its_windows_into_the_scarce_cell_or_into_every_class(material: Material, by: str) -> None:
+    made, values = filled_cells(material, Filling(by, count=4))
+    assert made.synthetic.all()
+    assert made.counts()["swash_plate", 15e6] == len(made) == 4
+    assert 0 <= values["discriminator"] <= 1
+    every, _ = filled_cells(material, Filling(by, count=2, every_class=True))
+    assert [every.counts()[label, 15e6] for label in every.classes] == [2] * 5
+
+
+def test_a_study_can_be_run_for_some_of_its_training_sets_and_models() -> None:
+    plan = plan_of("augmentation", "quick").of_training_sets(["measured"])
+    assert len(plan.tasks(0, "data")) == len(plan.models)
+    with pytest.raises(InputError, match="no training set 'guess'"):
+        plan.of_training_sets(["guess"])
+    with pytest.raises(InputError, match="no model is called 'extra_tres'; did you mean 'extra_trees'"):
+        models_of("quick", ["extra_tres"])
+
+
+def test_classifiers_that_cannot_be_trained_for_want_of_aeon_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Model, "is_at_hand", property(lambda model: model.kind != "hydra"))
+    plan = plan_of("algorithms", "quick")
+    assert plan.absent == ("hydra",)
+    assert "hydra" not in plan.models
+    assert list(_notes(plan, ["spectral_bitcn"])) == ["Not run here, for want of aeon: hydra."]
+    assert list(_notes(plan, ["spectral_bitcn", "hydra"])) == []
+
+
+def test_a_study_can_be_run_at_some_of_its_values() -> None:
+    plan = plan_of("augmentation", "quick").of_values(["72", "0"])
+    assert list(plan.variants) == ["0", "72"]  # in the order of the study's own curve
+    whole = {task.key for task in plan_of("augmentation", "quick").tasks(0, "data")}
+    keys = {task.key for task in plan.tasks(0, "data")}
+    assert keys < whole
+    assert {task.factors["synthetic"] for task in plan.tasks(0, "data")} == {"0", "72"}
+    with pytest.raises(InputError, match="no value '73' to choose; the values of synthetic are 0, 72, 200"):
+        plan_of("augmentation", "quick").of_values(["73"])
+    with pytest.raises(InputError, match="case1 has no value '1' to choose; it has none"):
+        plan_of("case1", "quick").of_values(["1"])
+
+
+def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_what_it_used(material: Material) -> None:
+    model = models_of("quick", ["envelope_threshold"])["envelope_threshold"]
+    rule = train_model(model, material.measured, seed=0, manifest=("calibration 1",))
+    assert set(rule.manifest) == {*material.measured.recording_id.tolist(), "calibration 1"}
+    normal = material.measured.subset(material.measured.label == "normal")
+    loud = normal.subset(np.arange(len(normal)) == 0)
+    loud = replace(loud, signal=1e4 * loud.signal, synthetic=np.array([True]))
+    taken = [threshold_orders(own, rule.features, rule.rule).threshold for own in (normal, normal + loud)]
+    assert taken == [rule.threshold, rule.threshold]  # synthetic windows set no alarm
+    test = material.tests["L2"]
+    assert (rule.predict_proba(test).argmax(axis=1) == test.target).mean() > 0.3  # five classes alike
+    with pytest.raises(DataError, match="measured windows of normal"):
+        train_model(model, material.measured.subset(material.measured.label != "normal") + loud, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("interval", "clear"), [((0.01, 0.02), True), ((-0.01, 0.02), False), ((0.01, 0.01 + 1e-16), False)]
+)
+def test_an_interval_between_equal_differences_is_not_clear_for_rounding(
+    interval: tuple[float, float], clear: bool
+) -> None:
+    assert Contrast({}, {}, "accuracy", 0.01, interval, 2, 1.0, False).is_clear is clear

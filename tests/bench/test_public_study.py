@@ -1,0 +1,207 @@
+"""The study of the public sets keeps groups apart, chooses settings inside, and shows a leak as a leak."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from swashtwin.bench import run_public, run_scarce
+from swashtwin.bench.public.estimators import ESTIMATORS, GrowingSigns, SharedWeights
+from swashtwin.bench.public.filling import FILLINGS
+from swashtwin.bench.public.plant_motors import motor_questions
+from swashtwin.bench.public.question import Fold, Question, Setting, Units
+from swashtwin.bench.public.validation import choose, leaky_scores, score_fold
+from swashtwin.cli.app import app
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording
+
+RATE = 1600.0
+LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}
+"""Lag [rev/min] over the speed squared of each state of the made-up pump."""
+
+
+def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], readings: int = 6720) -> Path:
+    """A made-up pump_cavitation with three repeats of each state; only the slip tells the state."""
+    random = np.random.default_rng(0)
+    place = folder / "pump_cavitation" / "recordings"
+    place.mkdir(parents=True)
+    time = np.arange(readings) / RATE
+    for speed in speeds:
+        for run, state in enumerate(states):
+            for repeat in (1, 2, 3):
+                field = 1.03 * speed
+                shaft = field - LAG[state] * field**2
+                lines = [2 * k * field for k in (1, 2, 3, 6, 12)] + [k * shaft for k in (1, 2, 3, 5, 6, 7)]
+                tones = sum(0.4 * np.sin(2 * np.pi * at / 60 * time + random.uniform(0, 6)) for at in lines)
+                signal = tones + random.normal(size=(5, readings))
+                table = np.column_stack([time, signal.T])
+                header = "% made up\n" * 7 + "Time\tch 0\tch 1\tch 2\tch 3\tch 4"
+                path = place / f"{run:02d}_{repeat}_s{speed}_{state}.dat"
+                np.savetxt(path, table, "%.6f", "\t", header=header, comments="")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_pump(tmp_path_factory.mktemp("sets"), (700, 1000, 1200), tuple(LAG))
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_pump(tmp_path_factory.mktemp("small"), (700, 1000, 1200), ("healthy", "cavitation100"))
+
+
+def test_a_speed_never_trained_on_is_told_by_the_slip_where_usual_trees_fail(made_up: Path) -> None:
+    study = run_public(made_up, seeds=[0])
+    row = study.rows()[0]
+    assert row["split"] == "pump_cavitation/speed"
+    assert row["balanced_accuracy"]["mean"] > row["extra_trees"]["mean"] + 0.2
+    assert row["balanced_accuracy"]["mean"] > 0.75
+    folds = study.details["folds"]["pump_cavitation/speed"]
+    assert [one["tested"] for one in folds] == ["700 rpm", "1000 rpm", "1200 rpm"]
+    assert all("load by slip" in one["setting"] or "both" in one["setting"] for one in folds)
+    assert any("uci_hydraulic is not in" in note for note in study.notes)
+    json.dumps(study.to_dict(), allow_nan=False)
+
+
+def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recording(small: Path) -> None:
+    pytest.importorskip("imblearn")
+    study = run_scarce(small, seeds=[0])
+    rows = {(row["kept"], row["filling"]): row for row in study.rows()}
+    assert len(rows) == 11
+    assert len(rows["none", "SMOTE"]["scarce_recall"]["values"]) == 6
+    assert rows["every recording", "nothing"]["balanced_accuracy"]["mean"] > 0
+    assert "best filling" in study.answer[0]
+
+
+@pytest.mark.parametrize("name", ["copies", "shaken copies", "SMOTE"])
+def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
+    name: str, small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*told: object) -> np.ndarray:
+        raise ValueError("broken")
+
+    monkeypatch.setitem(FILLINGS, name, broken)
+    with pytest.raises(ValueError, match="broken"):
+        run_scarce(small, seeds=[0])
+
+
+def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:
+    command = ["study", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
+    told = CliRunner().invoke(app, command)
+    assert told.exit_code == 0, told.output
+    result = json.loads(told.stdout)
+    assert result["seeds"] == [3]
+    assert "an honest split" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert set(result["rows"][0]) >= {"split", "balanced_accuracy", "random_window"}
+
+
+def test_a_folder_without_any_set_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="pump_cavitation"):
+        run_public(tmp_path)
+    two_speeds = write_pump(tmp_path, (1000, 1200), ("healthy", "cavitation100"))
+    with pytest.raises(DataError, match="two groups"):
+        run_public(two_speeds)
+    with pytest.raises(InputError, match="none of the sets"):
+        run_public(tmp_path, sets=["paderborn"])
+    with pytest.raises(InputError, match="seed"):
+        run_public(tmp_path, seeds=[])
+
+
+def machines(carries_over: float, seed: int = 0) -> Question:
+    """Six machines of two classes, ten recordings each: one feature knows the machine, one the class."""
+    random = np.random.default_rng(seed)
+    machine = np.repeat(np.arange(6), 10)
+    label = np.where(machine % 2, "worn", "sound")
+    own = 10.0 * random.permutation(6)[machine] + 0.1 * random.normal(size=60)
+    state = carries_over * (machine % 2) + random.normal(size=60)
+    features = {"machine": own[:, None], "state": state[:, None], "usual": np.column_stack([own, state])}
+    group = np.array([f"pair {number // 2}" for number in machine])
+    units = Units(label, np.arange(60).astype(str), group, group, features)
+    settings = (Setting("machine", "extra trees"), Setting("state", "logistic 1"))
+    pairs = ("pair 0", "pair 1", "pair 2")
+    folds = tuple(Fold(one, frozenset(pairs) - {one}, frozenset({one})) for one in pairs)
+    return Question("made up", units, settings, folds, units)
+
+
+def test_inner_folds_choose_what_carries_over_and_not_what_knows_the_machine() -> None:
+    question = machines(carries_over=6.0)
+    train, _ = question.folds[0].sides(question.units.group)
+    setting, inner = choose(question, np.flatnonzero(train), 0)
+    assert setting.features == "state"
+    assert inner > 0.95
+
+
+def test_the_choice_never_sees_the_test_side() -> None:
+    question = machines(carries_over=6.0)
+    fold = question.folds[0]
+    before = score_fold(question, fold, 0)
+    _, test = fold.sides(question.units.group)
+    for values in question.units.features.values():
+        values[test] += 1e3 * np.random.default_rng(1).normal(size=values[test].shape)
+    after = score_fold(question, fold, 0)
+    assert (after.setting, after.inner) == (before.setting, before.inner)
+    assert after.balanced_accuracy != before.balanced_accuracy
+
+
+def test_a_random_split_flatters_what_knows_the_machine() -> None:
+    question = machines(carries_over=0.0)
+    own, trees = leaky_scores(question, question.settings[0], 0)
+    honest = np.mean([score_fold(question, fold, 0).rival for fold in question.folds])
+    assert own > 0.95
+    assert trees > 0.9
+    assert honest < 0.75
+
+
+def test_shared_weights_learn_from_two_seats_what_tells_the_third() -> None:
+    random = np.random.default_rng(0)
+    label = np.repeat(["a", "b", "c"], 40)
+    measures = random.normal(size=(120, 3, 2))
+    measures[np.arange(120), np.repeat([0, 1, 2], 40), 0] += 4.0
+    X = measures.reshape(120, 6)
+    fitted = SharedWeights(1.0).fit(X, label)
+    assert np.mean(fitted.predict(X) == label) > 0.9
+    assert fitted.weights_[0] > 5 * abs(fitted.weights_[1])
+    np.testing.assert_allclose(fitted.predict_proba(X).sum(axis=1), 1.0)
+
+
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if not name.startswith("growing signs")])
+def test_every_estimator_of_many_classes_gives_probabilities_of_them(name: str) -> None:
+    random = np.random.default_rng(0)
+    label = np.repeat(["a", "b", "c"], 30)
+    X = random.normal(size=(90, 6)) + 3 * np.repeat(np.eye(3), 30, axis=0).repeat(2, axis=1)
+    probability = ESTIMATORS[name](0).fit(X, label).predict_proba(X)
+    assert probability.shape == (90, 3)
+    assert np.mean(np.array(["a", "b", "c"])[probability.argmax(axis=1)] == label) > 0.8
+
+
+def test_a_sign_that_shrinks_with_the_fault_in_training_is_left_out_and_never_turned_round() -> None:
+    random = np.random.default_rng(0)
+    label = np.repeat(["faulty", "healthy"], 30)
+    fault = np.where(label == "faulty", 1.0, 0.0)
+    X = np.column_stack([fault + random.normal(0, 0.3, 60), -2 * fault + random.normal(0, 0.1, 60)])
+    fitted = GrowingSigns().fit(X, label)
+    assert fitted.weights_[0] > 0.5
+    assert fitted.weights_[1] == 0
+    elsewhere = np.array([[1.5, 3.0], [-0.5, -3.0]])
+    assert fitted.predict(elsewhere).tolist() == ["faulty", "healthy"]
+    assert np.allclose(fitted.predict_proba(elsewhere).sum(axis=1), 1)
+
+
+def test_a_motor_with_a_strong_third_harmonic_is_faulty_at_any_gain_on_machines_that_training_never_saw() -> None:
+    random, time = np.random.default_rng(1), np.arange(5000) / 1000
+    recordings = []
+    for block, gain in (("hA", 1.0), ("hB", 9.0), ("fA", 8.0), ("fB", 2.0)):
+        third = 0.1 if block[0] == "h" else 1.0
+        for number in range(8):
+            lines = np.sin(2 * np.pi * 49 * time) + third * np.sin(2 * np.pi * 147 * time)
+            signal = gain * (lines + 0.5 * random.normal(size=(3, 5000)))
+            label = "healthy" if block[0] == "h" else "faulty"
+            name, facts = f"{label}_{block}_{number}", {"block": block}
+            recordings.append(Recording(signal, 1000.0, name, ("x", "y", "z"), "g", label=label, attributes=facts))
+    question = motor_questions(recordings, 1)[0]
+    scores = [score_fold(question, fold, 0) for fold in question.folds]
+    assert min(score.balanced_accuracy for score in scores) > 0.9
+    assert {score.fold for score in scores} == {"hB + fB", "hA + fA", "hA + fB", "hB + fA"}

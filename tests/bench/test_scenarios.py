@@ -1,0 +1,101 @@
+"""What a study trains and tests on: roles kept apart, and what is lacking named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tiny_case import TINY, tiny, tiny_recordings
+
+from swashtwin.bench import Workers, plan_of, run_plan
+from swashtwin.bench.studies.cells import recordings_by_cell
+from swashtwin.bench.studies.dataset import calibration_tasks, prepare
+from swashtwin.bench.studies.scenario import split_scenario
+from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return tiny_recordings()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> None:
+    split = split_scenario(recordings, TINY, seed)
+    lent = frozenset(name for ids in split.scarce.values() for name in ids)
+    roles = [split.train, lent, split.references, *split.tests.values()]
+    assert sum(map(len, roles)) == len(frozenset.union(*roles))
+    by_id = {recording.recording_id: recording for recording in recordings}
+    trained_on = {by_id[name].specimen for name in split.train}
+    assert {by_id[name].specimen for name in split.tests["L2"]} <= trained_on
+    assert not {by_id[name].specimen for name in split.tests["L4"] | split.references} & trained_on
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_recording_of_one_pump_fills_the_scarce_cell(recordings: list[Recording], seed: int) -> None:
+    material = prepare(recordings, TINY, seed, ())
+    own = material.measured.label == "swash_plate"
+    scarce = material.measured.subset(own & (material.measured.discharge_pressure > 12e6))
+    assert len(scarce) == 3
+    assert len(set(scarce.recording_id)) == 1
+
+
+def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(recordings: list[Recording]) -> None:
+    material = prepare(recordings, TINY, 0, ())
+    references = [one for one in recordings if one.recording_id in material.split.references]
+    assert references
+    assert {one.label for one in references} == {"normal"}
+    assert not {one.specimen for one in references} & set(material.measured.specimen)
+    tested = {name for test in material.tests.values() for name in test.recording_id.tolist()}
+    assert not tested & material.split.references
+    assert set(material.roles()["reference"]) <= set(material.manifest)
+
+
+def test_case_two_trains_on_no_measured_window_of_the_missing_cell(recordings: list[Recording]) -> None:
+    scenario = tiny("case2").scenario
+    assert plan_of("case2", "paper").scenario.test_windows == 50
+    assert plan_of("case2", "paper").scenario.synthetic == 200
+    material = prepare(recordings, scenario, 0, ())
+    assert material.measured.counts()["swash_plate", 15e6] == 0
+    assert material.measured.counts()["swash_plate", 10e6] > 0
+    used = {r.recording_id for task in calibration_tasks(recordings, scenario, 0) for r in task.recordings}
+    assert used
+    assert not any("swash_plate_15MPa" in name for name in used)
+
+
+def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]) -> None:
+    with pytest.raises(DataError, match="at least 2 specimens"):
+        run_plan(tiny(), [r for r in recordings if r.specimen == "A"])
+    once = [r for r in recordings if r.recording_id.endswith("_1")]
+    with pytest.raises(DataError, match="two recordings of"):
+        run_plan(tiny(), once)
+    with pytest.raises(DataError, match="needs label, specimen"):
+        run_plan(tiny(), [replace(recordings[0], specimen=None), *recordings[1:]])
+    with pytest.raises(DataError, match="500 measured windows"):
+        run_plan(tiny(scenario=replace(TINY, scarce_windows=500)), recordings)
+    with pytest.raises(InputError, match="needs a seed"):
+        run_plan(tiny(), recordings, seeds=())
+    with pytest.raises(InputError, match="belongs to backend dask or ray"):
+        Workers(address="tcp://nowhere:1")
+
+
+def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:
+    def at(pressure: float) -> Recording:
+        condition = OperatingCondition(speed=90.0, discharge_pressure=pressure)
+        return Recording(np.zeros((1, 10)), 1.0, f"{pressure}", label="normal", condition=condition, specimen="A")
+
+    cells = recordings_by_cell([at(p) for p in (4.9e6, 5.1e6, 9.8e6, 10.2e6, 15.2e6, 14.7e6, 14.9e6)], "the study")
+    assert sorted(len(cell) for cell in cells) == [2, 2, 3]
+
+
+def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrated(recordings: list[Recording]) -> None:
+    kept = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
+    with pytest.raises(DataError, match="tests at 15 MPa"):
+        calibration_tasks(kept, tiny("case2").scenario, 0)
+
+
+def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
+    kept = [r for r in recordings if r.label != "valve_plate"]
+    material = prepare(kept, TINY, 0, ())
+    assert material.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

@@ -1,0 +1,168 @@
+"""Windows along the shaft's angle: what they are cut from, and what stays as it was."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny_case import TINY, tiny, tiny_recordings
+
+from swashtwin.bench import plan_of, run_plan
+from swashtwin.bench.studies.dataset import prepare, read_for
+from swashtwin.bench.studies.scenario import Scenario
+from swashtwin.bench.studies.training_sets import PAPER_FILLINGS, Filling
+from swashtwin.foundation import DataError, InputError, MPa, rpm
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+from swashtwin.signals import piston_pass_angle
+
+ANGLE = replace(TINY, along_angle=True)
+RATE, SECONDS, STATED = 10000.0, 6.0, 15.0
+SPEED = 2 * np.pi * STATED
+
+
+def turning(shaft: float) -> Recording:
+    """Seven pistons and a line at order 100 of a shaft at `shaft` [Hz] that wanders by 0.4 %; 15 Hz are stated."""
+    time = np.arange(int(SECONDS * RATE)) / RATE
+    angle = 2 * np.pi * shaft * (time + 0.004 / (2 * np.pi * 0.5) * np.sin(2 * np.pi * 0.5 * time))
+    signal = np.cos(7 * angle) + 0.5 * np.cos(14 * angle + 1) + 0.1 * np.cos(100 * angle)
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(time))
+    condition = OperatingCondition(SPEED, MPa(15))
+    return Recording((signal + noise)[None], RATE, f"at {shaft}", condition=condition)
+
+
+def highest_line(recording: Recording) -> tuple[float, float]:
+    """(frequency [Hz], amplitude) of the greatest line above 1 kHz."""
+    taper = np.hanning(recording.signal.shape[1])
+    spectrum = 2 / taper.sum() * np.abs(np.fft.rfft(recording.signal[0] * taper))
+    frequency = np.fft.rfftfreq(len(taper), 1 / recording.sample_rate)
+    place = int(np.argmax(np.where(frequency > 1000, spectrum, 0)))
+    return float(frequency[place]), float(spectrum[place])
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return tiny_recordings()
+
+
+@pytest.mark.parametrize("shaft", [14.9, 15.0, 15.1])
+def test_a_line_of_the_shaft_stands_still_however_fast_it_turned(shaft: float) -> None:
+    recording = turning(shaft)
+    frequency, amplitude = highest_line(ANGLE.as_read(recording, SPEED))
+    assert frequency == pytest.approx(100 * STATED, abs=1 / SECONDS)
+    assert amplitude == pytest.approx(0.1, rel=0.16)  # the taper lets a line between two bins lose 15 %
+    assert highest_line(recording)[1] < 0.05
+
+
+def test_windows_stay_as_long_as_they_are_along_time(recordings: list[Recording]) -> None:
+    made = ANGLE.as_read(recordings[0], rpm(860))
+    assert made.sample_rate == pytest.approx(recordings[0].sample_rate, rel=1e-3)
+    assert made.condition == recordings[0].condition
+    assert TINY.as_read(recordings[0], rpm(860)) is recordings[0]
+
+
+def test_roles_and_counts_are_those_along_time(recordings: list[Recording]) -> None:
+    time, angle = prepare(recordings, TINY, 0, ()), prepare(recordings, ANGLE, 0, ())
+    assert angle.roles() == time.roles()
+    assert angle.measured.counts() == time.measured.counts()
+    assert {level: test.counts() for level, test in angle.tests.items()} == {
+        level: test.counts() for level, test in time.tests.items()
+    }
+    assert angle.measured.fingerprint() != time.measured.fingerprint()
+
+
+def test_settings_along_time_are_told_as_ever() -> None:
+    assert "along_angle" not in Scenario().described()
+    assert replace(Scenario(), along_angle=True).described() == {**Scenario().described(), "along_angle": True}
+
+
+def test_the_study_compares_the_angle_with_time(recordings: list[Recording]) -> None:
+    plan = tiny("shaft-angle", fillings={"nominal": PAPER_FILLINGS["nominal"]})
+    result = run_plan(plan, recordings)
+    assert {row["domain"] for row in result.rows()} == {"time", "angle"}
+    compared = {(dict(one.first)["domain"], dict(one.second)["domain"]) for one in result.contrasts}
+    assert compared == {("angle", "time")}
+    by_domain = {run.task.factors["domain"]: run for run in result.runs if run.task.factors["classifier"] == result.own}
+    assert by_domain["time"].fingerprints["train"] != by_domain["angle"].fingerprints["train"]
+    assert result.settings["variants"] == {"time": {}, "angle": {"along_angle": True}}
+    assert by_domain["time"].roles == by_domain["angle"].roles
+
+
+@pytest.mark.parametrize("noisy", [{"snrs": (5.0,)}, {"fillings": {"noisy": Filling("calibrated", noise=True)}}])
+def test_noise_along_the_angle_is_refused(noisy: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="plans with noise cut windows along time"):
+        replace(plan_of("shaft-angle", "quick"), **noisy)
+
+
+def test_speeds_that_differ_a_little_are_played_back_at_one(recordings: list[Recording]) -> None:
+    stated = [
+        replace(one, condition=replace(one.condition, speed=rpm(860) * (1 + 1e-3 * (i % 3 - 1))))
+        for i, one in enumerate(recordings)
+        if one.condition is not None
+    ]
+    read = read_for(stated, ANGLE, 0)
+    assert len({one.sample_rate for one in read.values()}) == 1
+
+
+def test_the_same_recordings_lend_to_the_scarce_cell(recordings: list[Recording]) -> None:
+    full = replace(ANGLE, scarce_windows=recordings[0].signal.shape[1] // ANGLE.length)
+    lenders = {}
+    for name, scenario in (("time", replace(full, along_angle=False)), ("angle", full)):
+        windows = prepare(recordings, scenario, 0, ()).measured
+        lent = windows.subset((windows.label == "swash_plate") & (windows.discharge_pressure > 12e6))
+        lenders[name] = (set(lent.recording_id.tolist()), len(lent), len(set(lent.start.tolist())))
+    assert lenders["time"] == (lenders["angle"][0], full.scarce_windows, full.scarce_windows)
+    assert len(lenders["angle"][0]) == 1
+    assert lenders["angle"][1:] == (full.scarce_windows - 1, full.scarce_windows - 1)
+
+
+@pytest.mark.parametrize("off", [-0.015, 0.015])
+def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
+    shaft, rng = STATED * (1 + off), np.random.default_rng(0)
+    angle = 2 * np.pi * shaft * np.arange(int(SECONDS * RATE)) / RATE
+    lines = [0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle) for k in range(1, 7)]
+    signal = sum(lines) + 0.05 * rng.standard_normal(len(angle))
+    found = piston_pass_angle(replace(turning(STATED), signal=signal[None]), 7)
+    assert found.mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.012])
+def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None:
+    time = np.arange(int(SECONDS * RATE)) / RATE
+    shaft = 14 + 4 * time / SECONDS
+    angle = 2 * np.pi * np.cumsum(shaft) / RATE
+    signal = sum(np.cos(7 * k * angle + k) / k for k in range(1, 7))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(time))
+    recording = replace(turning(STATED), signal=(signal + noise)[None], speed=2 * np.pi * shaft * (1 + off))
+    error = piston_pass_angle(recording, 7).angle - angle
+    inside = slice(int(RATE / 5), -int(RATE / 5))
+    assert np.degrees(np.abs(error[inside] - np.median(error[inside])).max()) < 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"condition": None}, "nobody stated its speed"),
+        ({"signal": np.random.default_rng(0).standard_normal((1, 60000))}, "stands clear"),
+        ({"signal": turning(15.0).signal[:, :10000]}, "needs 16"),
+        ({"attributes": {"domain": "angle", "readings_per_turn": "666"}}, "angle already"),
+    ],
+)
+def test_what_cannot_be_put_along_the_angle_is_named_with_a_way_out(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DataError, match=reason) as caught:
+        ANGLE.as_read(replace(turning(15.0), **changes), SPEED)
+    assert "at 15.0" in str(caught.value)
+    assert "--values time" in str(caught.value)
+
+
+def test_a_recording_that_cannot_be_followed_stops_the_study_before_its_calibrations(
+    recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "swashtwin.bench.studies.runner.carry_out_calibration", lambda *_: pytest.fail("was calibrated")
+    )
+    hiss = np.random.default_rng(0).standard_normal(recordings[0].signal.shape)
+    name = sorted(prepare(recordings, TINY, 0, ()).split.train)[0]
+    damaged = [replace(one, signal=hiss) if one.recording_id == name else one for one in recordings]
+    with pytest.raises(DataError, match=name):
+        run_plan(tiny("shaft-angle"), damaged)

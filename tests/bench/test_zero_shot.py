@@ -1,0 +1,165 @@
+"""The zero-shot study on a very small rig: no measured fault teaches, no reference is tested, the rows are there."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from swashtwin.bench import StudyTable, rig_recordings, run_zero_shot
+from swashtwin.bench.questions.zero_shot import ZERO_SHOT_SIZES
+from swashtwin.bench.questions.zero_shot_data import (
+    BOTH_NORMALS,
+    MEASURED_NORMALS,
+    ORACLE,
+    POSTERIOR,
+    SAME,
+    UNSEEN,
+    prepare_zero_shot,
+    split_zero_shot,
+)
+from swashtwin.bench.questions.zero_shot_table import chosen_zero_shot
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.studies.twin_draws import any_fault, rig_fault, wide_fault
+from swashtwin.calibration import GaussNewton, Nuisances
+from swashtwin.cli.app import app
+from swashtwin.foundation import DataError
+from swashtwin.learning import TrainingSettings
+from swashtwin.pump import CLASSES
+from swashtwin.recordings import Recording
+from swashtwin.report import write_report
+
+TINY = replace(
+    ZERO_SHOT_SIZES["quick"],
+    length=6144,
+    windows=2,
+    held_out=1,
+    draws=2,
+    synthetic=1,
+    method=GaussNewton(starts=1),
+    nuisances=Nuisances(),
+    trees=12,
+    training=TrainingSettings(epochs=1, normalization="set"),
+    network={"stride": 64, "channels": (8, 8)},
+    order_network={"stride": 16, "channels": (8, 8)},
+)
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    every = [recording for recording, _ in rig_recordings(0, RigSize(specimens=3, repeats=2, duration=1.2))]
+    return [one for one in every if "_10MPa_" not in one.recording_id]
+
+
+@pytest.fixture(scope="module")
+def data(recordings: list[Recording]):
+    return prepare_zero_shot(recordings, TINY, 0)
+
+
+@pytest.fixture(scope="module")
+def study(recordings: list[Recording]) -> StudyTable:
+    return run_zero_shot(recordings, size=TINY, seeds=(0,), command="swashtwin study zero-shot rig")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> None:
+    split = split_zero_shot(recordings, 1, seed)
+    roles = [split.healthy, split.faulty, split.tests[SAME], split.tests[UNSEEN]]
+    assert sum(map(len, roles)) == len(frozenset().union(*roles)) == len(recordings)
+    assert not any("normal" in name for name in split.faulty)
+    assert all("normal" in name for name in split.healthy)
+    assert {name[0] for name in split.tests[UNSEEN]}.isdisjoint(split.pumps)
+
+
+def test_no_measured_fault_is_in_any_training_set_but_the_oracles(data) -> None:
+    for name, windows in data.sets.items():
+        measured = windows.subset(~windows.synthetic)
+        faults = set(measured.label.tolist()) - {"normal"}
+        assert bool(faults) == (name == ORACLE), name
+    assert data.strangers.synthetic.all()
+    assert not any(windows.synthetic.any() for windows in data.tests.values())
+
+
+def test_twins_are_calibrated_on_healthy_recordings_of_their_own_pump(data) -> None:
+    for pump, calibration in data.calibrations.items():
+        assert set(calibration.recording_ids) <= data.split.healthy
+        assert {name[0] for name in calibration.recording_ids} == {pump}
+        assert calibration.twin.fault is None
+
+
+def test_the_variants_differ_in_their_normal_windows_only(data) -> None:
+    def normals(name: str) -> tuple[int, int]:
+        windows = data.sets[name]
+        of_class = windows.synthetic[windows.label == "normal"]
+        return int(of_class.sum()), int((~of_class).sum())
+
+    synthetic, none = normals(POSTERIOR)
+    _, measured = normals(BOTH_NORMALS)
+    assert synthetic > 0 == none < measured
+    assert normals(BOTH_NORMALS) == (synthetic, measured)
+    assert normals(MEASURED_NORMALS) == (0, measured)
+
+
+def test_every_pump_has_other_posterior_draws(data) -> None:
+    twins = data.sets[POSTERIOR]
+    levels = {name: float(twins.signal[twins.specimen == name].std()) for name in set(twins.specimen.tolist())}
+    assert len(set(levels.values())) == len(levels) == 2 * TINY.draws
+
+
+@pytest.mark.parametrize("draw", [wide_fault, any_fault, rig_fault])
+def test_a_drawn_fault_is_of_its_class(draw) -> None:
+    rng = np.random.default_rng(0)
+    for label in CLASSES:
+        for number in range(4):
+            fault = draw(label, number, rng)
+            assert ("normal" if fault is None else fault.label) == label
+
+
+def test_wide_severities_span_most_of_a_decade() -> None:
+    rng = np.random.default_rng(0)
+    severities = [wide_fault("piston", 0, rng).severity for _ in range(200)]
+    assert 7 < max(severities) / min(severities) < 10
+    narrow = [rig_fault("piston", 0, rng).severity for _ in range(200)]
+    assert max(narrow) / min(narrow) < 4
+
+
+def test_the_rows_are_those_of_the_schema(study: StudyTable) -> None:
+    told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert told["study"] == "zero-shot"
+    for name in ("training_set", "classifier", "test", "balanced_accuracy", "g_mean", "recall_piston", "discriminator"):
+        assert all(name in row for row in told["rows"])
+    assert {row["test"] for row in told["rows"]} == {SAME, UNSEEN}
+    assert {"BiTCN", "extra trees", "order threshold"} <= {row["classifier"] for row in told["rows"]}
+    assert "stand-in for a machine" in told["origin"]
+    assert len(told["details"]["confusion"]) == len(told["rows"])
+
+
+def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fault(study: StudyTable) -> None:
+    training_set, classifier = chosen_zero_shot(study)
+    assert training_set not in (ORACLE, "prior draws")
+    ruled = study.values("strangers", classifier="order threshold")
+    assert np.isnan(ruled).all()
+    assert not np.isnan(study.values("strangers", classifier=classifier)).any()
+
+
+def test_the_page_shows_the_confusion_matrices(study: StudyTable, tmp_path) -> None:
+    page = write_report(study, folder=tmp_path).read_text(encoding="utf-8")
+    assert "Confusion matrices" in page
+    assert (tmp_path / "figures" / "study_confusion_2.svg").is_file()
+
+
+def test_a_single_healthy_recording_is_refused_by_name(recordings: list[Recording]) -> None:
+    few = [one for one in recordings if one.recording_id != "A_normal_5MPa_1"]
+    with pytest.raises(DataError, match="A_normal_5MPa_2 is the only healthy recording"):
+        split_zero_shot(few, 1, 0)
+
+
+def test_two_pumps_without_a_twin_need_three_pumps(recordings: list[Recording]) -> None:
+    with pytest.raises(DataError, match="at least 4 specimens"):
+        split_zero_shot(recordings, 3, 0)
+
+
+def test_the_command_takes_recordings_or_fleets_and_not_neither() -> None:
+    result = CliRunner().invoke(app, ["study", "zero-shot"])
+    assert result.exit_code == 2

@@ -1,0 +1,216 @@
+"""Recordings and settings that a calibration must not take: each ends in one line with file, value and fix."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from twin_recordings import recording_of, worn_twin
+
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
+from swashtwin.calibration.objective.plausibility import shown_speed
+from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, UnitError, rpm, um
+from swashtwin.physics import Twin
+from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
+from swashtwin.recordings import Recording
+
+QUICK = GaussNewton(starts=1, most_iterations=2)
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return worn_twin(pump, at_15)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return recording_of(twin)
+
+
+@pytest.fixture(scope="module")
+def rig() -> list[Recording]:
+    """One specimen, all classes, 5, 10 and 15 MPa, three repeats, of a fleet on which nothing was chosen."""
+    size = RigSize(specimens=1, repeats=3, duration=1.3)
+    return [one for seed in (7, 8) for one, _ in rig_recordings(seed, size)]
+
+
+def stated_at(recording: Recording, factor: float) -> Recording:
+    """The recording with its speed stated `factor` times as high."""
+    assert recording.condition is not None
+    return replace(recording, condition=recording.condition.replaced(speed=factor * recording.condition.speed))
+
+
+def refused(kind: type[SwashTwinError], words: str, *args: Any, **options: Any) -> None:
+    """Check that calibrating ends in one line that holds `words`."""
+    with pytest.raises(kind, match=words) as caught:
+        calibrate(*args, method=QUICK, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.667, 0.9, 0.97, 1.03, 1.1, 1.5, 2.0])
+def test_a_recording_of_another_speed_than_stated_is_refused_with_both_numbers(
+    twin: Twin, recording: Recording, factor: float
+) -> None:
+    wrong = stated_at(recording, factor)
+    assert wrong.condition is not None
+    there = twin.at(wrong.condition)
+    with pytest.raises(DataError, match=rf"rec-0: stated at {860 * factor:.4g} rev/min, .* 7 pistons at (\d+)") as hit:
+        measure(there, [wrong])
+    shown = float(str(hit.value).split("7 pistons at ")[1].split(" rev")[0])
+    assert shown == pytest.approx(860, rel=0.01)
+
+
+def test_a_wrong_sample_rate_is_refused_as_it_shows_as_another_speed(twin: Twin, recording: Recording) -> None:
+    refused(DataError, "or the sample rate of 6600 Hz", twin, [replace(recording, sample_rate=6600.0)])
+
+
+def test_no_class_and_no_pressure_of_the_rig_raises_a_false_alarm(rig: list[Recording]) -> None:
+    assert {one.label for one in rig} == set(CLASSES)
+    for one in rig:
+        assert one.condition is not None
+        found = shown_speed(one, one.condition.shaft_frequency, 7)
+        assert not found.contradicts, one.recording_id
+        assert found.stated_contrast > 0.85 * found.shown_contrast
+        assert found.shown == pytest.approx(found.stated, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.9, 0.97, 1.03, 1.1, 1.5])
+def test_every_wrongly_stated_speed_is_detected_on_the_rig(rig: list[Recording], factor: float) -> None:
+    for one in rig[::3]:
+        assert one.condition is not None
+        found = shown_speed(one, factor * one.condition.shaft_frequency, 7)
+        assert found.contradicts, one.recording_id
+        assert found.shown == pytest.approx(one.condition.shaft_frequency, rel=0.01)
+
+
+def test_lines_that_show_nothing_clearly_contradict_no_speed(recording: Recording) -> None:
+    generator = np.random.default_rng(0)
+    noise = replace(recording, signal=generator.standard_normal(recording.signal.shape))
+    assert not shown_speed(noise, 14.3, 7).contradicts
+    quiet = replace(recording, signal=recording.signal / recording.signal.std() + 30 * noise.signal)
+    assert not shown_speed(quiet, 7.0, 7).contradicts
+
+
+@pytest.mark.parametrize("speed", [860.0, 1470.0, 2900.0])
+def test_a_twins_recording_without_any_noise_shows_its_own_speed(pump: Pump, speed: float) -> None:
+    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(10))
+    for fault in (None, PistonWear(clearance=um(60), piston=2)):
+        clean = Twin(pump, condition, fault).simulate(1.3, 25600.0)
+        found = shown_speed(clean, condition.shaft_frequency, 7)
+        assert not found.contradicts
+        assert found.stated_contrast > CLEARLY
+
+
+CLEARLY = 1.0
+"""Contrast of lines without noise."""
+
+
+def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Recording) -> None:
+    wrong = stated_at(recording, 1.1)
+    assert wrong.condition is not None
+    with_tachometer = replace(wrong, speed=np.full(wrong.signal.shape[1], wrong.condition.speed))
+    with pytest.raises(DataError, match="stated at"):
+        measure(twin.at(wrong.condition), [wrong])
+    assert measure(twin.at(wrong.condition), [with_tachometer]).recording_ids == ("rec-0",)
+
+
+def test_a_recording_of_another_pressure_than_its_siblings_is_noted(pump: Pump, rig: list[Recording]) -> None:
+    of_pump = [one for one in rig[: len(rig) // 2] if one.label == "normal"]
+    at = {level: [one for one in of_pump if one.condition.discharge_pressure == MPa(level)] for level in (5, 15)}  # type: ignore[union-attr]
+    twin = Twin(pump, at[15][0].condition)  # type: ignore[arg-type]
+    odd = replace(at[5][0], recording_id="odd", condition=at[15][0].condition)
+    assert measure(twin, at[15]).notes == ()
+    (note,) = measure(twin, [*at[15], odd]).notes
+    assert note.startswith("odd: its lines are 0.")
+    assert "3 others stated at 15 MPa; another pressure" in note
+    alone = measure(twin, [odd])
+    assert alone.notes == ()  # one recording alone tells nothing of its pressure
+    calibration = calibrate(twin, [*at[15], odd], method=QUICK)
+    assert note in calibration.notes
+
+
+def test_a_recording_too_short_for_its_orders_is_refused_by_name(twin: Twin, recording: Recording) -> None:
+    short = replace(recording, signal=recording.signal[:, :4480])
+    words = r"rec-0 \(0.7 s\): the signal covers 10.0 revolutions; its orders need at least 16"
+    refused(DataError, words, twin, [short])
+    refused(DataError, "shorter than one revolution", twin, [replace(recording, signal=recording.signal[:, :300])])
+
+
+def test_a_clipped_recording_is_refused_and_a_few_cut_peaks_are_noted(twin: Twin, recording: Recording) -> None:
+    limits = np.quantile(np.abs(recording.signal), [0.9, 0.998], axis=1)
+    hard, soft = (np.clip(recording.signal, -limit[:, None], limit[:, None]) for limit in limits)
+    words = r"rec-0, cover_z: \d\.\d+% of the readings stand in a row at the extreme .* wider range"
+    refused(DataError, words, twin, [replace(recording, signal=hard)])
+    notes = measure(twin, [replace(recording, signal=soft)]).notes
+    assert len(notes) <= 1
+    crest = np.where(np.abs(recording.signal) == np.abs(recording.signal).max(), 0.0, recording.signal)
+    crest[:, 100:110] = crest.max() * 1.2
+    (note,) = measure(twin, [replace(recording, signal=crest)]).notes
+    assert "peaks are cut off" in note
+
+
+def test_a_spectrum_of_nothing_but_noise_is_refused(twin: Twin, recording: Recording) -> None:
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(recording.signal.shape)
+    words = "rec-0: no line stands clear of the noise .* is the pump running"
+    refused(DataError, words, twin, [replace(recording, signal=noise)])
+    still = np.zeros_like(recording.signal)
+    refused(DataError, "every reading is 0: a dead", twin, [replace(recording, signal=still)])
+
+
+def test_readings_in_g_are_named_whether_the_unit_says_so_or_not(twin: Twin, recording: Recording) -> None:
+    in_g = replace(recording, signal=twin.simulate(1.3, 6400.0).signal / 9.80665)
+    refused(UnitError, r"rec-0 is in 'g'; .* multiply by 9.80665", twin, [replace(in_g, unit="g")])
+    notes = calibrate(twin, [in_g], method=QUICK).notes
+    assert any("are the readings in g?" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "words"),
+    [
+        ({"C_sw": (1.0, 2.0)}, r"bounds of C_sw \(1, 2\) must be positive and hold the nominal value"),
+        ({"K_sw": (-1.0, 1e12)}, "must be positive"),
+        ({"C_xx": (1.0, 2.0)}, "bounds name 'C_xx', which is none of"),
+        (0.5, r"bounds \(0.5\) must be a factor above 1"),
+        (float("nan"), "must be a factor above 1"),
+    ],
+)
+def test_bounds_that_exclude_the_start_are_refused(twin: Twin, recording: Recording, bounds: Any, words: str) -> None:
+    refused(InputError, words, twin, [recording], bounds=bounds)
+
+
+def test_a_channel_without_sensor_is_refused_with_the_sensors_there_are(twin: Twin, recording: Recording) -> None:
+    renamed = replace(recording, channels=("cover_z", "housing_top", "body_x"))
+    refused(DataError, "no sensor for channel 'housing_top'; it has cover_z, body_y, body_x", twin, [renamed])
+
+
+def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: OperatingCondition) -> None:
+    worn = Twin(pump, at_15, PistonWear(clearance=um(60), piston=1), bandwidth=2600)
+    recording = recording_of(worn, np.array([1, 1, 1.6, 0.7, 2.5, 1]))
+    every = measure(worn, [recording], lines="shaft")
+    assert every.orders.tolist() == list(range(1, 76))
+    passing = measure(worn, [recording])
+    common = np.isin(every.orders, passing.orders)
+    lines = passing.amplitude[:, passing.orders <= 75]
+    np.testing.assert_allclose(every.amplitude[:, common], lines, atol=0.03 * lines.max())
+    between = every.amplitude[:, ~common]
+    assert between.max() > 0.02 * lines.max()
+    calibration = calibrate(worn, [recording], method=GaussNewton(starts=1), lines="shaft")
+    assert calibration.settings["lines"] == "shaft"
+    assert calibration.fits[0].spectra.orders.tolist() == every.orders.tolist()
+    assert calibration.fit_after.spectrum_value_error < 0.5 * calibration.fit_before.spectrum_value_error
+
+
+def test_shaft_orders_are_refused_where_all_pistons_are_alike(twin: Twin, recording: Recording) -> None:
+    words = "a twin of swash_plate has lines at multiples of 7 only; use lines='piston'"
+    refused(InputError, words, twin, [recording], lines="shaft")
+
+
+def test_pressures_fitted_together_keep_the_notes_of_each(twin: Twin, recording: Recording) -> None:
+    crest = recording.signal.copy()
+    crest[:, 100:110] = crest.max() * 1.2
+    at_10 = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
+    clipped = replace(recording, signal=crest, recording_id="at-10", condition=at_10.condition)
+    notes = calibrate([twin, at_10], [recording, clipped], method=QUICK, nuisances=Nuisances()).notes
+    assert any(note.startswith("at-10, ") for note in notes)

@@ -1,0 +1,328 @@
+"""Calibration from recordings to result: recovery of known values, and what is kept of a run."""
+
+import json
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from twin_recordings import DAMPER, recording_of, worn_twin
+
+from swashtwin.calibration import (
+    IPINN,
+    Calibration,
+    Calibrator,
+    GaussNewton,
+    Nuisances,
+    calibrate,
+    load_calibration,
+    measure,
+    objective_of,
+)
+from swashtwin.foundation import ArtifactError, InputError, MissingFileError, MPa
+from swashtwin.physics import RK4, Scales, SensorPath, Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import Recording
+
+RATE = 6400.0
+PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
+"""Truth over nominal: the paper's two published results."""
+
+
+def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
+    """Found over true, by letter."""
+    found = {estimate.letter: estimate.value / estimate.nominal for estimate in calibration.estimates}
+    return {letter: ratio / factor for (letter, ratio), factor in zip(found.items(), factors, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return worn_twin(pump, at_15)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return recording_of(twin, DAMPER)
+
+
+@pytest.fixture(scope="module")
+def calibration(twin: Twin, recording: Recording) -> Calibration:
+    other = replace(recording, recording_id="other", condition=twin.condition.replaced(discharge_pressure=MPa(10)))
+    return calibrate(twin, [other, recording], method=GaussNewton(starts=2))
+
+
+@pytest.mark.parametrize("factors", [DAMPER, PAPER], ids=["damper", "paper"])
+def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_does_not(
+    twin: Twin, factors: np.ndarray
+) -> None:
+    calibration = calibrate(twin, [recording_of(twin, factors)])
+    found = ratios(calibration, factors)
+    assert found["C_v"] == pytest.approx(1, abs=0.1)
+    assert found["C_Hz"] == pytest.approx(1, abs=0.1)
+    assert found["K_v"] == pytest.approx(1, abs=0.3)
+    assert calibration.estimate("K_sw").verdict == "not identified"
+    assert calibration.estimate("C_v").verdict == calibration.estimate("C_Hz").verdict == "identified"
+    assert all(share > 0.5 for share in calibration.improvement.values())
+    assert calibration.simulations == 500
+
+
+@pytest.mark.parametrize("factors", [PAPER, np.array([1.5, 0.5, 0.25, 0.3, 2.7, 3])], ids=["paper", "far"])
+def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: Twin, factors: np.ndarray) -> None:
+    calibration = calibrate(twin, [recording_of(twin, factors)], method=GaussNewton(starts=1))
+    found = ratios(calibration, factors)
+    assert found["C_v"] == pytest.approx(1, abs=0.05)
+    assert found["C_Hz"] == pytest.approx(1, abs=0.05)
+    for estimate, true in zip(calibration.estimates, twin.values.numpy() * factors, strict=True):
+        assert estimate.interval[0] < true < estimate.interval[1]
+    assert calibration.simulations < 50
+
+
+def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
+    wrong = replace(twin, scales=Scales(mount=1.2, bearing=0.85, excitation=1.3, sensor=1.0))
+    recording = recording_of(wrong, DAMPER)
+    blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    freed = Nuisances.usual(sensor=0.0)
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed)
+    assert aware.twin.scales.values() == pytest.approx((1.2, 0.85, 1.3, 1.0), rel=0.05)
+    assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.1)
+    assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 3
+    assert any("miss the measured ones" in note for note in blind.notes)
+
+
+def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_more(twin: Twin) -> None:
+    twins = [twin.at(twin.condition.replaced(discharge_pressure=MPa(level))) for level in (15, 10, 5)]
+    recordings = [
+        replace(recording_of(one, DAMPER, seed=place), label=one.label, condition=one.condition)
+        for place, one in enumerate(twins)
+    ]
+    together = calibrate(twins, recordings, method=GaussNewton(starts=1))
+    alone = calibrate(twin, recordings, method=GaussNewton(starts=1))
+    assert together.recording_ids == ("rec-0", "rec-1", "rec-2")
+    assert together.left_out == ()
+    assert len(alone.left_out) == 2
+    assert [fit.condition.discharge_pressure for fit in together.fits] == [MPa(15), MPa(10), MPa(5)]
+    for letter in ("C_v", "K_v", "C_Hz", "K_Hz"):
+        assert together.estimate(letter).log_std < alone.estimate(letter).log_std
+        assert ratios(together, DAMPER)[letter] == pytest.approx(1, abs=3 * together.estimate(letter).log_std)
+
+
+def test_twins_that_differ_in_more_than_condition_are_not_calibrated_together(twin: Twin, recording: Recording) -> None:
+    other = replace(twin, topology="T2")
+    with pytest.raises(InputError, match="differ in condition only"):
+        calibrate([twin, other], [recording])
+
+
+def test_the_network_starts_at_the_nominal_values(twin: Twin, recording: Recording) -> None:
+    objective = objective_of(twin, measure(twin, [recording]))
+    for method in (IPINN(epochs=2), IPINN.improved(epochs=2)):
+        history = method.search(objective, seed=3).history
+        np.testing.assert_allclose(history.values[0], twin.values.numpy(), rtol=1e-6)
+
+
+def test_ipinn_keeps_the_epoch_of_least_loss(twin: Twin, recording: Recording) -> None:
+    calls = []
+    method = IPINN(epochs=30, learning_rate=3e-3, solver=RK4())
+    search = method.search(
+        objective_of(twin, measure(twin, [recording], (0, 1000))), seed=0, progress=lambda *call: calls.append(call)
+    )
+    total = search.history.spectrum_loss + search.history.boundary_loss
+    assert search.history.best == np.argmin(total)
+    np.testing.assert_array_equal(search.values, search.history.values[search.history.best])
+    assert [call[:2] for call in calls] == [(i, 30) for i in range(1, 31)]
+    assert [call[2] for call in calls] == pytest.approx(total)
+
+
+def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recording: Recording) -> None:
+    objective = objective_of(twin, measure(twin, [recording], (0, 1000)))
+    exact = IPINN(epochs=15).search(objective, seed=0)
+    stepped = IPINN(epochs=15, solver=RK4()).search(objective, seed=0)
+    np.testing.assert_allclose(stepped.values, exact.values, rtol=1e-4)
+
+
+def test_steps_too_large_stay_within_the_bounds(twin: Twin, recording: Recording) -> None:
+    objective = objective_of(twin, measure(twin, [recording], (0, 1000)), 2.0)
+    history = IPINN(epochs=25, learning_rate=0.05).search(objective, seed=0).history
+    assert (history.points >= objective.unknowns.lower - 1e-12).all()
+    assert (history.points <= objective.unknowns.upper + 1e-12).all()
+    assert history.boundary_loss.max() > 0
+
+
+@pytest.mark.parametrize("method", [IPINN(epochs=20), GaussNewton(starts=2)], ids=["ipinn", "gauss_newton"])
+def test_the_same_seed_gives_the_same_bits(twin: Twin, recording: Recording, method: Calibrator) -> None:
+    assert isinstance(method, Calibrator)
+    objective = objective_of(twin, measure(twin, [recording]))
+    first, again = (method.search(objective, seed=5).history for _ in range(2))
+    np.testing.assert_array_equal(first.values, again.values)
+    other = method.search(objective, seed=6)
+    if isinstance(method, IPINN):
+        assert not np.array_equal(other.values, first.values[first.best])
+
+
+def test_an_interrupt_passes_through_and_leaves_random_numbers_as_they_were(twin: Twin, recording: Recording) -> None:
+    import torch
+
+    def stop(done: int, total: int, loss: float) -> None:
+        raise KeyboardInterrupt
+
+    torch.manual_seed(1)
+    expected = torch.rand(1)
+    torch.manual_seed(1)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(twin, [recording], method=IPINN(epochs=5), progress=stop)
+    assert torch.rand(1) == expected
+
+
+def test_the_result_names_its_recordings_and_those_left_out(calibration: Calibration) -> None:
+    assert calibration.recording_ids == ("rec-0",)
+    assert calibration.left_out == (("other", "the recording is at 10 MPa, the twin at 15 MPa"),)
+
+
+def test_the_calibrated_twin_is_the_one_of_the_estimates(calibration: Calibration) -> None:
+    assert calibration.twin.interfaces is not None
+    assert calibration.twin.interfaces.values() == tuple(estimate.value for estimate in calibration.estimates)
+    assert calibration.twin.bandwidth == calibration.nominal.bandwidth
+    assert calibration.nominal.interfaces is None
+
+
+def test_a_perfect_model_leaves_the_noise_alone(calibration: Calibration) -> None:
+    """30 dB are an amplitude ratio of 0.032; the band holds most of the noise, and alignment costs some."""
+    assert 0.01 < calibration.fit_after.relative_rmse < 0.06
+    assert calibration.fit_before.relative_rmse > 0.2
+    assert calibration.fit_after.spectrum_value_error < 0.01
+    shape = calibration.fits[0].waveforms.measured.shape
+    assert shape == calibration.fits[0].waveforms.calibrated.shape == (3, round(60 / 860 * RATE))
+
+
+def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, tmp_path: Path) -> None:
+    path = calibration.save(tmp_path / "calibration.json")
+    again = load_calibration(path)
+    assert again.to_dict() == calibration.to_dict()
+    assert again.twin.pump == calibration.twin.pump
+    assert again.twin.fault == calibration.twin.fault
+    assert again.estimates == calibration.estimates
+    np.testing.assert_array_equal(again.twin.acceleration().numpy(), calibration.twin.acceleration().numpy())
+    assert [file.name for file in tmp_path.iterdir()] == ["calibration.json"]
+
+
+def test_a_calibration_saved_before_priors_and_gradients_were_kept_is_read(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    assert len(calibration.history.gradient_norm) == len(calibration.history.loss)
+    table = calibration.to_dict()
+    for name in ("prior_loss", "gradient_norm"):
+        del table["history"][name]
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps(table))
+    history = load_calibration(path).history
+    np.testing.assert_array_equal(history.loss, history.spectrum_loss)
+    assert load_calibration(replace(calibration, history=history).save(path)).history.gradient_norm.size == 0
+
+
+def test_a_damaged_calibration_is_refused(calibration: Calibration, tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="no such calibration"):
+        load_calibration(tmp_path / "none.json")
+    table = calibration.to_dict()
+    broken = {
+        "cut": json.dumps(table)[:500],
+        "foreign": "{}",
+        "list": "[]",
+        "version": json.dumps({**table, "format": "swashtwin calibration 99"}),
+        "pump": json.dumps({**table, "twin": {**table["twin"], "pump": {}}}),
+    }
+    for name, text in broken.items():
+        path = tmp_path / f"{name}.json"
+        path.write_text(text)
+        with pytest.raises(ArtifactError, match=f"{name}.json: "):
+            load_calibration(path)
+
+
+def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp_path: Path) -> None:
+    from importlib import resources
+
+    from swashtwin.pump import load_pump
+
+    original = (resources.files("swashtwin") / "pumps" / "25scy14-1b.toml").read_text()
+    head, rest = original.split("[interfaces.slipper_swash]")
+    sensors = rest[rest.index("[[sensors]]") :]
+    path = tmp_path / "calibrated.toml"
+    path.write_text(head + calibration.interfaces_toml() + sensors)
+    pump = load_pump(path)
+    assert pump.interfaces.values() == pytest.approx([estimate.value for estimate in calibration.estimates], rel=1e-7)
+    assert pump.sources["interfaces.block_valve.damping"].startswith("calibrated with GaussNewton on rec-0: identified")
+    saved = calibration.save_interfaces(tmp_path / "interfaces.toml")
+    assert tomllib.loads(saved.read_text())["interfaces"].keys() == {"slipper_swash", "block_valve", "piston_bore"}
+
+
+def test_readings_that_look_like_g_are_noted_even_where_the_unit_says_otherwise(
+    twin: Twin,
+) -> None:
+    recording = recording_of(twin, np.ones(6))
+    weak = replace(recording, signal=recording.signal / 9.80665)
+    notes = calibrate(twin, [weak], method=GaussNewton(starts=1, most_iterations=2)).notes
+    assert any("readings in g" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"epochs": 0}, "at least 1"),
+        ({"learning_rate": 0.0}, "such as 1e-4"),
+        ({"revolutions": 0.5}, "at least 1"),
+    ],
+)
+def test_impossible_settings_are_refused(settings: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        IPINN(**settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"), [({"mount": -1.0}, "zero or a positive number"), ({"modes": 7}, "must not exceed 6")]
+)
+def test_impossible_priors_are_refused(prior: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Nuisances(**prior)  # type: ignore[arg-type]
+
+
+def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin: Twin) -> None:
+    path = SensorPath((1.1, 1.0, 0.9), (1150.0, 1900.0), (0.03, 0.025), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
+    recording = recording_of(replace(twin, path=path), DAMPER)
+    blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=Nuisances(gains=0.1, modes=2))
+    assert aware.twin.path is not None
+    assert aware.twin.path.frequency == pytest.approx(path.frequency, rel=0.02)
+    assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 5
+    assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.15)
+    assert len(aware.posterior.point) == 6 + 3 + 2 + 2 + 6
+
+
+def test_draws_of_the_posterior_spread_as_its_covariance_says(calibration: Calibration) -> None:
+    points = calibration.posterior.draws(400, seed=0)
+    spread = points.std(axis=0) / np.sqrt(np.diag(calibration.posterior.covariance))
+    identified = [i for i, one in enumerate(calibration.estimates) if one.verdict == "identified"]
+    np.testing.assert_allclose(spread[identified], 1, atol=0.12)
+    np.testing.assert_array_equal(calibration.posterior.draws(3, seed=0), points[:3])
+    assert (points >= calibration.posterior.unknowns.lower).all()
+    assert (points <= calibration.posterior.unknowns.upper).all()
+
+
+def test_the_covariance_belongs_to_the_deviations(calibration: Calibration) -> None:
+    std = np.sqrt(np.diag(calibration.posterior.covariance))
+    assert [estimate.log_std for estimate in calibration.estimates] == pytest.approx(std.tolist())
+    assert all(math.isfinite(value) for value in std)
+
+
+def test_the_band_of_each_line_holds_the_calibrated_twin_and_is_as_wide_as_the_posterior(
+    calibration: Calibration,
+) -> None:
+    spectra = calibration.fits[0].spectra
+    assert np.all(spectra.low <= spectra.high)
+    within = (spectra.low <= spectra.calibrated) & (spectra.calibrated <= spectra.high)
+    assert within.mean() > 0.85
+    twins = calibration.posterior.twins(calibration.nominal, 20, seed=3)
+    with torch.no_grad():
+        lines = np.stack([one.acceleration().abs().numpy()[:, np.isin(one.orders, spectra.orders)] for one in twins])
+    held = (spectra.low <= lines) & (lines <= spectra.high)
+    assert 0.75 < held.mean() < 0.99

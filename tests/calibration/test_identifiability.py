@@ -1,0 +1,316 @@
+"""What a measurement can tell, and that intervals hold what they promise."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swashtwin.calibration import (
+    GaussNewton,
+    Nuisances,
+    Objective,
+    calibrate,
+    check_coverage,
+    expected_information_gain,
+    identifiability,
+    measure,
+    objective_of,
+    profile,
+)
+from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, posterior_covariance, sandwich
+from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
+from swashtwin.calibration.uncertainty.profiles import profiles
+from swashtwin.foundation import InputError, MPa, mm, um
+from swashtwin.physics import Scales, SensorPath, Twin, with_film
+from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.report import write_report
+from swashtwin.report.calibration_part import interval_words
+from swashtwin.signals import add_noise
+
+DEFECT = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
+PATH = SensorPath((1.05, 0.97, 1.0), (1150.0, 1900.0), (0.03, 0.03), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
+NONE = Nuisances()
+
+
+def objective_for(assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: float = 2500) -> Objective:
+    """Objective of calibrating `assumed` on a noisy recording (30 dB) of `true`."""
+    recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id="rec")
+    recording = replace(recording, signal=add_noise(recording.signal, 30, 0))
+    return objective_of(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
+
+
+def widened_by_misfit(around: Linearized) -> np.ndarray:
+    """Covariance where the information is divided by the mean square misfit."""
+    misfit = max(1.0, float(np.mean((around.residual / around.sigma) ** 2)))
+    scaled = around.slope / around.sigma[:, None]
+    return np.linalg.inv(scaled.T @ scaled / misfit + np.diag(around.objective.unknowns.deviation**-2.0))
+
+
+def solution(objective: Objective) -> np.ndarray:
+    return GaussNewton(starts=1).search(objective, seed=0).point
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return Twin(pump, at_15, DEFECT, bandwidth=2600)
+
+
+@pytest.fixture(scope="module")
+def thick(twin: Twin) -> Twin:
+    return with_film(twin, um(24))
+
+
+@pytest.fixture(scope="module")
+def objective(twin: Twin) -> Objective:
+    return objective_for(twin, twin)
+
+
+@pytest.fixture(scope="module")
+def point(objective: Objective) -> np.ndarray:
+    return solution(objective)
+
+
+@pytest.fixture(scope="module")
+def off_mount(twin: Twin) -> Objective:
+    return objective_for(twin, replace(twin, scales=Scales(mount=1.2)))
+
+
+@pytest.mark.parametrize("film", ["paper", "thick"])
+def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, film: str) -> None:
+    base = replace(twin if film == "paper" else thick, bandwidth=1100)
+    objective = objective_for(base, base, band=1000)
+    coverage = check_coverage(objective, objective.unknowns.start, draws=60)
+    assert 0.8 <= coverage.of_identified <= 0.97
+    assert coverage.off_by_three <= 0.03
+    assert coverage.held.shape == (60, 6)
+    assert json.loads(json.dumps(coverage.to_dict()))["draws"] == 60
+
+
+def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
+    objective: Objective, point: np.ndarray, thick: Twin
+) -> None:
+    assert thick.values[0] <= 1e5
+    thin = identifiability(objective, point)
+    other = objective_for(thick, thick)
+    wide = identifiability(other, solution(other))
+    assert thin.estimates[1].verdict == "not identified"
+    assert thin.standing[1] in ("dead", "flat")
+    assert wide.estimates[1].verdict == wide.standing[1] == "identified"
+    assert wide.condition_number < thin.condition_number / 1000
+
+
+def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
+    objective: Objective, point: np.ndarray
+) -> None:
+    around = linearized(objective, point)
+    lacking = discrepancy_of(around)
+    assert (lacking.excitation, lacking.path, lacking.line) == (0, 0, 0)
+    assert all(share == 0 for _, share in lacking.constants)
+    scaled = around.slope / around.sigma[:, None]
+    fisher = scaled.T @ scaled + np.diag(objective.unknowns.deviation**-2.0)
+    np.testing.assert_allclose(posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12)
+
+
+def test_a_wrong_mounting_is_named_with_its_size(off_mount: Objective) -> None:
+    report = identifiability(off_mount, solution(off_mount))
+    assert dict(report.discrepancy.constants)["mount"] == pytest.approx(0.18, abs=0.08)
+    assert any("the mount may be off by" in sentence for sentence in report.words)
+
+
+@pytest.mark.parametrize("wrong", ["mount", "housing"])
+def test_a_twin_that_lacks_something_gets_intervals_that_hold_more(twin: Twin, wrong: str) -> None:
+    """Against the rule that divides the information by the mean square misfit."""
+    generator = np.random.default_rng(1)
+    made = replace(twin, scales=Scales(mount=1.2)) if wrong == "mount" else replace(twin, path=PATH)
+    held: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
+    sure: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
+    for _ in range(8):
+        values = twin.values.numpy() * np.exp(generator.normal(0, 0.5, 6))
+        objective = objective_for(twin, replace(made, interfaces=Interfaces.from_values(values)))
+        point = solution(objective)
+        around = linearized(objective, point)
+        rules = {"misfit": widened_by_misfit(around), "discrepancy": posterior_covariance(objective, point)}
+        for rule, covariance in rules.items():
+            found = estimates_of(objective, point, covariance)
+            held[rule] += [e.interval[0] <= v <= e.interval[1] for e, v in zip(found, values, strict=True)]
+            sure[rule] += [e.verdict == "identified" for e in found]
+    identified = {rule: np.mean(np.array(held[rule])[np.array(sure[rule])]) for rule in held}
+    assert np.mean(held["discrepancy"]) > np.mean(held["misfit"])
+    assert identified["discrepancy"] > identified["misfit"]
+    assert identified["discrepancy"] >= 0.8
+
+
+def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(objective: Objective, point: np.ndarray) -> None:
+    """Errors drawn from the covariance of a discrepancy move a linear search by as much as the sandwich says."""
+    around = linearized(objective, point)
+    lacking = replace(discrepancy_of(around), path=0.1, constants=(("mount", 0.05),))
+    noise = noise_covariance(around, lacking)
+    draws = np.random.default_rng(0).multivariate_normal(np.zeros(len(noise)), noise, 4000, method="cholesky")
+    scaled = around.slope / around.sigma[:, None]
+    precision = np.diag(objective.unknowns.deviation**-2.0)
+    moved = np.linalg.solve(scaled.T @ scaled + precision, scaled.T @ (draws / around.sigma).T)
+    identified = [2, 4, 5]
+    expected = np.sqrt(np.diag(sandwich(around, noise)))[identified]
+    np.testing.assert_allclose(moved.std(axis=1)[identified], expected, rtol=0.06)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.002, 0.1, 0.5, 0.98, 1.0])
+@pytest.mark.parametrize("std", [0.01, 0.3, 3.0])
+def test_an_interval_always_holds_its_value(objective: Objective, share: float, std: float) -> None:
+    unknowns = objective.unknowns
+    point = unknowns.lower + share * (unknowns.upper - unknowns.lower)
+    for estimate in estimates_of(objective, point, np.eye(6) * std**2):
+        assert estimate.interval[0] <= estimate.value * (1 + 1e-12)
+        assert estimate.value <= estimate.interval[1] * (1 + 1e-12)
+        assert estimate.open_sides[0] == (estimate.interval[0] <= estimate.bounds[0] * (1 + 1e-9))
+        wide = math.log(estimate.interval[1] / estimate.interval[0])
+        assert wide == pytest.approx(min(2 * 1.645 * std, wide), rel=1e-3) or any(estimate.open_sides)
+
+
+def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
+    unknowns = objective.unknowns
+    on_top = estimates_of(objective, unknowns.upper, np.eye(6) * 0.01)[0]
+    assert on_top.verdict == "at bound"
+    assert on_top.open_sides == (False, True)
+    assert interval_words(on_top).startswith("at least ")
+    middle = (unknowns.lower + unknowns.upper) / 2
+    assert " to " in interval_words(estimates_of(objective, middle, np.eye(6) * 0.01)[0])
+    assert interval_words(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
+
+
+def test_profiles_agree_with_the_deviations_where_a_value_is_identified(
+    objective: Objective, point: np.ndarray
+) -> None:
+    std = np.sqrt(np.diag(posterior_covariance(objective, point)))
+    found = profiles(objective, point, ("C_v", "C_Hz"))
+    for one, i in zip(found, (2, 4), strict=True):
+        assert one.is_identified
+        low, high = one.interval
+        assert low is not None
+        assert high is not None
+        assert (high - low) / 2 == pytest.approx(1.645 * std[i], rel=0.1)
+        assert (np.diff(one.coordinate) > 0).all()
+        assert one.rise.min() == 0
+
+
+def test_six_profiles_cost_few_simulations_and_leave_the_flat_value_open(
+    objective: Objective, point: np.ndarray
+) -> None:
+    found = {one.name: one for one in profiles(objective, point)}
+    assert sum(one.simulations for one in found.values()) < 250
+    assert found["K_sw"].interval == (None, None)
+    assert found["K_sw"].words == "K_sw: not identified, open on both sides"
+    assert found["C_sw"].words == "C_sw: only a lower limit"
+    assert found["K_v"].is_identified
+    assert profile(objective, point, "K_sw").to_dict() == found["K_sw"].to_dict()
+
+
+def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:
+    """Fitted anew from elsewhere with the value held, nothing lower is found."""
+    from swashtwin.calibration.uncertainty.profiles import _Likelihood
+
+    one = profile(objective, point, "K_Hz")
+    valley = _Likelihood(objective, point)
+    held = int(np.argmax(one.rise))
+    start = point + 0.3
+    start[5] = one.coordinate[held]
+    _, height = valley.descend(start, 5)
+    _, least = valley.descend(point, None)
+    assert height - least == pytest.approx(one.rise[held], abs=0.15)
+
+
+def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.ndarray) -> None:
+    with pytest.raises(InputError, match="no coordinate 'K_x' was searched"):
+        profile(objective, point, "K_x")
+
+
+def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:
+    report = identifiability(objective, point)
+    assert report.directions[-1].words == "flat: K_sw"
+    assert [one.share for one in report.directions] == sorted(one.share for one in report.directions)
+    np.testing.assert_allclose([sum(w**2 for _, w in one.weights) for one in report.directions], 1)
+    np.testing.assert_allclose(np.diag(report.correlation), 1)
+    assert (report.share <= 1 + 1e-9).all()
+
+
+def test_a_constant_without_effect_is_dead(twin: Twin) -> None:
+    """A healthy pump has no excitation by a fault."""
+    healthy = twin.with_fault(None)
+    objective = objective_for(healthy, healthy, Nuisances.usual())
+    report = identifiability(objective, objective.unknowns.start)
+    assert dict(zip(report.names, report.standing, strict=True))["excitation"] == "dead"
+
+
+def test_a_candidate_adds_as_much_as_its_lines_do(twin: Twin, objective: Objective, point: np.ndarray) -> None:
+    """The gain is half the fall of ln det of the covariance of both measurements fitted together."""
+    other = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
+    (gain,) = expected_information_gain(objective, point, [Candidate("10 MPa", other)])
+    here = twin.with_interfaces(Interfaces.from_values(np.exp(point)))
+    clean = here.at(other.condition).simulate(1.3, 6400.0, recording_id="ten")
+    both = objective_of([twin, other], [objective.comparisons[0].measurement, measure(other, [clean])])
+    before, after = (np.linalg.slogdet(posterior_covariance(one, point))[1] for one in (objective, both))
+    assert gain.nats == pytest.approx((before - after) / 2, rel=0.03)
+    assert all(factor >= 1 - 1e-9 for _, factor in gain.narrower)
+
+
+@pytest.mark.parametrize("nuisances", [NONE, Nuisances.housing()], ids=["none", "housing"])
+def test_further_measurements_are_ranked_and_include_sensors_speeds_and_pressures(
+    twin: Twin, nuisances: Nuisances
+) -> None:
+    objective = objective_for(twin, twin, nuisances)
+    gains = expected_information_gain(objective, objective.unknowns.start)
+    assert [one.nats for one in gains] == sorted((one.nats for one in gains), reverse=True)
+    assert all(one.nats >= 0 for one in gains)
+    names = {one.name for one in gains}
+    assert names == {one.name for one in candidates_for(objective)}
+    assert {"also at 5 MPa", "also at 10 MPa", "also healthy", "also z where body_x sits"} <= names
+    assert "also at 15 MPa" not in names
+    assert "nat; most for" in gains[0].words
+
+
+def test_a_second_sensor_at_the_same_place_and_direction_adds_less_than_another_direction(
+    objective: Objective, point: np.ndarray
+) -> None:
+    free = {one.name: one for one in candidates_for(objective) if one.sensor is not None}
+    assert len(free) == 6
+    sensor = free["also z where body_x sits"].sensor
+    assert sensor is not None
+    same = replace(objective.twin.pump.sensors[0], name="cover_z again")
+    told = {
+        one.name: one.nats
+        for one in expected_information_gain(
+            objective, point, [Candidate("other", sensor=sensor), Candidate("same", sensor=same)]
+        )
+    }
+    assert told["same"] < told["other"]
+
+
+def test_what_was_learnt_is_reported_with_figures_and_as_json(
+    objective: Objective, point: np.ndarray, tmp_path: Path
+) -> None:
+    report = identifiability(objective, point, with_profiles=True, with_gains=True)
+    page = write_report(report, folder=tmp_path).read_text(encoding="utf-8")
+    assert "flat: K_sw" in page
+    assert "K_sw: not identified, open on both sides" in page
+    assert "The best further measurement: also " in page
+    figures = {path.stem.removeprefix("identifiabilityreport_") for path in (tmp_path / "figures").glob("*.svg")}
+    assert figures == {"shares", "correlations", "profiles", "gains"}
+    told = json.loads((tmp_path / "results.json").read_text())["identifiability"][0]
+    assert told["standing"] == list(report.standing)
+    assert len(told["profiles"]) == 6
+
+
+def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(twin: Twin) -> None:
+    true = replace(twin, scales=Scales(mount=1.2))
+    recording = true.simulate(1.3, 6400.0, recording_id="rec")
+    calibration = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    found = solution(objective_of(twin, measure(twin, [recording])))
+    np.testing.assert_array_equal(calibration.posterior.point, found)  # the intervals move no value
+    assert any("miss the measured ones" in note for note in calibration.notes)
+    for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
+        if estimate.verdict == "identified":
+            assert estimate.interval[0] <= value <= estimate.interval[1]

@@ -1,0 +1,105 @@
+"""What a calibration takes from recordings, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swashtwin.calibration import calibrate, measure
+from swashtwin.foundation import DataError, InputError, MPa, UnitError, mm
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.recordings import Recording
+
+RATE = 6400.0
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return twin.simulate(1.2, RATE, recording_id="rec-1")
+
+
+def test_the_measured_lines_of_a_clean_recording_are_the_twins(twin: Twin, recording: Recording) -> None:
+    measurement = measure(twin, [recording])
+    lines = twin.acceleration().abs().numpy()[:, np.isin(twin.orders, measurement.orders)]
+    assert measurement.orders.tolist() == list(range(7, 175, 7))
+    np.testing.assert_allclose(measurement.amplitude, lines, rtol=5e-3, atol=2e-3 * lines.max())
+
+
+def test_the_deviation_of_two_recordings_holds_the_difference_between_them(twin: Twin, recording: Recording) -> None:
+    louder = replace(recording, signal=1.2 * recording.signal, recording_id="rec-2")
+    both = measure(twin, [recording, louder])
+    single = measure(twin, [recording])
+    np.testing.assert_allclose(both.amplitude, 1.1 * single.amplitude)
+    assert np.all(both.deviation >= 0.0999 * single.amplitude)
+
+
+def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(twin: Twin, recording: Recording) -> None:
+    at_15 = twin.condition
+    others = [
+        replace(recording, recording_id="10 MPa", condition=at_15.replaced(discharge_pressure=MPa(10))),
+        replace(recording, recording_id="fast", condition=at_15.replaced(speed=1.02 * at_15.speed)),
+        replace(recording, recording_id="normal", label="normal"),
+        replace(recording, recording_id="unknown", condition=None),
+    ]
+    near = replace(recording, recording_id="near", condition=at_15.replaced(discharge_pressure=MPa(15.8)))
+    measurement = measure(twin, [*others, near, recording])
+    assert measurement.recording_ids == ("near", "rec-1")
+    assert [name for name, _ in measurement.left_out] == ["10 MPa", "fast", "normal", "unknown"]
+
+
+def test_recordings_of_another_pressure_alone_are_refused_with_both_numbers(twin: Twin, recording: Recording) -> None:
+    other = replace(recording, condition=twin.condition.replaced(discharge_pressure=MPa(10)))
+    with pytest.raises(DataError, match=r"1 times the recording is at 10 MPa, the twin at 15 MPa"):
+        calibrate(twin, [other])
+    with pytest.raises(DataError, match="none was given"):
+        calibrate(twin, [])
+
+
+def test_a_channel_without_sensor_is_refused_and_the_sensors_named(twin: Twin, recording: Recording) -> None:
+    renamed = replace(recording, channels=("cover_z", "ch2", "body_x"))
+    with pytest.raises(DataError, match=r"no sensor for channel 'ch2'; it has cover_z, body_y, body_x"):
+        measure(twin, [renamed])
+
+
+def test_one_channel_is_enough_but_must_be_the_same_in_all(twin: Twin, recording: Recording) -> None:
+    single = recording.picked(["body_y"])
+    assert measure(twin, [single]).amplitude.shape[0] == 1
+    with pytest.raises(DataError, match="pick the same"):
+        measure(twin, [recording, replace(single, recording_id="rec-2")])
+
+
+def test_readings_in_g_are_refused_with_the_slip_named(twin: Twin, recording: Recording) -> None:
+    in_g = replace(recording, signal=recording.signal / 9.80665, unit="g")
+    with pytest.raises(UnitError, match=r"rec-1 is in 'g'; .* readings in g\?"):
+        measure(twin, [in_g])
+    with pytest.raises(UnitError) as volts:
+        measure(twin, [replace(recording, unit="V")])
+    assert "in g" not in str(volts.value)
+
+
+def test_a_recording_with_missing_readings_is_refused(twin: Twin, recording: Recording) -> None:
+    signal = recording.signal.copy()
+    signal[1, 100] = np.nan
+    with pytest.raises(DataError, match=r"rec-1, body_y: 1 of \d+ readings are missing"):
+        measure(twin, [replace(recording, signal=signal)])
+
+
+@pytest.mark.parametrize(
+    ("band", "message"),
+    [
+        ((0.0, 5000.0), r"use band=\(0, 3136\)"),
+        ((500.0, 200.0), "the lower first"),
+        ((0.0, 50.0), r"no multiple of the piston-pass frequency \(100.3 Hz\)"),
+    ],
+)
+def test_a_band_without_lines_is_refused(
+    twin: Twin, recording: Recording, band: tuple[float, float], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        measure(twin, [recording], band)

@@ -1,0 +1,87 @@
+"""A simple mistake that explains a misfit is named; a misfit that none explains is only told of."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from twin_recordings import recording_of, worn_twin
+
+from swashtwin.bench.questions.wrong_twins import wrong_twins
+from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
+from swashtwin.calibration.uncertainty.misfit_hypotheses import suspicions
+from swashtwin.foundation import stream
+from swashtwin.physics import Scales, Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import Recording
+
+QUICK = GaussNewton(starts=1)
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return worn_twin(pump, at_15)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return recording_of(twin)
+
+
+def calibrated(twin: Twin, recording: Recording, name: str) -> Calibration:
+    """Calibration with the mistake of that name."""
+    (wrong,) = (one for one in wrong_twins() if one.name == name)
+    return calibrate(wrong.twin(twin), [wrong.recording(recording)], method=QUICK)
+
+
+def test_a_right_twin_is_not_warned_of(twin: Twin, recording: Recording) -> None:
+    notes = calibrated(twin, recording, "nothing").notes
+    assert len(notes) == 1
+    assert not is_warning(notes[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("body_x and body_y swapped", "body_y and body_x have each other's name: look at the wiring."),
+        ("cover_z in g", "cover_z reads 0.1 times what it should beside the others: in g?."),
+        ("all channels in g", "the gain of all channels is 0.1 times the twin's: in g?."),
+        ("mounting +50 %", "the mounting's stiffness is 0.67 times the twin's"),
+        ("mounting -50 %", "the mounting's stiffness is 2 times the twin's"),
+        ("topology T2", "the bodies are joined as in topology T1."),
+        ("defect half as deep", "the defect's excitation is 2 times the twin's"),
+    ],
+)
+def test_a_simple_mistake_is_named(twin: Twin, recording: Recording, name: str, words: str) -> None:
+    warnings = [note for note in calibrated(twin, recording, name).notes if is_warning(note)]
+    assert any("the misfit falls from" in note and words in note for note in warnings), warnings
+
+
+def test_a_searched_constant_that_was_left_in_the_wrong_valley_is_named(twin: Twin) -> None:
+    stiff = recording_of(replace(twin, scales=Scales(mount=1.8)))
+    found = calibrate(twin, [stiff], method=QUICK, nuisances=Nuisances(mount=0.3))
+    is_found = found.twin.scales.mount == pytest.approx(1.8, rel=0.05)
+    assert is_found or any("the mounting's stiffness is 1.8 times" in note for note in found.notes)
+
+
+def test_a_misfit_that_no_single_mistake_explains_names_none(twin: Twin, recording: Recording) -> None:
+    objective = objective_of(twin, measure(twin, [recording]))
+    factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
+    scattered = objective.with_readings(objective.measured.numpy() * factor)
+    misfit = float(scattered.weighted_loss(torch.as_tensor(QUICK.search(scattered, seed=0).point)))
+    assert misfit > 2
+    assert suspicions(scattered, misfit) == ()
+
+
+def _changes(thing: object, change: Callable[..., object]) -> bool:
+    return change(thing) is not thing
+
+
+def test_every_mistake_of_the_study_but_none_changes_the_twin_or_the_recording(
+    twin: Twin, recording: Recording
+) -> None:
+    names = [one.name for one in wrong_twins()]
+    assert len(set(names)) == len(names)
+    idle = [one.name for one in wrong_twins() if not (_changes(twin, one.twin) or _changes(recording, one.recording))]
+    assert idle == ["nothing"]

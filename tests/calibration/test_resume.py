@@ -1,0 +1,127 @@
+"""Searches that are interrupted and go on."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from twin_recordings import recording_of, worn_twin
+
+from swashtwin.calibration import CMAES, IPINN, Calibration, DirectAdam, GaussNewton, ResumableCalibrator, calibrate
+from swashtwin.foundation import ArtifactError, InputError
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import Recording
+
+METHODS = {
+    "ipinn": IPINN(epochs=60, channels=(4, 8), learning_rate=0.01),
+    "patient": IPINN.improved(epochs=60, channels=(4, 8), patience=30, learning_rate=0.3),
+    "direct": DirectAdam(epochs=60, starts=2),
+}
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return worn_twin(pump, at_15)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return recording_of(twin)
+
+
+class Stop(Exception):
+    """What interrupts."""
+
+
+def interrupted(after: int, twin: Twin, recording: Recording, **options: Any) -> list[int]:
+    """Epochs that a search told of before it was interrupted."""
+    seen: list[int] = []
+
+    def stop(done: int, total: int, loss: float) -> None:
+        seen.append(done)
+        if done == after:
+            raise Stop
+
+    with pytest.raises(Stop):
+        calibrate(twin, [recording], progress=stop, **options)
+    return seen
+
+
+def same_bits(one: Calibration, other: Calibration) -> bool:
+    """Whether two searches went and ended alike."""
+    names = ("spectrum_loss", "boundary_loss", "prior_loss", "gradient_norm", "points")
+    pairs = [(getattr(one.history, name), getattr(other.history, name)) for name in names]
+    pairs.append((one.posterior.point, other.posterior.point))
+    return one.history.best == other.history.best and all(np.array_equal(a, b) for a, b in pairs)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("after", [20, 37, 50])
+def test_an_interrupted_search_goes_on_to_the_same_bits(
+    twin: Twin, recording: Recording, tmp_path: Path, name: str, after: int
+) -> None:
+    options = {"method": METHODS[name], "seed": 3}
+    whole = calibrate(twin, [recording], **options)
+    kept = {**options, "checkpoint": tmp_path / "search.safetensors"}
+    interrupted(after, twin, recording, **kept)
+    told: list[int] = []
+    resumed = calibrate(twin, [recording], **kept, resume=True, progress=lambda done, *_: told.append(done))
+    assert told[:1] == ([25 * (after // 25) + 1] if len(whole.history.loss) > 25 * (after // 25) else [])
+    assert same_bits(resumed, whole)
+
+
+def test_a_search_interrupted_twice_ends_at_the_same_bits(twin: Twin, recording: Recording, tmp_path: Path) -> None:
+    kept = {"method": METHODS["ipinn"], "seed": 0, "checkpoint": tmp_path / "search.safetensors", "resume": True}
+    assert interrupted(30, twin, recording, **kept)[0] == 1
+    assert interrupted(55, twin, recording, **kept)[0] == 26
+    whole = calibrate(twin, [recording], method=METHODS["ipinn"], seed=0)
+    assert same_bits(calibrate(twin, [recording], **kept), whole)
+    assert same_bits(calibrate(twin, [recording], **kept), whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": 1}, "its seed is 0, this run's is 1"),
+        ({"method": DirectAdam(epochs=60)}, "its method is IPINN, this run's is DirectAdam"),
+        ({"method": IPINN(epochs=61, channels=(4, 8), learning_rate=0.01)}, "its epochs is 60, this run's is 61"),
+        ({"bounds": 3.0}, r"its measurement \(SHA-256\) is"),
+        ({"band": (0.0, 1000.0)}, "its band is"),
+    ],
+)
+def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
+    twin: Twin, recording: Recording, tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
+    kept = {"method": METHODS["ipinn"], "seed": 0, "checkpoint": tmp_path / "search.safetensors"}
+    interrupted(25, twin, recording, **kept)
+    with pytest.raises(InputError, match=words):
+        calibrate(twin, [recording], **{**kept, **change}, resume=True)
+
+
+def test_a_checkpoint_of_other_readings_is_refused(twin: Twin, recording: Recording, tmp_path: Path) -> None:
+    kept = {"method": METHODS["ipinn"], "checkpoint": tmp_path / "search.safetensors"}
+    interrupted(25, twin, recording, **kept)
+    with pytest.raises(InputError, match=r"its measurement \(SHA-256\)"):
+        calibrate(twin, [recording_of(twin, seed=1)], **kept, resume=True)
+
+
+def test_a_checkpoint_is_neither_overwritten_nor_invented(twin: Twin, recording: Recording, tmp_path: Path) -> None:
+    kept = {"method": METHODS["ipinn"], "checkpoint": tmp_path / "search.safetensors"}
+    interrupted(25, twin, recording, **kept)
+    with pytest.raises(InputError, match="exists; continue it with resume=True"):
+        calibrate(twin, [recording], **kept)
+    with pytest.raises(InputError, match="needs checkpoint="):
+        calibrate(twin, [recording], resume=True)
+    kept["checkpoint"].write_bytes(kept["checkpoint"].read_bytes()[:-9])
+    with pytest.raises(ArtifactError, match="damaged"):
+        calibrate(twin, [recording], **kept, resume=True)
+
+
+@pytest.mark.parametrize("method", [GaussNewton(), CMAES()])
+def test_a_method_of_a_second_keeps_no_checkpoint_and_says_what_to_do(
+    twin: Twin, recording: Recording, tmp_path: Path, method: Any
+) -> None:
+    assert not isinstance(method, ResumableCalibrator)
+    with pytest.raises(InputError, match="begun again with the same seed it ends at the same bits"):
+        calibrate(twin, [recording], method=method, checkpoint=tmp_path / "none")

@@ -1,0 +1,78 @@
+"""What a calibration's file says of its recordings and its fit."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from twin_recordings import recording_of, worn_twin
+
+from swashtwin.calibration import Calibration, GaussNewton, calibrate, load_calibration
+from swashtwin.foundation import ArtifactError
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import Recording
+from swashtwin.signals import spectral_correlation
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return worn_twin(pump, at_15)
+
+
+@pytest.fixture(scope="module")
+def recordings(twin: Twin) -> list[Recording]:
+    return [recording_of(twin, seed=seed) for seed in range(2)]
+
+
+@pytest.fixture(scope="module")
+def calibration(twin: Twin, recordings: list[Recording]) -> Calibration:
+    return calibrate(twin, recordings, method=GaussNewton(starts=1))
+
+
+def test_the_file_names_each_recording_by_the_hash_of_its_readings(
+    calibration: Calibration, recordings: list[Recording], tmp_path: Path
+) -> None:
+    again = load_calibration(calibration.save(tmp_path / "calibration.json"))
+    assert dict(again.recording_hashes) == {one.recording_id: one.fingerprint() for one in recordings}
+    assert len(set(again.recording_hashes.values())) == 2
+
+
+def test_a_recordings_hash_is_of_its_readings_rate_channels_and_unit_alone(recordings: list[Recording]) -> None:
+    one = recordings[0]
+    nudged = one.signal.copy()
+    nudged[-1, -1] = np.nextafter(nudged[-1, -1], np.inf)
+    same = replace(one, recording_id="renamed", label="normal", condition=None, signal=np.asfortranarray(one.signal))
+    others = [
+        replace(one, signal=nudged),
+        replace(one, sample_rate=6400.5),
+        replace(one, unit="g"),
+        replace(one, channels=one.channels[::-1]),
+    ]
+    assert same.fingerprint() == one.fingerprint()
+    assert len({one.fingerprint(), *(other.fingerprint() for other in others)}) == 5
+
+
+def test_calibrating_raises_the_correlation_of_the_levels(calibration: Calibration) -> None:
+    assert calibration.fit_after.spectral_correlation > max(0.99, calibration.fit_before.spectral_correlation)
+    lines = calibration.fits[0].spectra
+    expected = np.corrcoef(20 * np.log10(np.stack([lines.measured.ravel(), lines.nominal.ravel()])))[0, 1]
+    assert calibration.fit_before.spectral_correlation == pytest.approx(expected, abs=0.02)
+    assert "spectral_correlation" not in calibration.improvement
+
+
+def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> None:
+    measured = np.array([[1.0, 0.1, 0.01], [0.3, 0.03, 1e-4]])
+    assert spectral_correlation(measured, 5 * measured) > 0.98
+    assert spectral_correlation(measured, 1 / measured) < -0.9
+    assert spectral_correlation(measured, np.ones_like(measured)) == 0.0
+    silent = measured * (measured > 1e-3)
+    assert spectral_correlation(measured, silent) == pytest.approx(1.0)
+
+
+def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
+    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 3'"):
+        load_calibration(path)

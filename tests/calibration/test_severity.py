@@ -1,0 +1,201 @@
+"""Severity by inversion: found again from a twin's own recordings, and said where it cannot be."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run, run_json
+
+from swashtwin.calibration import Calibration, GaussNewton, Nuisances, SeveritySettings, calibrate, estimate_severity
+from swashtwin.calibration.severity.dimensions import fault_space
+from swashtwin.foundation import DataError, InputError, deg, mm, um
+from swashtwin.physics import Twin
+from swashtwin.pump import (
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    Interfaces,
+    OperatingCondition,
+    PistonWear,
+    Pump,
+    SwashPlateDefect,
+)
+from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.signals import add_noise
+
+LONG = SwashPlateDefect(depth=mm(0.1), length=mm(36), width=mm(24))
+BUSH = BoreDefect(depth=um(150), half_width=deg(33))
+FACTORS = np.array([0.6, 0.8, 1.3, 0.8, 2.0, 0.8])
+
+Record = Callable[[Fault | None, str], Recording]
+
+
+@pytest.fixture(scope="module")
+def true_twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    values = Interfaces.from_values(FACTORS * np.array(pump.interfaces.values()))
+    return Twin(pump, at_15, interfaces=values, bandwidth=2000)
+
+
+@pytest.fixture(scope="module")
+def record(true_twin: Twin) -> Record:
+    def of(fault: Fault | None, name: str) -> Recording:
+        clean = true_twin.with_fault(fault).simulate(3.0, 5120.0, recording_id=name)
+        return replace(clean, signal=add_noise(clean.signal, 30.0, 0, name), specimen="A")
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def healthy(record: Record) -> list[Recording]:
+    return [record(None, f"healthy_{number}") for number in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def calibration(pump: Pump, at_15: OperatingCondition, healthy: list[Recording]) -> Calibration:
+    method = GaussNewton(starts=1)
+    return calibrate(Twin(pump, at_15), healthy, method=method, nuisances=Nuisances.usual(), band=(0, 1000))
+
+
+def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: Calibration, record: Record) -> None:
+    true = SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24))
+    (found,) = estimate_severity(calibration, [record(true, "recess")], LONG).estimates
+    depth, length = found.dimensions
+    assert depth.interval[0] < true.depth < depth.interval[1]
+    assert depth.value == pytest.approx(true.depth, rel=0.25)
+    assert length.value == pytest.approx(true.length, rel=0.01)
+    assert length.verdict == "identified"
+    assert found.evidence > found.threshold
+    assert found.detection_limit is not None
+    assert found.detection_limit < true.depth
+    assert isinstance(found.fault, SwashPlateDefect)
+    assert found.fault.width == LONG.width
+
+
+@pytest.mark.parametrize(
+    ("true", "start"),
+    [
+        (PistonWear(um(45)), PistonWear(um(100))),
+        (BoreDefect(um(220), deg(40)), BUSH),
+        (DamScratch(0.8e-6), DamScratch(2e-6)),
+    ],
+    ids=["piston", "bore", "dam"],
+)
+def test_severities_of_single_parts_and_dams_are_found(
+    calibration: Calibration, healthy: list[Recording], record: Record, true: Fault, start: Fault
+) -> None:
+    (found,) = estimate_severity(calibration, [record(true, "worn")], start, healthy=healthy).estimates
+    assert found.severity.value == pytest.approx(true.severity, rel=0.15)
+    assert found.severity.interval[0] < true.severity < found.severity.interval[1]
+    assert found.severity.verdict == "identified"
+
+
+def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
+    (found,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
+    assert found.severity.verdict == "not detected"
+    assert found.severity.interval[0] == 0.0
+    assert found.detection_limit is not None
+    assert found.severity.interval[1] < 3 * found.detection_limit
+
+
+def test_a_change_is_known_better_than_either_severity(calibration: Calibration, record: Record) -> None:
+    small, large = (record(replace(LONG, depth=mm(depth)), f"at_{depth}") for depth in (0.05, 0.1))
+    trend = estimate_severity(calibration, [small, large], LONG, free=())
+    ratio, (low, high) = trend.change(1)
+    assert low < 2 < high
+    assert ratio == pytest.approx(2, rel=0.15)
+    own = trend.estimates[1].severity.interval
+    assert high / low < own[1] / own[0]
+
+
+def test_healthy_recordings_narrow_the_interval(calibration: Calibration, record: Record) -> None:
+    recording = record(replace(LONG, depth=mm(0.06)), "narrow")
+    law = SeveritySettings(law=0.0)
+    taught = estimate_severity(calibration, [recording], LONG, free=(), settings=law).estimates[0].severity
+    bare = estimate_severity(calibration.nominal, [recording], LONG, free=(), settings=law)
+    assert bare.estimates[0].severity.log_std > 1.1 * taught.log_std
+    assert any("no healthy calibration" in text for text in bare.notes)
+
+
+def test_which_piston_is_worn_changes_no_amplitude_and_is_not_offered(true_twin: Twin) -> None:
+    first, third = (true_twin.with_fault(PistonWear(um(60), piston=index)) for index in (0, 3))
+    apart = first.orders[first.orders % 7 != 0][3:]
+    columns = np.isin(first.orders, apart)
+    first_lines, third_lines = (one.acceleration().abs().numpy()[:, columns] for one in (first, third))
+    assert np.allclose(first_lines, third_lines, rtol=1e-3, atol=1e-5)
+    with pytest.raises(InputError, match="no dimension 'piston' to search; it has clearance"):
+        fault_space(PistonWear(um(60)), ("piston",))
+
+
+def test_an_angle_is_told_modulo_a_pistons_turn_and_that_is_said(calibration: Calibration, record: Record) -> None:
+    trend = estimate_severity(calibration, [record(LONG, "angle")], LONG, free=("angle",))
+    assert any("phases are dropped" in text for text in trend.notes)
+
+
+def test_a_width_above_the_slippers_is_not_identified(calibration: Calibration, record: Record) -> None:
+    trend = estimate_severity(calibration, [record(replace(LONG, width=mm(30)), "wide")], replace(LONG, width=mm(30)),
+                              free=("width",))  # fmt: skip
+    assert trend.estimates[0].dimensions[1].verdict == "not identified"
+    assert any(text.startswith("width: not identified") for text in trend.notes)
+
+
+def test_recordings_that_do_not_belong_are_refused_or_left_out(
+    calibration: Calibration, healthy: list[Recording], record: Record
+) -> None:
+    other = replace(healthy[0], label="piston", recording_id="other")
+    unknown = replace(healthy[0], condition=None, recording_id="unknown")
+    with pytest.raises(DataError, match="label is piston, the fault's swash_plate; unknown: the recording has no"):
+        estimate_severity(calibration, [other, unknown], LONG)
+    with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
+        estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)
+    with pytest.raises(DataError, match="the recording has the channels cover_z, the calibration"):
+        estimate_severity(calibration, [healthy[0].picked(["cover_z"])], LONG)
+    with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
+        estimate_severity(calibration.nominal.with_fault(LONG), healthy, LONG)
+    with pytest.raises(InputError, match="depth is 0"):
+        estimate_severity(calibration, healthy, replace(LONG, depth=0.0))
+    with pytest.raises(InputError, match=r"drift \(-1\) must be zero or a positive"):
+        SeveritySettings(drift=-1.0)
+
+
+def test_a_pressure_that_was_not_calibrated_is_told(calibration: Calibration, record: Record) -> None:
+    recording = record(GrooveErosion(deg(4)), "elsewhere")
+    assert recording.condition is not None
+    moved = replace(recording, condition=recording.condition.replaced(discharge_pressure=10e6))
+    (found,) = estimate_severity(calibration, [moved], GrooveErosion(deg(4))).estimates
+    assert any("calibrated at 15 MPa: the values were carried over" in text for text in found.notes)
+
+
+def test_the_command_tells_each_recordings_severity(
+    tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
+) -> None:
+    recordings = [*healthy, record(PistonWear(um(45)), "worn")]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
+    told = run_json("severity", saved, index, "--fault", "piston")
+    (only,) = told["estimates"]
+    assert only["recording_id"] == "worn"
+    assert only["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
+    assert "µm" in run("severity", saved, index, "--fault", "plunger", "--dimension", "clearance=80 um").stdout
+    run("severity", saved, index, "--fault", "normal", code=2)
+
+
+def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_were_calibrated_or_not(
+    tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
+) -> None:
+    new = replace(healthy[0], recording_id="new and sound")
+    recordings = [*healthy, new, record(PistonWear(um(45)), "worn")]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
+    told = run_json("severity", saved, index, "--fault", "piston")
+    assert [one["recording_id"] for one in told["estimates"]] == ["worn"]
+    assert told["healthy"] == [*(one.recording_id for one in healthy), "new and sound"]
+    sound = tmp_path / "sound"
+    sound.mkdir()
+    only = write_index(
+        recordings[:-1], [write_recording(one, sound / f"{n}.h5") for n, one in enumerate(recordings[:-1])], sound
+    )
+    refusal = run("severity", saved, only, "--fault", "piston", code=3).stderr
+    assert "holds healthy recordings only" in refusal

@@ -1,0 +1,88 @@
+"""A scarce cell of one's own recordings, filled on the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import one_line, run, run_json
+
+from swashtwin.bench import FILLERS
+from swashtwin.foundation import MPa, rpm, stream
+from swashtwin.learning import load_windows
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, write_index, write_recording
+
+FACTS = ("--label", "piston", "--pressure", "15 MPa", "--count", 8, "--length", 256)
+
+
+@pytest.fixture(scope="module")
+def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three recordings of each of two classes at two pressures, of which one cell has one."""
+    folder = tmp_path_factory.mktemp("own")
+    recordings = []
+    for label, pressure, number in [(a, b, c) for a in ("normal", "piston") for b in (10, 15) for c in range(3)]:
+        if (label, pressure) == ("piston", 15) and number:
+            continue
+        name = f"{label}_{pressure}_{number}"
+        signal = stream(0, name).normal(size=(2, 2000)) * (1 + 0.2 * number)
+        condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(pressure))
+        recordings.append(
+            Recording(signal, 3000.0, name, channels=("x", "y"), label=label, specimen="A", condition=condition)
+        )
+    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    return write_index(recordings, files, folder)
+
+
+def test_a_filled_cell_is_written_for_training_and_its_likeness_told(index: Path, tmp_path: Path) -> None:
+    out = tmp_path / "cell.safetensors"
+    told = run_json("augment", index, "--method", "jitter", *FACTS, "--out", out)
+    assert (told["count"], told["measured_in_cell"], told["pressure_pa"]) == (8, 7, MPa(15))
+    assert told["compared_with"] == "training windows of the cell"
+    assert told["likeness"]["discriminative_auroc"] is None  # the cell has one recording
+    assert set(told["likeness"]["spectral_distance_db"]) == {"x", "y"}
+    windows, manifest = load_windows(out)
+    assert windows.synthetic.all()
+    assert len(manifest) == 10
+    model = tmp_path / "model.safetensors"
+    facts = ("--test-fraction", 0, "--epochs", 1, "--channels", "2", "--out", model)
+    trained = run_json("train", index, "--add", out, *facts)
+    assert trained["synthetic_windows"] == 8
+
+
+def test_held_out_recordings_are_compared_with_where_they_are_given(index: Path, tmp_path: Path) -> None:
+    run("split", index, "--test-fraction", 0.4, "--out", tmp_path / "parts")
+    parts = ("--held-out", tmp_path / "parts" / "test.toml", "--out", tmp_path / "cell.safetensors")
+    facts = ("--label", "normal", "--pressure", "10 MPa", "--count", 8, "--length", 256)
+    told = run_json("augment", tmp_path / "parts" / "train.toml", "--method", "duplicate", *facts, *parts)
+    assert told["compared_with"] == "held-out windows of the cell"
+    assert told["likeness"]["copied_share"] == 1.0
+    said = run("augment", tmp_path / "parts" / "train.toml", "--method", "smote", *facts, *parts, "--seed", 1).stdout
+    assert "held-out windows of the cell" in said
+    assert "swashtwin train" in said
+
+
+def test_a_pressure_is_not_given_to_windows_that_state_none(tmp_path: Path) -> None:
+    signals = [stream(0, str(number)).normal(size=(2, 2000)) for number in range(2)]
+    recordings = [
+        Recording(one, 3000.0, f"p{place}", channels=("x", "y"), label="piston") for place, one in enumerate(signals)
+    ]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    index, out = write_index(recordings, files, tmp_path), tmp_path / "cell.safetensors"
+    told = one_line(run("augment", index, "--method", "jitter", *FACTS, "--out", out, code=3))
+    assert "states its pressure" in told
+    assert not out.exists()
+    run("augment", index, "--method", "jitter", *FACTS[:2], *FACTS[4:], "--out", out)
+    assert out.is_file()
+
+
+def test_what_cannot_be_filled_is_said_in_a_line(index: Path, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "cell.safetensors")
+    assert "--method" in run("augment", index, "--method", "gan", *FACTS, *out, code=2).stderr
+    assert "--pressure" in one_line(
+        run("augment", index, "--method", "jitter", "--label", "piston", "--count", 8, "--length", 256, *out, code=3)
+    )
+    assert "not among the windows' classes" in one_line(
+        run("augment", index, "--method", "jitter", *FACTS[2:], "--label", "slipper", *out, code=3)
+    )
+    assert not (tmp_path / "cell.safetensors").exists()
+    assert np.all([name in run("augment", "--help").stdout for name in FILLERS])

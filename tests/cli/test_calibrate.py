@@ -1,0 +1,203 @@
+"""The commands calibrate and compare: their options, how they are interrupted, and what they print."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commandline import AT_15, DEFECT, one_line, run, run_json
+
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.calibration import difference, load_calibration
+from swashtwin.foundation import MPa
+from swashtwin.recordings import write_index, write_recording
+
+QUICK = ("--method", "gauss-newton", "--starts", "1")
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two specimens with a recess, at 10 and 15 MPa."""
+    folder = tmp_path_factory.mktemp("rig")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
+        size = RigSize(specimens=2, repeats=1, duration=1.3)
+        recordings = [one for one, _ in rig_recordings(0, size, labels=("swash_plate",))]
+    write_index(recordings, [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings], folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pair(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two calibrations of specimen A: at 15 MPa, and at both pressures together."""
+    folder = tmp_path_factory.mktemp("pair")
+    one, both = folder / "one.json", folder / "both.json"
+    run_json("calibrate", rig, *AT_15, *DEFECT, *QUICK, "--specimen", "A", "--out", one)
+    more = ("--pressure", "10 MPa", "--nuisances", "usual")
+    run_json("calibrate", rig, *AT_15, *DEFECT, *QUICK, "--specimen", "A", "--out", both, *more)
+    return one, both
+
+
+def test_several_pressures_are_fitted_together(pair: tuple[Path, Path]) -> None:
+    assert [fit.condition.discharge_pressure for fit in load_calibration(pair[1]).fits] == [MPa(15), MPa(10)]
+    assert len(load_calibration(pair[1]).recording_ids) == 2
+
+
+def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> None:
+    words = ("--band", "50 Hz", "1 kHz", "--starts", "2", "--method", "lbfgs")
+    told = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
+    assert told["settings"]["band"] == [50.0, 1000.0]
+    assert told["settings"]["lines"] == "piston"
+    assert told["settings"]["starts"] == 2
+    refused = one_line(run("calibrate", rig, *AT_15, *DEFECT, "--lines", "shaft", "--out", tmp_path / "b.json", code=3))
+    assert "multiples of 7 only" in refused
+
+
+def test_ipinn_takes_its_settings_and_the_page_says_what_the_recordings_can_tell(rig: Path, tmp_path: Path) -> None:
+    words = ("--improved", "--epochs", "5", "--spectrum", "logarithmic", "--report", tmp_path / "page")
+    told = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
+    assert told["settings"]["values"] == "logarithms"
+    assert told["settings"]["spectrum"] == "logarithmic"
+    assert "What the measurement can tell" in Path(told["report"]).read_text(encoding="utf-8")
+    losses = (tmp_path / "page" / "figures" / "calibration_losses.csv").read_text(encoding="utf-8").splitlines()
+    assert "gradient_norm" in losses[0]
+    assert len(losses) == 6
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a-interfaces.toml", "a.json", "page"]
+
+
+def test_learning_rates_are_tried_and_the_best_is_taken(rig: Path, tmp_path: Path) -> None:
+    words = ("--method", "direct-adam", "--epochs", "20", "--learning-rates", "0.0001,0.1")
+    told = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "new" / "a.json")
+    losses = told["learning_rates"]["weighted_losses"]
+    assert told["learning_rates"]["rates"] == [0.0001, 0.1]
+    assert losses[1] < losses[0]
+    assert told["settings"]["learning_rate"] == 0.1
+    assert not list((tmp_path / "new").glob("*.rates"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--method", "gauss-newton", "--learning-rate", "0.1"), "belongs to --method ipinn or direct-adam"),
+        (("--starts", "2"), "belongs to --method direct-adam or gauss-newton or lbfgs"),
+        (("--method", "cmaes", "--improved"), "belongs to --method ipinn"),
+        (("--method", "direct-adam", "--spectrum", "linear"), "belongs to --method ipinn"),
+        (("--learning-rate", "0.1", "--learning-rates", "paper"), "give one of them"),
+        (("--learning-rates", "fast"), "must be numbers with commas"),
+    ],
+)
+def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
+    rig: Path, words: tuple[str, ...], said: str
+) -> None:
+    stderr = " ".join(run("calibrate", rig, *AT_15, *DEFECT, *words, code=2).stderr.replace("│", " ").split())
+    assert said in stderr
+
+
+def interrupted(rig: Path, out: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A calibration that got Ctrl-C once its checkpoint was there."""
+    command = [
+        sys.executable,
+        "-B",
+        "-m",
+        "swashtwin",
+        "calibrate",
+        str(rig),
+        *AT_15,
+        *DEFECT,
+        *words,
+        "--out",
+        str(out),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not out.with_name(f"{out.name}.checkpoint").exists() and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    return subprocess.CompletedProcess(command, process.returncode, stdout, stderr)
+
+
+def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_values(rig: Path, tmp_path: Path) -> None:
+    out = tmp_path / "long.json"
+    words = ("--epochs", "160", "--learning-rate", "0.001")
+    done = interrupted(rig, out, *words)
+    assert done.returncode == 130, done.stderr
+    assert done.stdout == ""
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("swashtwin: interrupted; ")
+    assert "long.json.checkpoint holds every 25th epoch: the same command with --resume goes on" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["long.json.checkpoint"]
+    other = one_line(run("calibrate", rig, *AT_15, *DEFECT, *words, "--seed", "1", "--resume", "--out", out, code=3))
+    assert "its seed is 0, this run's is 1" in other
+    resumed = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--resume", "--out", out)
+    whole = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "whole.json")
+    assert resumed["estimates"] == whole["estimates"]
+    assert resumed["simulations"] == whole["simulations"] == 160
+    histories = [json.loads(path.read_text())["history"] for path in (out, tmp_path / "whole.json")]
+    assert histories[0] == histories[1]
+    assert not list(tmp_path.glob("*.checkpoint"))
+
+
+def test_without_resume_a_checkpoint_that_was_left_is_begun_anew(rig: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.json"
+    out.with_name("a.json.checkpoint").write_bytes(b"left")
+    told = run_json("calibrate", rig, *AT_15, *DEFECT, "--epochs", "3", "--out", out)
+    assert told["simulations"] == 3
+
+
+def test_compare_tells_values_fits_settings_and_shared_recordings(pair: tuple[Path, Path]) -> None:
+    told = run_json("compare", *pair)
+    assert [one["letter"] for one in told["values"]] == ["C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"]
+    first, second = map(load_calibration, pair)
+    for one, a, b in zip(told["values"], first.estimates, second.estimates, strict=True):
+        assert one["values"] == [a.value, b.value]
+        assert one["overlap"] == (max(a.interval[0], b.interval[0]) <= min(a.interval[1], b.interval[1]))
+        assert (one["letter"] in told["telling"]) == (abs(one["deviations"]) > 2)
+    assert told["shared"] == list(first.recording_ids)
+    assert told["alone"] == [[], [name for name in second.recording_ids if name not in first.recording_ids]]
+    assert told["fits"]["rmse"] == [first.fit_after.rmse, second.fit_after.rmse]
+    assert set(told["settings"]) >= {"constants searched", "discharge pressure [Pa]"}
+    assert "seed" not in told["settings"]
+    assert [one["coordinates"][0] for one in told["constants"]] == [None] * 4
+    assert any("not independent" in note for note in told["notes"])
+
+
+def test_values_are_told_apart_in_standard_deviations_of_their_logarithms(pair: tuple[Path, Path]) -> None:
+    loaded = load_calibration(pair[0])
+    first = replace(loaded, estimates=tuple(replace(one, log_std=0.1) for one in loaded.estimates))
+    known = first.estimate("C_v")
+    moved = replace(known, value=2 * known.value, interval=(1.9 * known.value, 2.1 * known.value), log_std=0.2)
+    estimates = tuple(moved if one.letter == "C_v" else one for one in first.estimates)
+    apart = difference(first, replace(first, estimates=estimates, recording_hashes={"else": "0"}))
+    (telling,) = [one for one in apart.values if one.is_telling]
+    assert telling.letter == "C_v"
+    assert telling.log_ratio == pytest.approx(math.log(2))
+    assert telling.deviations == pytest.approx(math.log(2) / math.hypot(0.1, 0.2))
+    assert apart.alone == (first.recording_ids, ("else",))
+    assert not any("not independent" in note for note in apart.notes)
+
+
+def test_a_calibration_does_not_differ_from_itself(pair: tuple[Path, Path]) -> None:
+    told: dict[str, Any] = run_json("compare", pair[0], pair[0])
+    assert told["settings"] == {}
+    assert told["telling"] == []
+    assert all(one["deviations"] == 0 and one["overlap"] for one in told["values"])
+
+
+def test_compare_prints_tables_and_writes_a_page(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    shown = run("compare", *pair, "--report", tmp_path).stdout
+    assert "recordings: 1 shared, 0 of A only, 1 of B only" in shown
+    assert "C_Hz" in shown
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Two calibrations side by side" in page
+    assert "intervals overlap" in page
+    refused = one_line(run("compare", pair[0], tmp_path / "none.json", code=3))
+    assert "no such calibration" in refused

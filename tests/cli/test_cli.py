@@ -1,0 +1,390 @@
+"""The command line: what it prints, how it ends, and that one command's output feeds the next."""
+
+import resource
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commandline import AT_15, DEFECT, TINY, one_line, run, run_json
+
+import swashtwin
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.rivals.models import DEFAULT, MODELS, Model
+from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.calibration import GaussNewton, load_calibration
+from swashtwin.foundation import MPa
+from swashtwin.learning import TrainingSettings, load_windows
+from swashtwin.pump import new_pump
+from swashtwin.recordings import Recording, read_recordings, write_index, write_recording
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two specimens, two classes, two repeats, at 15 MPa."""
+    folder = tmp_path_factory.mktemp("rig")
+    size = RigSize(specimens=2, repeats=2, duration=1.3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+        recordings = [one for one, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
+    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    write_index(recordings, files, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """What split, calibrate, synthesize and train told, each fed with the files of the one before."""
+    folder = tmp_path_factory.mktemp("chain")
+    told = {"split": run_json("split", rig, "--out", folder, "--test-fraction", 0.5)}
+    train = told["split"]["train"]
+    out = folder / "calibration.json"
+    told["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, "--method", "gauss-newton", "--out", out)
+    made = ("--label", "swash_plate", "--count", 3, "--out", folder / "made.safetensors")
+    told["synthesize"] = run_json("synthesize", out, "--like", train, *made)
+    options = ("--test-fraction", 0, "--out", folder / "model.safetensors", *TINY)
+    told["train"] = run_json("train", train, "--add", folder / "made.safetensors", *options)
+    return told
+
+
+def test_a_split_written_down_holds_every_recording_once(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
+    sides = [{one.recording_id for one in read_recordings(chain["split"][name])} for name in ("train", "test")]
+    assert not sides[0] & sides[1]
+    assert sides[0] | sides[1] == {one.recording_id for one in read_recordings(rig)}
+    assert sides[1] == set(chain["split"]["test_recordings"])
+
+
+def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: dict[str, dict[str, Any]]) -> None:
+    told = chain["calibrate"]
+    assert set(told["recording_ids"]) <= set(chain["split"]["train_recordings"])
+    saved = swashtwin.load_calibration(told["calibration"])
+    assert [one["value"] for one in told["estimates"]] == [one.value for one in saved.estimates]
+    assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
+    assert "[interfaces.block_valve]" in Path(told["interfaces"]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("method", ["lbfgs", "cmaes"])
+def test_a_housing_that_bends_is_kept_by_the_calibrated_twin(
+    chain: dict[str, dict[str, Any]], tmp_path: Path, method: str
+) -> None:
+    freed = ("--nuisances", "usual" if method == "cmaes" else "housing")
+    train, out = chain["split"]["train"], tmp_path / "twin.json"
+    told = run_json("calibrate", train, *AT_15, *DEFECT, "--method", method, *freed, "--bounds", 3, "--out", out)
+    assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
+    twin = load_calibration(out).twin
+    assert (twin.path is not None) == (method == "lbfgs")
+    assert twin.scales.excitation != 1
+
+
+def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dict[str, Any]]) -> None:
+    windows, manifest = load_windows(chain["synthesize"]["windows"])
+    assert len(windows) == 3
+    assert windows.synthetic.all()
+    assert set(manifest) == set(chain["split"]["train_recordings"])
+
+
+def test_synthetic_windows_lie_over_the_residual_of_measured_ones_where_told(
+    chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    words = (
+        "synthesize",
+        chain["calibrate"]["calibration"],
+        "--like",
+        chain["split"]["train"],
+        "--label",
+        "swash_plate",
+    )
+    facts = (*words, "--count", 3, "--out", tmp_path / "made.safetensors", "--residual")
+    run(*facts)
+    signal = load_windows(tmp_path / "made.safetensors")[0].signal
+    assert np.abs(signal - load_windows(chain["synthesize"]["windows"])[0].signal).max() > 0.01
+    assert "--no-background" in run(*facts, "--no-background", code=2).stderr
+
+
+def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:
+    classifier = swashtwin.load_classifier(Path(chain["train"]["model"]))
+    assert set(chain["split"]["train_recordings"]) <= set(classifier.manifest)
+    assert not set(chain["split"]["test_recordings"]) & set(classifier.manifest)
+    assert chain["train"]["synthetic_windows"] == 3
+
+
+def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
+    told = run_json("evaluate", chain["train"]["model"], rig, "--level", "L2")
+    assert told["recordings"] == [
+        one.recording_id for one in read_recordings(rig) if one.recording_id in set(chain["split"]["test_recordings"])
+    ]
+    assert told["level"] == "L2"
+    assert sum(map(sum, told["confusion"])) == told["n_windows"]
+    assert "g_mean" in run("evaluate", chain["train"]["model"], rig).stdout
+
+
+def test_diagnose_names_a_class_and_writes_a_report(
+    rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    one, model = next(rig.glob("*.h5")), chain["train"]["model"]
+    told = run_json("diagnose", model, one, rig, "--report", tmp_path)
+    assert told["diagnoses"][0]["recording_id"] == one.stem
+    assert len(told["diagnoses"]) == 1 + len(read_recordings(rig))
+    assert Path(told["report"]).is_file()
+
+
+def test_train_holds_whole_recordings_out(rig: Path, tmp_path: Path) -> None:
+    told = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
+    manifest = swashtwin.load_classifier(Path(told["model"])).manifest
+    assert told["held_out"]
+    assert not set(told["held_out"]) & set(manifest)
+    scores = run_json("evaluate", told["model"], rig)
+    assert sorted(scores["recordings"]) == told["held_out"]
+
+
+def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
+    rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    made, out = chain["synthesize"]["windows"], tmp_path / "m.safetensors"
+    result = run("train", rig, "--add", made, "--test-fraction", 0.5, "--seed", 1, "--out", out, *TINY, code=3)
+    assert "split first" in one_line(result)
+    assert not out.exists()
+
+
+def test_an_interrupted_training_goes_on_to_the_same_bits(
+    rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("train", rig, "--test-fraction", 0.5, *TINY, "--epochs", 2)
+    run(*words, "--out", tmp_path / "straight.safetensors")
+    resumable = (*words, "--out", tmp_path / "resumed.safetensors", "--checkpoint", tmp_path / "checkpoint")
+    from swashtwin.learning.training import loop
+
+    save = loop.save_checkpoint
+
+    def save_and_interrupt(*arguments: Any) -> None:
+        save(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "save_checkpoint", save_and_interrupt)
+        assert "--resume" in one_line(run(*resumable, code=130))
+    assert not (tmp_path / "resumed.safetensors").exists()
+    assert run_json(*resumable, "--resume")["epochs"] == 2
+    assert (tmp_path / "resumed.safetensors").read_bytes() == (tmp_path / "straight.safetensors").read_bytes()
+
+
+def test_an_interrupted_rig_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(recording: Recording, path: Path) -> Path:
+        path.parent.mkdir(parents=True)
+        path.write_text("half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.write_recording", interrupt)
+    assert "interrupted" in one_line(run("rig", tmp_path / "rig", "--seed", 0, code=130))
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny = replace(
+        SCENARIOS["quick"], windows=2, scarce_windows=3, synthetic=2, held_out=1, method=GaussNewton(starts=1)
+    )
+    network = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1))
+    monkeypatch.setitem(SCENARIOS, "quick", tiny)
+    monkeypatch.setitem(MODELS["quick"], DEFAULT, network)
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=2, repeats=2, duration=1.3)})
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    told = run_json("demo", "--out", tmp_path, "--jobs", 1)
+    assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(told)
+    wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]
+    assert [(row["training_set"], row["level"]) for row in told["rows"]] == wanted
+    for row in told["rows"]:
+        for metric in ("accuracy", "recall", "f1", "g_mean"):
+            assert set(row[metric]) == {"mean", "std", "values"}
+    assert "<html" in Path(told["report"]).read_text(encoding="utf-8")
+    again = run("study", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
+    assert "6 of seed 0 done before" in again.stderr
+    assert "calibrated" in again.stdout
+    assert "No figure here says" in " ".join(again.stdout.split())
+
+
+def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    monkeypatch.chdir(tmp_path)
+    told = run_json("rig", "rig", "--seed", 3, "--format", "csv")
+    report = run_json("inspect", told["index"])
+    assert len(report["recordings"]) == 5
+    assert not report["has_errors"]
+    assert "5 recordings" in run("inspect", tmp_path / "rig").stdout
+    assert "not empty" in one_line(run("rig", tmp_path / "rig", "--seed", 3, code=3))
+
+
+def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for label in ("normal", "piston"):
+        for number in (1, 2):
+            rows = "\n".join(f"{value:.6f}" for value in rng.standard_normal(400))
+            (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
+    told = run_json("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g")
+    assert (told["recordings"], told["classes"]) == (4, ["normal", "piston"])
+    assert "--overwrite" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
+    assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--overwrite").stdout
+    run("split", tmp_path, "--test-fraction", 0.5)
+    assert len(read_recordings(tmp_path / "test.toml")) == 2
+    facts = ("--sample-rate", "2 kHz", "--unit", "g")
+    assert run_json("inspect", tmp_path / "normal_1.csv", *facts)["recordings"][0]["sample_rate"] == 2000.0
+
+
+def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) -> None:
+    path = run_json("pump", "new", "mine", "--folder", tmp_path)["pump"]
+    told = run_json("pump", "show", path)
+    assert told["name"] == "mine"
+    assert all(one["source"] for one in told["parameters"])
+    assert {one["name"]: one["unit"] for one in told["parameters"]}["interfaces.block_valve.stiffness"] == "N/m"
+    assert {one["name"] for one in told["parameters"]} == set(swashtwin.load_pump(path).sources)
+    assert "block_valve" in run("pump", "show").stdout
+
+
+def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
+    out = tmp_path / "worn.h5"
+    words = ("simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT)
+    nominal = run_json(*words)
+    calibrated = run_json(*words, "--calibration", chain["calibrate"]["calibration"])
+    assert nominal["label"] == calibrated["label"] == "swash_plate"
+    assert nominal["rms_m_s2"] != calibrated["rms_m_s2"]
+    assert swashtwin.read_recording(out).synthetic
+    assert "rms" in run(*words, "--solver", "rk4").stdout
+
+
+def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
+    words = ("simulate", "--duration", "0.2 s", "--out", tmp_path / "s.h5", *AT_15)
+    assert run_json(*words, "--calibration", chain["calibrate"]["calibration"])["label"] == "swash_plate"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("inspect", "nowhere"), "nowhere"),
+        (("inspect", "nowhere.h5"), "nowhere.h5 does not exist"),
+        (("calibrate", "nowhere.toml", *AT_15), "nowhere.toml does not exist"),
+        (("evaluate", "nowhere.safetensors", "nowhere"), "nowhere.safetensors does not exist"),
+        (("synthesize", "no.json", "--like", "x", "--label", "piston", "--count", 1, "--out", "y"), "no.json"),
+        (("train", "nowhere", "--add", "no.safetensors"), "no.safetensors does not exist"),
+        (("pump", "show", "26scy"), "25scy14-1b"),
+        (("rig", ".", "--seed", 0), "not empty"),
+    ],
+)
+def test_bad_input_ends_with_one_line_and_code_3(
+    words: tuple[object, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "kept").touch()
+    assert said in one_line(run(*words, code=3))
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda signal: np.where(np.arange(signal.shape[1]) == 7, np.nan, signal), "missing or infinite"),
+        (lambda signal: signal * 0 + 1.0, "every reading is 1"),
+        (lambda signal: signal[:, :1500], "shorter than one revolution"),
+    ],
+)
+def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
+    rig: Path, tmp_path: Path, change: Any, said: str
+) -> None:
+    recordings = read_recordings(rig)
+    broken = replace(recordings[0], signal=change(recordings[0].signal))
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in (broken, *recordings[1:])]
+    write_index([broken, *recordings[1:]], files, tmp_path)
+    report = run_json("inspect", tmp_path, code=3)
+    assert report["has_errors"]
+    assert said in " ".join(finding["message"] for finding in report["recordings"][0]["findings"])
+    refusal = one_line(run("train", tmp_path, "--out", tmp_path / "m.safetensors", *TINY, code=3))
+    assert broken.recording_id in refusal
+    assert not (tmp_path / "m.safetensors").exists()
+
+
+def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path) -> None:
+    recordings = [one for one in read_recordings(rig) if one.label == "normal"]
+    other = replace(recordings[0], sample_rate=12800.0, recording_id="slow", label="swash_plate")
+    for name, members in {"mixed": [*recordings, other], "lone": recordings[:1]}.items():
+        files = [write_recording(one, tmp_path / name / f"{one.recording_id}.h5") for one in members]
+        write_index(members, files, tmp_path / name)
+    assert "sample rate 25600 Hz against 12800 Hz" in one_line(run("train", tmp_path / "mixed", *TINY, code=3))
+    assert run_json("inspect", tmp_path / "mixed", code=3)["has_errors"]
+    assert "needs 2" in one_line(run("train", tmp_path / "lone", *TINY, code=3))
+
+
+def test_an_unknown_class_in_an_index_is_answered_with_the_nearest(rig: Path, tmp_path: Path) -> None:
+    text = (rig / "recordings.toml").read_text(encoding="utf-8").replace('label = "normal"', 'label = "norml"', 1)
+    (rig / "misspelt.toml").write_text(text, encoding="utf-8")
+    assert "did you mean 'normal'?" in one_line(run("inspect", rig / "misspelt.toml", code=3))
+
+
+def test_a_bare_number_in_a_pump_file_is_refused(tmp_path: Path) -> None:
+    path = new_pump("mine", folder=tmp_path)
+    text = path.read_text(encoding="utf-8")
+    line = next(line for line in text.splitlines() if line.startswith("piston_diameter"))
+    path.write_text(text.replace(line, "piston_diameter = 17"), encoding="utf-8")
+    said = one_line(run("simulate", *AT_15, "--pump", path, "--out", tmp_path / "x.h5", code=3))
+    assert "rotating_group.piston_diameter" in said
+    assert "bare" in said
+
+
+@pytest.mark.parametrize("kind", ["train", "synthesize"])
+def test_a_file_with_tampered_bytes_is_refused(
+    rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path, kind: str
+) -> None:
+    path = Path(chain[kind]["model" if kind == "train" else "windows"])
+    changed = bytearray(path.read_bytes())
+    changed[-5] ^= 1
+    tampered = tmp_path / path.name
+    tampered.write_bytes(changed)
+    words = ("evaluate", tampered, rig) if kind == "train" else ("train", rig, "--add", tampered)
+    assert "was changed after it was saved" in one_line(run(*words, code=3))
+    tampered.write_bytes(changed[:100])
+    assert "damaged" in one_line(run(*words, code=3))
+
+
+def test_testing_on_a_training_recording_is_refused(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
+    seen = chain["split"]["train_recordings"][0]
+    assert seen in one_line(run("evaluate", chain["train"]["model"], rig, "--id", seen, code=3))
+    assert "all 4 recordings" in one_line(run("evaluate", chain["train"]["model"], chain["split"]["train"], code=3))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("pump", "new", "mine", "--folder", "."),
+    ],
+)
+def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "full.h5").write_text("old")
+
+    def only_a_kilobyte() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+
+    done = subprocess.run(
+        [sys.executable, "-B", "-m", "swashtwin", *words],
+        cwd=tmp_path,
+        preexec_fn=only_a_kilobyte,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (3, "")
+    assert done.stderr.splitlines() == ["swashtwin: error: File too large; nothing is half-written."]
+    assert [path.name for path in tmp_path.iterdir()] == ["full.h5"]
+    assert (tmp_path / "full.h5").read_text() == "old"
+
+
+def test_a_target_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    line = one_line(run("train", tmp_path / "nowhere.toml", "--out", tmp_path, code=3))
+    assert "is a folder; name a file" in line
+    line = one_line(run("calibrate", tmp_path / "n.toml", *AT_15, "--out", tmp_path / "pump.toml", code=3))
+    assert "must end in .json" in line

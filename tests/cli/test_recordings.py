@@ -1,0 +1,174 @@
+"""Recordings of one's own on the command line: indexed, converted, inspected, diagnosed."""
+
+import re
+import shlex
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commandline import one_line, run, run_json
+
+from swashtwin.diagnosis import save_classifier
+from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
+from swashtwin.recordings import open_store, read_recordings
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Four text tables of two classes."""
+    rng = np.random.default_rng(0)
+    for label in ("normal", "piston"):
+        for number in (1, 2):
+            rows = "\n".join(f"{value:.6f}" for value in rng.standard_normal(400))
+            (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
+    return tmp_path
+
+
+FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
+
+
+def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Path) -> None:
+    run("index", folder, *FACTS)
+    store = folder / "store.h5"
+    told = run_json("convert", folder, "--out", store)
+    assert (told["recordings"], told["seconds"], told["bytes"]) == (4, 0.8, store.stat().st_size)
+    for back, one in zip(open_store(store), read_recordings(folder), strict=True):
+        assert (back.recording_id, back.label) == (one.recording_id, one.label)
+        np.testing.assert_array_equal(back.loaded().signal, one.signal)
+    assert len(run_json("inspect", store)["recordings"]) == 4
+    windows = cut_windows(open_store(store), length=50)
+    classifier = fit(build_network("bitcn", 1, 2, channels=(2,)), windows, settings=TrainingSettings(epochs=1), seed=0)
+    model = save_classifier(classifier, folder / "m.safetensors")
+    verdicts = run_json("diagnose", model, store)["diagnoses"]
+    assert verdicts == run_json("diagnose", model, folder)["diagnoses"]
+    assert [one["n_windows"] for one in verdicts] == [8] * 4
+
+
+def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
+    file = folder / "normal_1.csv"
+    assert "1 recordings, 0.2 s" in run("convert", file, "--out", folder / "a.h5", *FACTS).stdout
+    before = (folder / "a.h5").read_bytes()
+    assert "--overwrite" in one_line(run("convert", file, "--out", folder / "a.h5", *FACTS, code=3))
+    assert "does not say its sample rate" in one_line(
+        run("convert", file, "--out", folder / "a.h5", "--overwrite", code=3)
+    )
+    assert (folder / "a.h5").read_bytes() == before
+
+
+def test_convert_never_writes_over_what_it_reads(folder: Path) -> None:
+    store, table = folder / "a.h5", folder / "normal_1.csv"
+    run("index", folder, *FACTS)
+    run("convert", table, "--out", store, *FACTS)
+    before = store.read_bytes(), table.read_bytes()
+    for source, out in ((store, store), (folder, table), (table, table)):
+        refusal = one_line(run("convert", source, "--out", out, "--overwrite", code=3))
+        assert f"{out} is read from {source} and would be lost; name another --out." in refusal
+    assert (store.read_bytes(), table.read_bytes()) == before
+
+
+@pytest.mark.parametrize("command", ["inspect", "features", "convert"])
+def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
+    out = ("--out", folder / "s.h5") if command == "convert" else ()
+    own = one_line(run(command, folder / "normal_1.csv", *out, code=3))
+    assert 'add --sample-rate "25.6 kHz"' in own
+    own = one_line(run(command, folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
+    assert 'add --unit "g"' in own
+    (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
+    assert 'add sample_rate = "25.6 kHz"' in one_line(run(command, folder, *out, code=3))
+
+
+def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
+    for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
+        (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
+    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["found"]
+    (pressure,) = [text for text in told if text.startswith("discharge_pressure")]
+    assert "15 MPa (1), says the flag" in pressure
+    assert "the flag's 15 MPa gives way in 2 of 3 files" in pressure
+    assert not any("gives way" in text for text in told if text is not pressure)
+
+
+def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_asked_for(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    for number in range(14):
+        label, pressure = ("normal", 5) if number < 8 else ("piston", 10)
+        rows = np.full(300, 1.0) if number in (3, 4) else random.standard_normal(300)
+        (tmp_path / f"{label}_{pressure}MPa_{number}.csv").write_text("x\n" + "\n".join(f"{x:.6f}" for x in rows))
+    run("index", tmp_path, *FACTS, "--speed", "860 rpm")
+    short = run("inspect", tmp_path, code=3).stdout
+    assert re.search(r"normal +860 rev/min, 5 MPa +8 +2000", short)
+    assert re.search(r"piston +860 rev/min, 10 MPa +6 +2000", short)
+    assert "normal_5MPa_3, x: every reading is" in short
+    assert "normal_5MPa_4, x" not in short
+    assert "(constant in 1 more recordings: --all)" in short
+    full = run("inspect", tmp_path, "--all", code=3).stdout
+    assert "normal_5MPa_4, x: every reading is" in full
+    assert "piston_10MPa_13" in full
+    assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 14
+
+
+def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "--sample-rate" in one_line(run("index", folder, code=3))
+    answers = iter(["2 kHz", "g"])
+    monkeypatch.setattr("swashtwin.cli.recordings._asked", lambda key, question: next(answers))
+    monkeypatch.setattr("swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
+    told = run("index", folder).stdout
+    assert "label: normal (2), piston (2), says its name" in told
+    assert {one.sample_rate for one in read_recordings(folder)} == {2000.0}
+
+
+def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    for label in ("normal", "piston"):
+        for number in range(1, 6):
+            path = tmp_path / "mine" / label / f"15MPa_{number}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("x\n" + "".join(f"{value:.6f}\n" for value in rng.standard_normal(1024)))
+    text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
+    commands = [line for block in blocks for line in block.splitlines()]
+    assert [shlex.split(line)[1] for line in commands] == [
+        "index", "inspect", "convert", "train", "evaluate", "diagnose",
+    ]  # fmt: skip
+    for line in commands:
+        run(*shlex.split(line)[1:])
+
+
+def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed_is_diagnosed(tmp_path: Path) -> None:
+    time = np.arange(8000) / 2000
+    for label, level in (("normal", 0.2), ("piston", 1.0)):
+        for speed in (600, 900, 750):
+            angle = 2 * np.pi * speed / 60 * time
+            noise = 0.1 * np.random.default_rng(speed).standard_normal(8000)
+            rows = np.sin(angle) + level * np.sin(7 * angle) + noise
+            place = tmp_path / ("new" if speed == 750 else "old")
+            place.mkdir(exist_ok=True)
+            (place / f"{label}_{speed}rpm.csv").write_text("x\n" + "\n".join(f"{value:.6f}" for value in rows))
+    for place in ("old", "new"):
+        run("index", tmp_path / place, *FACTS)
+        angle = ("--readings-per-turn", 64, "--played-at", "900 rpm")
+        told = run_json("convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
+    assert told["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
+    stored = open_store(tmp_path / "old.h5")
+    assert [one.sample_rate for one in stored] == pytest.approx([960.0] * 4)
+    assert {one.attributes["angle_from"] for one in stored} == {"the stated speed"}
+    settings = ("--length", 128, "--epochs", 6, "--channels", "8,8", "--test-fraction", 0, "--learning-rate", 0.01)
+    run("train", tmp_path / "old.h5", "--out", tmp_path / "m.safetensors", *settings)
+    told = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
+    assert [one["label"] for one in told] == [one["recording_id"].split("_")[0] for one in told]
+    refusal = one_line(run("diagnose", tmp_path / "m.safetensors", tmp_path / "new", code=3))
+    assert "does not fit the classifier" in refusal
+    assert 'resample = "..."' in refusal
+
+
+def test_angle_options_need_readings_per_turn_and_a_common_speed(folder: Path) -> None:
+    out = ("--out", folder / "a.h5", *FACTS)
+    for option in (("--played-at", "860 rpm"), ("--track", "7"), ("--tachometer", "x")):
+        assert "is for --readings-per-turn" in run("convert", folder / "normal_1.csv", *out, *option, code=2).stderr
+    refusal = run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, code=2).stderr
+    assert "Invalid value for --played-at" in refusal
+    text = one_line(
+        run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, "--played-at", "860 rpm", code=3)
+    )
+    assert "nobody stated its speed" in text

@@ -1,0 +1,107 @@
+"""Commands of the studies that run as tasks: what they refuse, how they are interrupted, and the page of their runs."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commandline import one_line, run, run_json
+
+from swashtwin.bench import plan_of, run_plan
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.studies import runner as carrying
+from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.calibration import GaussNewton
+from swashtwin.foundation import InputError, MPa
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {"windows": 2, "scarce_windows": 3, "synthetic": 2, "held_out": 1}
+    scenario = replace(SCENARIOS["quick"], method=GaussNewton(starts=1), **few)
+    monkeypatch.setitem(SCENARIOS, "quick", scenario)
+    size = RigSize(specimens=2, repeats=2, duration=0.9)
+    for place in ("swashtwin.bench.rigs.writing.SIZES", "swashtwin.bench.studies.sources.SIZES"):
+        monkeypatch.setattr(place, {"small": size})
+    monkeypatch.setattr("swashtwin.bench.studies.sources.require_rig", lambda *_: None)
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+
+
+def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
+    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, real = [], carrying.carry_out
+
+    def interrupted(*arguments: Any) -> Any:
+        if len(done) == 1:
+            done.append("interrupted")
+            raise KeyboardInterrupt
+        done.append(arguments[0].key)
+        return real(*arguments)
+
+    monkeypatch.setattr(carrying, "carry_out", interrupted)
+    words = ("study", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--models", "extra_trees")
+    words = (*words, "--training-sets", "measured,nominal")
+    assert "the same command resumes" in one_line(run(*words, code=130))
+    told = run_json(*words)
+    assert len(done) == 3
+    assert {row["training_set"] for row in [*told["rows"], *told["rivals"]]} == {"measured", "nominal"}
+    assert Path(told["report"]).is_file()
+    assert "2 of seed 0 done before" in run(*words).stderr
+    gathered = run_json("report", tmp_path / "out", "--out", tmp_path / "page")
+    assert [(one["study"], one["runs"]) for one in gathered["studies"]] == [("case1", 2)]
+    assert "case1" in run("report", tmp_path / "out", "--out", tmp_path / "page").stdout
+
+
+def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> None:
+    assert "no finished run" in one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
+
+
+def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
+    told = one_line(run("report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
+    assert "does not exist" in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("study", "case1", "."), ("study", "tune", "."), ("study", "conditions", "."),
+        ("study", "public", "--data", "."),
+        ("study", "calibration"), ("study", "misspecification"), ("demo",), ("report", "."),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("below", ["", "deeper"])
+def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
+    words: tuple[str, ...], below: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").write_text("kept")
+    told = run(*words, "--out", Path("taken") / below, code=2).stderr
+    assert "is a file" in " ".join(told.replace("│", " ").split())
+    assert (tmp_path / "taken").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("study", "case1"), 2),
+        (("study", "case1", "x", "--rig", "--out", "y"), 2),
+        (("study", "case1", "--rig"), 2),
+        (("study", "noise", "x", "--models", "guess"), 3),
+        (("study", "noise", "x", "--training-sets", "guess"), 3),
+        (("study", "noise", "x", "--address", "tcp://nowhere:1"), 3),
+        (("study", "tune", "x"), 2),
+    ],
+)
+def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, tmp_path: Path) -> None:
+    result = run(*words, code=code)
+    assert not result.stdout
+    assert result.stderr
+
+
+def test_values_that_a_study_does_not_have_and_those_at_which_nothing_is_trained_are_named() -> None:
+    told = one_line(run("study", "few-shot", "x", "--values", "guess", code=3))
+    assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in told
+    plan = plan_of("augmentation", "quick").of_training_sets(["calibrated"]).of_values(["0"])
+    with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):
+        run_plan(plan, [])

@@ -1,0 +1,182 @@
+"""A saved classifier answers as the one that was saved, or is refused; a diagnosis says what to doubt."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
+
+from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
+from swashtwin.foundation import ArtifactError, DataError, MissingFileError, MPa, rpm
+from swashtwin.learning import (
+    NETWORKS,
+    BiTCN,
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    cut_windows,
+    evaluate,
+    fit,
+)
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+
+CLASSES = ("normal", "piston")
+
+
+def recording(name: str, label: str, *, pressure: float = 15, speed: float = 860, readings: int = 480) -> Recording:
+    draw = np.random.default_rng(list(name.encode()))
+    cycles = {"normal": 0.05, "piston": 0.15}[label] * np.arange(readings)
+    signal = np.sin(2 * np.pi * cycles + draw.uniform(0, 6)) + 0.3 * draw.normal(size=readings)
+    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(pressure))
+    return Recording(signal[None], 1000.0, name, label=label, condition=condition)
+
+
+def windows() -> WindowSet:
+    return cut_windows([recording(f"{label} {n}", label) for label in CLASSES for n in range(3)], length=80)
+
+
+@pytest.fixture(scope="module")
+def classifier() -> FittedClassifier:
+    settings = TrainingSettings(epochs=25, batch_size=12, learning_rate=3e-3, normalization="set")
+    return fit(BiTCN(1, 2, channels=(8, 12), kernel_size=3), windows(), settings=settings)
+
+
+@pytest.fixture
+def saved(classifier, tmp_path) -> Path:
+    return save_classifier(classifier, tmp_path / "pump.safetensors")
+
+
+@pytest.mark.parametrize("name", sorted(NETWORKS))
+@pytest.mark.parametrize("normalization", ["window", "set"])
+def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name, normalization):
+    settings = TrainingSettings(epochs=1, normalization=normalization)
+    classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
+    loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
+    np.testing.assert_array_equal(loaded.predict_proba(windows()), classifier.predict_proba(windows()))
+    np.testing.assert_array_equal(loaded.embed(windows()), classifier.embed(windows()))
+    for fact in ("classes", "layout", "settings", "seed", "history", "manifest", "pressures", "speeds"):
+        assert getattr(loaded, fact) == getattr(classifier, fact)
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["model.safetensors"]
+
+
+def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
+    again = save_classifier(load_classifier(saved), tmp_path / "again.safetensors")
+    assert again.read_bytes() == saved.read_bytes()
+
+
+def test_every_flipped_byte_and_every_cut_is_refused_in_one_line(saved):
+    whole = saved.read_bytes()
+    places = np.random.default_rng(0).integers(0, len(whole), 60).tolist()
+    for place in [0, 8, 9, 40, len(whole) - 1, *places]:
+        changed = bytearray(whole)
+        changed[place] ^= 0x04
+        saved.write_bytes(changed)
+        with pytest.raises(ArtifactError) as caught:
+            load_classifier(saved)
+        assert "\n" not in str(caught.value)
+    for length in (0, 5, 100, len(whole) // 2, len(whole) - 1):
+        saved.write_bytes(whole[:length])
+        with pytest.raises(ArtifactError, match="damaged"):
+            load_classifier(saved)
+
+
+def rewritten(path: Path, **changes: object) -> None:
+    with safe_open(path, framework="pt") as file:
+        note = json.loads(file.metadata()["swashtwin-classifier"])
+    save_file(load_file(path), path, metadata={"swashtwin-classifier": json.dumps({**note, **changes})})
+
+
+def test_another_version_another_card_and_other_files_are_refused(saved, tmp_path):
+    with safe_open(saved, framework="pt") as file:
+        card = json.loads(file.metadata()["swashtwin-classifier"])["card"]
+    rewritten(saved, card={**card, "manifest": []})
+    with pytest.raises(ArtifactError, match="changed after it was saved"):
+        load_classifier(saved)
+    rewritten(saved, version="7")
+    with pytest.raises(ArtifactError, match="version 7, this swashtwin reads version 1"):
+        load_classifier(saved)
+    save_file(load_file(saved), saved, metadata={"format": "pt"})
+    with pytest.raises(ArtifactError, match="no swashtwin classifier"):
+        load_classifier(saved)
+    (tmp_path / "text.safetensors").write_text("pump")
+    with pytest.raises(ArtifactError, match="damaged or no saved classifier"):
+        load_classifier(tmp_path / "text.safetensors")
+    with pytest.raises(MissingFileError, match="gone"):
+        load_classifier(tmp_path / "gone.safetensors")
+
+
+def test_a_whole_file_whose_network_this_version_lacks_is_refused_in_one_line(saved, monkeypatch):
+    monkeypatch.delitem(NETWORKS, "bitcn")
+    with pytest.raises(ArtifactError, match=r"does not fit this swashtwin .unknown network 'bitcn'"):
+        load_classifier(saved)
+
+
+def test_a_network_outside_the_registry_is_not_saved(classifier, tmp_path):
+    class Custom(BiTCN):
+        pass
+
+    custom = replace(classifier, network=Custom(1, 2))
+    with pytest.raises(ArtifactError, match="Custom is not in"):
+        save_classifier(custom, tmp_path / "x.safetensors")
+
+
+@pytest.mark.parametrize("label", CLASSES)
+def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
+    unlabeled = recording(f"new {label}", label).relabeled(None)
+    diagnosis = diagnose(classifier, unlabeled)
+    assert diagnosis.label == label
+    assert diagnosis.n_windows == 6
+    assert diagnosis.agreement == pytest.approx(diagnosis.window_labels.count(label) / 6)
+    assert sum(diagnosis.probabilities.values()) == pytest.approx(1)
+    assert max(diagnosis.probabilities, key=diagnosis.probabilities.get) == label
+    assert diagnosis.notes == ()
+
+
+def test_the_diagnosis_decides_as_the_evaluation_does(classifier):
+    new = [recording(f"again {label} {n}", label) for label in CLASSES for n in range(2)]
+    scores = evaluate(classifier, cut_windows(new, length=80))
+    hits = [diagnose(classifier, one).label == one.label for one in new]
+    assert scores.recording_accuracy == np.mean(hits)
+
+
+def test_a_label_that_the_classifier_does_not_know_does_not_hinder_a_diagnosis(classifier):
+    assert diagnose(classifier, replace(recording("new", "piston"), label="odd noise")).label == "piston"
+
+
+def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(classifier):
+    (note,) = diagnose(classifier, recording("new", "normal", pressure=5)).notes
+    assert "5 MPa was never trained (15 MPa were)" in note
+    (note,) = diagnose(classifier, recording("new", "normal", speed=1500)).notes
+    assert "1500 rev/min was never trained" in note
+    assert diagnose(classifier, recording("new", "normal", speed=870, pressure=15.3)).notes == ()
+    (note,) = diagnose(classifier, recording("piston 1", "piston")).notes
+    assert "this very recording" in note
+    slow = diagnose(classifier, recording("new", "normal", speed=400)).notes
+    assert "shorter than one revolution" in slow[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sample_rate": 2000.0}, "sample rate 1000 Hz against 2000 Hz; bring it to the .* give resample"),
+        ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
+        ({"unit": "g"}, "against g; state what a reading is: --calibration-factor"),
+        ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
+        ({"signal": np.random.default_rng(0).normal(size=(1, 79))}, "too few for one window"),
+        ({"signal": np.full((1, 480), np.nan)}, "new"),
+    ],
+)
+def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(classifier, change, words):
+    with pytest.raises(DataError, match=words):
+        diagnose(classifier, replace(recording("new", "normal"), **change))
+
+
+def test_a_diagnosis_is_json(classifier):
+    loaded = json.loads(json.dumps(diagnose(classifier, recording("new", "piston")).to_dict()))
+    assert loaded["label"] == "piston"
+    assert loaded["n_windows"] == len(loaded["window_labels"]) == 6

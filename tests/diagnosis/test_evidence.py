@@ -1,0 +1,189 @@
+"""Evidence adds up to the answer, finds a line that was planted, and changes with the weights."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from commandline import run_json
+
+from swashtwin.diagnosis import Evidence, diagnose, explain, save_classifier
+from swashtwin.diagnosis.attribution import line_shares, mean_gradients
+from swashtwin.diagnosis.next_checks import CHECKS, next_checks
+from swashtwin.foundation import InputError, MPa, rpm
+from swashtwin.learning import BiTCN, FittedClassifier, TrainingSettings, cut_windows, fit
+from swashtwin.pump import CLASSES, OperatingCondition
+from swashtwin.recordings import Recording, write_recording
+from swashtwin.report import write_report
+
+RATE, SHAFT = 1024.0, 16.0
+LABELS = ("normal", "valve_plate")
+
+
+def recording(name: str, label: str, burst: bool = False) -> Recording:
+    """Noise, the shaft's line on both channels, and for valve_plate the 7th order on the second channel."""
+    draw = np.random.default_rng(list(name.encode()))
+    angle = 2 * np.pi * SHAFT * np.arange(2048) / RATE + draw.uniform(0, 6)
+    signal = 0.5 * draw.normal(size=(2, 2048)) + np.cos(angle)
+    if label == "valve_plate":
+        signal[1] += np.cos(7 * angle) * (np.arange(2048) >= 1024 if burst else 1)
+    condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
+    return Recording(signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z"))
+
+
+@pytest.fixture(scope="module")
+def classifier() -> FittedClassifier:
+    train = cut_windows([recording(f"{label} {n}", label) for label in LABELS for n in range(4)], length=128)
+    settings = TrainingSettings(epochs=15, batch_size=16, learning_rate=3e-3, normalization="set")
+    return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
+
+
+def evidence_of(classifier: FittedClassifier, one: Recording, **options: int) -> Evidence:
+    return explain(classifier, one, diagnose(classifier, one), **options)
+
+
+@pytest.fixture(scope="module")
+def evidence(classifier: FittedClassifier) -> Evidence:
+    return evidence_of(classifier, recording("new", "valve_plate"), pistons=7)
+
+
+def test_moments_and_lines_each_add_up_to_the_answer(evidence: Evidence) -> None:
+    assert evidence.gap < 0.03
+    assert evidence.moments.sum() == pytest.approx(evidence.margin, rel=0.03)
+    assert evidence.lines.sum() == pytest.approx(evidence.moments.sum(), rel=1e-9)
+
+
+def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence) -> None:
+    assert evidence.margin > 0
+    assert not any("even more firmly" in said for said in evidence.sentences())
+    against = replace(evidence, margin=-evidence.margin)
+    assert any("to silence the network answers valve plate even more firmly" in said for said in against.sentences())
+
+
+def test_more_points_on_the_way_leave_a_smaller_gap(classifier: FittedClassifier) -> None:
+    windows = cut_windows([recording("new", "valve_plate").relabeled(None)], length=128, classes=LABELS)
+    signal = classifier.normalization.applied(windows)
+    gaps = []
+    for steps in (2, 128):
+        gradient, change = mean_gradients(classifier.network, signal, 1, 0, steps=steps)
+        gaps.append(np.abs((signal * gradient).sum(axis=(1, 2)) - change).max())
+    assert gaps[1] < 0.2 * gaps[0]
+
+
+def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() -> None:
+    class Line(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return torch.stack([(x * weights).sum(dim=(1, 2)), torch.zeros(len(x))], dim=1)
+
+    weights = torch.arange(12, dtype=torch.float32).reshape(2, 6)
+    signal = np.random.default_rng(0).normal(size=(3, 2, 6)).astype(np.float32)
+    gradient, change = mean_gradients(Line(), signal, 0, 1)
+    np.testing.assert_allclose(gradient, np.broadcast_to(weights.numpy(), gradient.shape), atol=1e-5)
+    np.testing.assert_allclose((signal * gradient).sum(axis=(1, 2)), change, atol=1e-4)
+
+
+def test_a_line_that_alone_differs_gets_all_the_share() -> None:
+    time = np.arange(256) / 256
+    signal, gradient = np.sin(2 * np.pi * 9 * time)[None], 3 * np.sin(2 * np.pi * 9 * time)[None]
+    share = line_shares(signal, gradient)
+    assert share[0].argmax() == 9
+    assert share[0, 9] == pytest.approx(share.sum()) == pytest.approx(3 * 128)
+
+
+def test_the_planted_line_is_named_with_its_channel_and_its_order(evidence: Evidence) -> None:
+    channel, band, share = evidence.strongest()[0]
+    assert (channel, band.order) == ("cover_z", 7)
+    assert share > 0.2
+    assert "order 7 (112 Hz, piston-pass line) on cover_z" in evidence.sentences()[0]
+    assert "valve plate rather than normal" in evidence.sentences()[0]
+
+
+def test_the_moments_that_speak_are_those_in_which_the_line_sounds(classifier: FittedClassifier) -> None:
+    found = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
+    half = found.moments.shape[1] // 2
+    assert found.label == "valve_plate"
+    assert found.moments[1, half:].sum() > 3 * abs(found.moments[1, :half].sum())
+
+
+def test_random_weights_give_other_evidence(classifier: FittedClassifier, evidence: Evidence) -> None:
+    """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it shows the data only."""
+    one, similar = recording("new", "valve_plate"), []
+    for seed in range(5):
+        drawn = replace(classifier, network=classifier.network.fresh(seed).eval())
+        lines = evidence_of(drawn, one).lines
+        similar.append(np.corrcoef(np.abs(lines).ravel(), np.abs(evidence.lines).ravel())[0, 1])
+    again = evidence_of(classifier, recording("other", "valve_plate")).lines
+    assert np.corrcoef(np.abs(again).ravel(), np.abs(evidence.lines).ravel())[0, 1] > 0.9
+    assert np.median(similar) < 0.7
+
+
+def test_the_nearest_known_recordings_are_of_the_class(evidence: Evidence) -> None:
+    assert [one.label for one in evidence.nearest[:2]] == ["valve_plate"] * 2
+    distances = [one.distance for one in evidence.nearest]
+    assert distances == sorted(distances)
+
+
+def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(classifier: FittedClassifier) -> None:
+    found = evidence_of(classifier, replace(recording("new", "valve_plate"), condition=None))
+    assert all(band.order is None for band in found.bands)
+    assert found.bands[0].low == 0
+    assert found.bands[-1].high == RATE / 2
+    assert [band.high for band in found.bands[:-1]] == [band.low for band in found.bands[1:]]
+    assert found.lines.sum() == pytest.approx(found.moments.sum(), rel=1e-9)
+    _, band, _ = found.strongest()[0]
+    assert band.low <= 7 * SHAFT <= band.high
+
+
+def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, monkeypatch) -> None:
+    monkeypatch.setattr("swashtwin.diagnosis.evidence.MOST_WINDOWS", 4)
+    found = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
+    assert found.start >= 1.0
+    assert found.moments.shape[1] * found.moment == pytest.approx(4 * 128 / RATE)
+
+
+def test_the_rms_of_all_bands_is_that_of_the_readings(evidence: Evidence) -> None:
+    readings = recording("new", "valve_plate").signal
+    np.testing.assert_allclose(np.sqrt((evidence.rms**2).sum(axis=1)), readings.std(axis=1), rtol=1e-3)
+
+
+def test_evidence_is_json_and_of_one_recording(classifier: FittedClassifier, evidence: Evidence) -> None:
+    assert json.loads(json.dumps(evidence.to_dict(), allow_nan=False))["strongest"][0]["band"] == "order 7"
+    with pytest.raises(InputError, match="the diagnosis is of new"):
+        explain(classifier, recording("other", "normal"), diagnose(classifier, recording("new", "normal")))
+
+
+def test_the_page_shows_lines_moments_neighbors_and_checks(classifier, evidence, tmp_path) -> None:
+    page = write_report(diagnose(classifier, recording("new", "valve_plate")), evidence, folder=tmp_path)
+    text = page.read_text(encoding="utf-8")
+    for words in (
+        "order 7 (112 Hz, piston-pass line)",
+        "valve_plate 2",
+        "What to check next",
+        "case drain".capitalize(),
+    ):
+        assert words in text
+    table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)
+    assert table["adds"].sum() == pytest.approx(evidence.margin, rel=0.03)
+    assert (tmp_path / "figures" / "evidence_moments.svg").is_file()
+    assert json.loads((tmp_path / "results.json").read_text())["evidence"][0]["label"] == "valve_plate"
+
+
+def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) -> None:
+    model = save_classifier(classifier, tmp_path / "m.safetensors")
+    file = write_recording(recording("new", "valve_plate"), tmp_path / "new.h5")
+    told = run_json("diagnose", model, file, "--report", tmp_path / "page.html", "--pistons", 7)
+    assert told["report"] == str(tmp_path / "page.html")
+    assert told["evidence"][0]["strongest"][0]["channel"] == "cover_z"
+    assert "piston-pass line" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.safetensors", "new.h5", "page.html"]
+    assert run_json("diagnose", model, file)["evidence"] == []
+
+
+def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None:
+    assert set(CLASSES) <= set(CHECKS)
+    for label in CHECKS:
+        assert all(check.what and check.why for check in next_checks(label))
+    assert next_checks("valve_plate")[1] not in next_checks("valve_plate", unknown=True)
+    assert next_checks("a class of the user's")

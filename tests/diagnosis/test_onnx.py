@@ -1,0 +1,115 @@
+"""An ONNX file answers as the classifier that it was made of, and says what it must be given."""
+
+import json
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from commandline import one_line, run, run_json
+
+from swashtwin.diagnosis import export_onnx, save_classifier
+from swashtwin.foundation import MissingExtraError
+from swashtwin.learning import NETWORKS, FittedClassifier, TrainingSettings, WindowSet, build_network, cut_windows, fit
+from swashtwin.recordings import Recording
+
+SMALLER = {"channels": (8, 12)}
+OFFSET = 9.8
+"""What no scaling may forget to take away [m/s^2]."""
+
+
+def windows(count: int = 12) -> WindowSet:
+    draw = np.random.default_rng(0)
+    recordings = [
+        Recording(
+            draw.normal(OFFSET, 1 + number, size=(2, 97 * count // 4)), 1e3, f"{number}", channels=("x", "y"),
+            label=("normal", "piston")[number % 2],
+        )
+        for number in range(4)
+    ]  # fmt: skip
+    return cut_windows(recordings, length=97)
+
+
+def fitted(name: str, normalization: str = "window") -> FittedClassifier:
+    settings = SMALLER if name.startswith(("bitcn", "tcn", "resnet1d")) else {}
+    network = build_network(name, 2, 2, **settings)
+    return fit(network, windows(), settings=TrainingSettings(epochs=2, normalization=normalization))
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[FittedClassifier, Path]]:
+    """A fitted network by its name, and its file."""
+
+    @cache
+    def made(name: str) -> tuple[FittedClassifier, Path]:
+        classifier = fitted(name)
+        return classifier, export_onnx(classifier, tmp_path_factory.mktemp(name) / "model.onnx")
+
+    return made
+
+
+def session(path: Path) -> onnxruntime.InferenceSession:
+    return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+
+
+@pytest.mark.parametrize("name", sorted(NETWORKS))
+def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_windows(exported, name: str) -> None:
+    classifier, path = exported(name)
+    opened = session(path)
+    expected = classifier.predict_proba(windows())
+    assert expected.std(axis=0).min() > 1e-5
+    for chosen in (slice(0, 1), slice(None)):
+        told = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
+        np.testing.assert_allclose(told, expected[chosen], atol=1e-5)
+    assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
+
+
+@pytest.mark.parametrize("normalization", ["set", "recording", "none"])
+def test_the_file_scales_as_the_classifier_does_but_for_what_rests_on_a_whole_recording(
+    tmp_path: Path, normalization: str
+) -> None:
+    classifier = fitted("mlp", normalization)
+    opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
+    given = windows().signal
+    if normalization == "recording":
+        given = classifier.normalization.applied(windows())
+    told = opened.run(None, {"windows": given})[0]
+    np.testing.assert_allclose(told, classifier.predict_proba(windows()), atol=1e-5)
+    facts = opened.get_modelmeta().custom_metadata_map
+    assert json.loads(facts["scaled"]) is (normalization != "recording")
+
+
+def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
+    still = np.full((1, 2, 97), OFFSET, dtype=np.float32)
+    assert np.isfinite(session(exported("wdcnn")[1]).run(None, {"windows": still})[0]).all()
+
+
+def test_recurrent_layers_are_onnxs_own(exported) -> None:
+    graph = onnx.load(exported("bigru")[1]).graph
+    assert [node.op_type for node in graph.node].count("GRU") == 2
+
+
+def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
+    saved = save_classifier(fitted("wdcnn"), tmp_path / "model.safetensors")
+    told = run_json("export", saved, "--out", tmp_path / "model.onnx")
+    assert (told["network"], told["classes"], told["scaled"]) == ("wdcnn", ["normal", "piston"], True)
+    opened = session(tmp_path / "model.onnx")
+    assert opened.get_inputs()[0].shape[1:] == [2, 97]
+    facts = {name: json.loads(value) for name, value in opened.get_modelmeta().custom_metadata_map.items()}
+    assert facts["classes"] == ["normal", "piston"]
+    assert facts["layout"] == {"sample_rate": 1000.0, "channels": ["x", "y"], "unit": "m/s^2", "length": 97}
+    assert facts["manifest"] == ["0", "1", "2", "3"]
+    assert "must end in .onnx" in one_line(run("export", saved, "--out", tmp_path / "model.pt", code=3))
+
+
+def test_without_the_packages_nothing_is_written_and_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxscript", None)
+    with pytest.raises(MissingExtraError, match=r"swashtwin\[onnx\]"):
+        export_onnx(fitted("mlp"), tmp_path / "model.onnx")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,89 @@
+"""Files that are whole or not there, and seeds that never share a stream."""
+
+import errno
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swashtwin.foundation import derive_seed, replacing, sha256_of, stream, write_text
+
+WORDS = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
+
+
+def test_a_written_text_is_there_whole_and_alone(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "a.txt"
+    assert write_text(path, "Größe 1\n") == path
+    assert path.read_bytes() == "Größe 1\n".encode()
+    assert os.listdir(path.parent) == ["a.txt"]
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.txt", "old")
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+        assert temporary.parent == path.parent
+        assert temporary.suffix == path.suffix
+    assert path.read_text() == "new"
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), ValueError()])
+def test_whatever_goes_wrong_leaves_the_old_file_and_no_debris(tmp_path: Path, error: BaseException) -> None:
+    path = write_text(tmp_path / "a.txt", "old")
+
+    def fill_the_disk() -> None:
+        with replacing(path) as temporary:
+            temporary.write_text("ne")
+            raise error
+
+    with pytest.raises(type(error)):
+        fill_the_disk()
+    assert os.listdir(tmp_path) == ["a.txt"]
+    assert path.read_text() == "old"
+
+
+def test_a_folder_in_the_way_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "a.txt" / "inside").mkdir(parents=True)
+    with pytest.raises(OSError, match=r"a\.txt"):
+        write_text(tmp_path / "a.txt", "new")
+    assert os.listdir(tmp_path) == ["a.txt"]
+    assert os.listdir(tmp_path / "a.txt") == ["inside"]
+
+
+def test_the_checksum_is_that_of_the_bytes(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert sha256_of(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    large = os.urandom(300_000)
+    (tmp_path / "b").write_bytes(large)
+    assert sha256_of(tmp_path / "b") == hashlib.sha256(large).hexdigest()
+
+
+@given(seed=st.integers(0, 2**63), purpose=st.lists(WORDS, max_size=3), other=st.lists(WORDS, max_size=3))
+def test_seeds_are_equal_only_for_the_same_purpose(seed: int, purpose: list[str], other: list[str]) -> None:
+    derived = derive_seed(seed, *purpose)
+    assert 0 <= derived < 2**63
+    assert derived == derive_seed(seed, *purpose)
+    assert (derived == derive_seed(seed, *other)) == (purpose == other)
+    assert derived != derive_seed(seed + 1, *purpose)
+
+
+def test_seeds_are_the_same_on_every_machine() -> None:
+    assert derive_seed(0, "noise", "rec-1") == 7897652416301739758
+
+
+def test_streams_of_different_purposes_are_uncorrelated() -> None:
+    drawn = np.stack([stream(0, "part", number).standard_normal(4000) for number in range(20)])
+    correlation = np.corrcoef(drawn) - np.eye(20)
+    assert np.abs(correlation).max() < 5 / np.sqrt(4000)
+
+
+def test_the_numbers_of_one_stream_do_not_depend_on_another() -> None:
+    alone = stream(1, "a").random(5)
+    stream(1, "b").random(100)
+    np.testing.assert_array_equal(stream(1, "a").random(5), alone)

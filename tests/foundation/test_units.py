@@ -1,0 +1,139 @@
+"""Quantities with units: what they become in SI, and what is refused rather than guessed."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, hertz, mm, parse, rpm, um
+
+NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (rpm(60), 2 * math.pi),
+        (hertz(1), 2 * math.pi),
+        (MPa(15), 15e6),
+        (bar(150), 15e6),
+        (mm(30), 0.03),
+        (um(12), 12e-6),
+        (deg(180), math.pi),
+        (celsius(45), 318.15),
+    ],
+)
+def test_units_of_the_trade_become_si(value: float, expected: float) -> None:
+    assert value == pytest.approx(expected, rel=1e-15)
+
+
+@settings(deadline=None)  # the first quantity loads the table of units
+@given(x=NUMBERS)
+def test_any_number_of_millimeters_is_a_thousandth_of_it_in_meters(x: float) -> None:
+    assert parse(f"{x} mm", "m") == pytest.approx(x / 1000, rel=1e-14)
+
+
+@settings(deadline=None)  # the first quantity loads the table of units
+@given(x=NUMBERS)
+def test_a_quantity_already_in_si_keeps_its_number(x: float) -> None:
+    assert parse(f"{x!r} rad/s", "rad/s") == pytest.approx(x, rel=1e-14)
+
+
+@settings(deadline=None)  # the first quantity loads the table of units
+@given(x=st.floats(0.01, 1e5))
+def test_text_and_code_convert_alike(x: float) -> None:
+    assert parse(f"{x} rpm", "rad/s") == pytest.approx(rpm(x), rel=1e-12)
+    assert parse(f"{x} MPa", "Pa") == pytest.approx(MPa(x), rel=1e-12)
+    assert parse(f"{x} bar", "Pa") == pytest.approx(bar(x), rel=1e-12)
+    assert parse(f"{x} um", "m") == pytest.approx(um(x), rel=1e-12)
+    assert parse(f"{x} deg", "rad") == pytest.approx(deg(x), rel=1e-12)
+    assert parse(f"{x} degC", "K") == pytest.approx(celsius(x), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("7", "1", 7.0),
+        ("15 %", "1", 0.15),
+        (" 31mm ", "m", 0.031),
+        ("+.5 m", "m", 0.5),
+        ("2. m", "m", 2.0),
+        ("1E-3 m", "m", 0.001),
+        ("25.6 kHz", "Hz", 25600.0),
+        ("14 Hz", "1/s", 14.0),
+        ("860 r/min", "rad/s", 860 * math.pi / 30),
+        ("2 rev/s", "rad/s", 4 * math.pi),
+        ("3 rps", "rad/s", 6 * math.pi),
+        ("45 °C", "K", 318.15),
+        ("12 µm", "m", 12e-6),
+        ("3 m²", "m^2", 3.0),
+        ("3 mm**2", "m^2", 3e-6),
+        ("0.0366 1/degC", "1/K", 0.0366),
+        ("1.5e6 N*m/rad", "N*m/rad", 1.5e6),
+        ("180 N·m/deg", "N*m/rad", 180 * 180 / math.pi),
+        ("0.6 L", "m^3", 0.0006),
+    ],
+)
+def test_a_quantity_is_one_number_and_its_unit(text: str, unit: str, expected: float) -> None:
+    assert parse(text, unit) == pytest.approx(expected, rel=1e-14)
+
+
+def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
+    assert any(whole * 1e-3 != whole / 1000 for whole in range(1, 1000))  # what plain multiplication costs
+    for whole in range(1, 1000):
+        assert parse(f"{whole} mm", "m") == whole / 1000
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "message"),
+    [
+        ("14 Hz", "rad/s", 'is a frequency; write it as "840 rpm"'),
+        ("900 1/min", "rad/s", 'is a frequency; write it as "900 rpm"'),
+        ("860 rpm", "Hz", 'is an angular speed; write it as "14.3333 Hz"'),
+        ("90 rad/s", "Hz", 'is an angular speed; write it as "14.3239 Hz"'),
+        ("1 N*m", "N*m/rad", "no quantity in N*m/rad"),
+        ("3 deg", "1", "no plain number; write it without a unit"),
+        ("15 MPa", "m", "no quantity in m; write it in m or a multiple of it"),
+        ("3 m", "rad/s", "no quantity in rad/s"),
+    ],
+)
+def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(text: str, unit: str, message: str) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse(text, unit, name="it")
+    assert str(caught.value).startswith(f"it = '{text}' ")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "example"),
+    [("31", "m", '"31 m"'), ("16.8", "rad", '"16.8 rad"'), ("860", "rad/s", '"860 rpm"'), ("15", "Pa", '"15 MPa"')],
+)
+def test_a_number_without_a_unit_is_refused_and_shown_with_one(text: str, unit: str, example: str) -> None:
+    with pytest.raises(UnitError, match=f"has no unit; write it with one, for example {example}"):
+        parse(text, unit)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "m", "1 foo", "1,5 mm", "1..2 m", "[1, 2] m", "1+2j m", "nan m", "inf m", "- 3 m", "1_0 m", "0x10 m",
+        "3 (m", "3 m/", "3 m//", "3 m^0", "1 m + 2 m", "3 mm*2", "9**9**9 m", "3 m**99", "3 m**m", "1/0 m",
+        "__import__('os') m",        "3 " + "m" * 5000 + "!",
+    ],
+)  # fmt: skip
+def test_what_is_no_single_number_with_a_unit_is_refused_at_once(text: str) -> None:
+    with pytest.raises(UnitError, match="is not a quantity; write a number and a unit") as caught:
+        parse(text, "m", name="length")
+    assert "\n" not in str(caught.value)
+
+
+def test_an_infinite_number_is_refused() -> None:
+    with pytest.raises(UnitError, match=r"1e400 m' is not finite"):
+        parse("1e400 m", "m")
+
+
+@pytest.mark.parametrize(("unit", "example"), [("m", '"17 m"'), ("1", '"17"')])
+def test_a_bare_number_is_refused_even_where_no_unit_is_wanted(unit: str, example: str) -> None:
+    with pytest.raises(UnitError, match=f"piston is the bare number 17; write it .* for example {example}"):
+        parse(17, unit, name="piston")

@@ -1,0 +1,269 @@
+"""What a classifier says of its own errors holds on recordings it never saw, and a strange one is called unknown."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import one_line, run, run_json
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
+from swashtwin.diagnosis import saving as artifact
+from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
+from swashtwin.learning import (
+    BiTCN,
+    Confidence,
+    FittedClassifier,
+    KnownRecordings,
+    TrainingSettings,
+    WindowSet,
+    cut_windows,
+    fit,
+    fit_extra_trees,
+    learn_confidence,
+    recording_answers,
+    score_confidence,
+)
+from swashtwin.learning.evaluation.metrics import expected_calibration_error
+from swashtwin.learning.training.confidence import softened
+from swashtwin.learning.training.training_reference import known_recordings
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, write_index, write_recording
+
+CLASSES = ("normal", "piston")
+CYCLES = {"normal": 0.05, "piston": 0.15, "howl": 0.35}
+
+
+def recording(name: str, label: str, noise: float = 0.3) -> Recording:
+    draw = np.random.default_rng(list(name.encode()))
+    signal = np.sin(2 * np.pi * CYCLES[label] * np.arange(320) + draw.uniform(0, 6)) + noise * draw.normal(size=320)
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    return Recording(signal[None], 1000.0, name, label=label, condition=condition)
+
+
+def several(purpose: str, count: int, labels: tuple[str, ...] = CLASSES, noise: float = 0.3) -> list[Recording]:
+    return [recording(f"{purpose} {label} {n}", label, noise) for label in labels for n in range(count)]
+
+
+def windows(recordings: list[Recording]) -> WindowSet:
+    return cut_windows(recordings, length=80, classes=CLASSES)
+
+
+@pytest.fixture(scope="module")
+def bare() -> FittedClassifier:
+    settings = TrainingSettings(epochs=25, batch_size=12, learning_rate=3e-3, normalization="set")
+    return fit(BiTCN(1, 2, channels=(8, 12), kernel_size=3, stride=2), windows(several("train", 4)), settings=settings)
+
+
+@pytest.fixture(scope="module")
+def taught(bare: FittedClassifier) -> FittedClassifier:
+    return learn_confidence(bare, windows(several("validation", 10)))
+
+
+def confidence(surprise: np.ndarray, rate: float = 0.1) -> Confidence:
+    return Confidence(1.0, np.sort(surprise), np.sort(surprise), rate)
+
+
+def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
+    draw = np.random.default_rng(0)
+
+    def answers(count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Recordings of four classes by a classifier that is wrong in a third of them, and far too sure."""
+        target = draw.integers(4, size=count)
+        scores = draw.normal(size=(count, 4)) + 2.0 * np.eye(4)[target]
+        return target, softened(np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True), 0.2)
+
+    covered, sizes = [], []
+    for _ in range(200):
+        target, probability = answers(40)
+        known = confidence(-np.log(probability[np.arange(40), target]), 0.1)
+        target, probability = answers(50)
+        chosen = known.prediction_set(probability)
+        covered.append(chosen[np.arange(50), target].mean())
+        sizes.append(chosen.sum(axis=1).mean())
+    assert 0.89 < np.mean(covered) < 0.94  # 0.9 to 0.9 + 1/41 is promised
+    assert 1.2 < np.mean(sizes) < 3.5
+
+
+def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
+    known = confidence(np.full(39, 1e-6))
+    doubtful = np.array([[0.4, 0.35, 0.25]])
+    assert known.prediction_set(doubtful).tolist() == [[True, False, False]]
+    known = confidence(np.linspace(0, 3, 39))
+    sizes = [known.prediction_set(doubtful, rate).sum() for rate in (0.6, 0.3, 0.05)]
+    assert sizes == sorted(sizes)
+    assert sizes[-1] == 3
+
+
+def test_the_temperature_lowers_the_loss_of_a_classifier_that_is_too_sure(bare: FittedClassifier) -> None:
+    rough = windows(several("validation", 20, noise=3.0))
+    taught, other = learn_confidence(bare, rough), windows(several("other", 30, noise=3.0))
+    assert taught.confidence.temperature > 1.2
+    found = score_confidence(taught, other)
+    assert found.log_loss_after < found.log_loss_before
+    assert found.ece_after < found.ece_before
+
+
+def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(taught: FittedClassifier) -> None:
+    answers = recording_answers(taught, windows(several("test", 5)))
+    soft = taught.confidence.softened(answers.probability)
+    np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
+    np.testing.assert_allclose(soft.sum(axis=1), 1)
+    assert soft.max() < 0.999  # 20 validation recordings, all told right, prove no more than about 21/22
+    assert np.median(soft.max(axis=1)) == pytest.approx(21 / 22, abs=0.05)
+
+
+def test_a_perfectly_calibrated_toy_has_the_calibration_error_of_chance_alone() -> None:
+    draw = np.random.default_rng(0)
+    sure = draw.uniform(0.5, 1, size=20000)
+    assert expected_calibration_error(draw.random(20000) < sure, sure) < 0.02
+    assert expected_calibration_error(draw.random(20000) < 0.5, np.full(20000, 0.9)) == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["network", "trees"])
+def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: FittedClassifier, kind: str) -> None:
+    if kind == "trees":
+        trees = fit_extra_trees(windows(several("train", 4)), n_trees=20)
+        told = learn_confidence(trees, windows(several("validation", 10)))
+    else:
+        told = taught
+    foreign = windows([one.relabeled(None) for one in several("test", 10, ("howl",))])
+    found = score_confidence(told, windows(several("test", 10)), foreign=foreign)
+    assert found.accuracy == 1
+    assert found.coverage >= 0.8
+    assert found.set_size == 1
+    assert found.called_unknown <= 0.3
+    assert found.unknown_auroc > 0.95
+
+
+def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedClassifier) -> None:
+    known = diagnose(taught, recording("new piston", "piston")).trust
+    assert known.prediction_set == ("piston",)
+    assert not known.unknown
+    assert known.strangeness <= known.usual_strangeness
+    assert "No other class is plausible at an error rate of 10 %" in known.sentence()
+    strange = diagnose(taught, recording("new howl", "howl").relabeled(None)).trust
+    assert strange.unknown
+    assert strange.strangeness > strange.usual_strangeness
+    assert strange.sentence().startswith("Unknown: its vibration is stranger")
+    json.dumps(strange.to_dict(), allow_nan=False)
+
+
+def test_a_recording_is_unknown_exactly_beyond_the_usual_strangeness(taught: FittedClassifier) -> None:
+    for noise in (0.3, 0.4, 0.5, 0.7, 1.0):
+        for rate in (0.05, 0.1, 0.2):
+            trust = diagnose(taught, recording(f"new {noise}", "normal", noise), error_rate=rate).trust
+            assert trust.unknown == (trust.strangeness > trust.usual_strangeness)
+
+
+def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
+    loaded = load_classifier(save_classifier(taught, tmp_path / "a.safetensors"))
+    one = recording("new piston", "piston")
+    assert diagnose(loaded, one).to_dict() == diagnose(taught, one).to_dict()
+    assert loaded.known.recording_id == taught.known.recording_id
+    loaded = load_classifier(save_classifier(replace(bare, known=None), tmp_path / "b.safetensors"))
+    assert loaded.known is None
+    assert diagnose(loaded, one).trust is None
+    with pytest.raises(DataError, match="train it again"):
+        learn_confidence(loaded, windows(several("validation", 10)))
+
+
+def test_the_probabilities_of_a_diagnosis_are_those_at_the_temperature(bare, taught) -> None:
+    one = recording("new piston", "piston")
+    before, after = (np.array(list(diagnose(fitted, one).probabilities.values())) for fitted in (bare, taught))
+    np.testing.assert_allclose(after, softened(before, taught.confidence.temperature), atol=1e-12)
+
+
+def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, taught) -> None:
+    assert {"validation piston 3", "train normal 0"} <= set(taught.manifest)
+    with pytest.raises(LeakError, match="had a part"):
+        score_confidence(taught, windows(several("validation", 2)))
+    with pytest.raises(LeakError, match="was trained on"):
+        learn_confidence(bare, windows(several("train", 4) + several("validation", 4)))
+
+
+def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taught) -> None:
+    with pytest.raises(InputError, match=r"0\.1 needs 9 validation recordings at least, there are 8"):
+        learn_confidence(bare, windows(several("validation", 4)))
+    with pytest.raises(InputError, match=r"0\.01 needs 99 .*there are 20"):
+        diagnose(taught, recording("new", "normal"), error_rate=0.01)
+    with pytest.raises(InputError, match="between 0 and 1"):
+        learn_confidence(bare, windows(several("validation", 10)), error_rate=10)
+    with pytest.raises(InputError, match="validation-fraction"):
+        diagnose(bare, recording("new", "normal"), error_rate=0.1)
+    with pytest.raises(InputError, match="teach it with learn_confidence"):
+        score_confidence(bare, windows(several("test", 2)))
+
+
+def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
+    train = windows(several("train", 4))
+    monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST", 5)
+    few = known_recordings(train)
+    assert len(few.recording_id) == len(few.label) == len(few.features) == 5
+    assert known_recordings(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
+    assert bare.known.distances(bare.known.features[2]).argmin() == 2
+
+
+def test_strangeness_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> None:
+    random = np.random.default_rng(0)
+    label = tuple(np.repeat(["a", "b"], 30).tolist())
+    features = random.normal(0, [1.0, 0.1, 5.0], (60, 3))
+    features[30:, 0] += 8.0  # the classes differ in the first, and in the second hardly anything varies
+    known = KnownRecordings(tuple(map(str, range(60))), label, features)
+    at_home = known.strangeness(np.array([8.0, 0.0, 0.0]))
+    assert known.strangeness(np.array([0.0, 0.0, 9.0])) < at_home + 1
+    assert known.strangeness(np.array([4.0, 0.0, 0.0])) > at_home + 2
+    alone = KnownRecordings(("x", "y", "z"), ("a", "a", "a"), features[:3])
+    assert alone.strangeness(features[0] + 50) > alone.strangeness(features[0])
+    single = KnownRecordings(("x", "y"), ("a", "b"), features[[0, 30]])
+    assert single.strangeness(features[0]) < single.strangeness(features[0] + 5)
+
+
+def test_a_file_whose_unknown_was_told_otherwise_loads_without_trust(taught, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(artifact, "_checksum", lambda tensors, card: "")
+    path = save_classifier(taught, tmp_path / "old.safetensors")
+    assert load_classifier(path).confidence is not None
+    with safe_open(path, framework="pt") as file:
+        kept, note = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
+    kept["confidence.distance"] = kept.pop("confidence.strangeness")
+    save_file(kept, path, metadata=note)
+    assert load_classifier(path).confidence is None
+
+
+def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:
+    recordings = several("rig", 12)
+    folder = tmp_path / "rig"
+    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    write_index(recordings, files, folder)
+    shape = (
+        "--network",
+        "bitcn",
+        "--epochs",
+        12,
+        "--length",
+        80,
+        "--stride",
+        2,
+        "--channels",
+        "8,12",
+        "--kernel-size",
+        3,
+    )
+    options = ("--validation-fraction", 0.5, "--learning-rate", 3e-3, "--out", tmp_path / "m.safetensors", *shape)
+    told = run_json("train", folder, *options)
+    assert not set(told["validation"]) & set(told["held_out"])
+    assert told["temperature"] > 0
+    scored = run_json("evaluate", told["model"], folder)["confidence"]
+    assert scored["n_recordings"] == len(told["held_out"])
+    assert scored["unknown_auroc"] is None
+    assert "Trust in itself" in run("evaluate", told["model"], folder).stdout
+    (one,) = run_json("diagnose", told["model"], files[0], "--error-rate", 0.2)["diagnoses"]
+    assert one["trust"]["error_rate"] == 0.2
+    shown = run("diagnose", told["model"], folder, "--report", tmp_path / "page").stdout
+    assert "could be" in shown
+    assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    line = one_line(run("train", folder, "--validation-fraction", 0.3, "--error-rate", 0.01, *shape, code=3))
+    assert "needs 99 validation recordings" in line

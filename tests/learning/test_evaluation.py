@@ -1,0 +1,204 @@
+"""Scores: as defined, on honest test sets only, and the same under whatever order the classes have."""
+
+import json
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from imblearn.metrics import geometric_mean_score
+from sklearn.metrics import balanced_accuracy_score
+
+from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, pooled_probabilities
+from swashtwin.learning.evaluation.metrics import accuracy_interval, expected_calibration_error, g_mean_laplace
+
+CLASSES = ("normal", "swash_plate", "piston")
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle:
+    """Answers with the probabilities it was given."""
+
+    answers: np.ndarray
+    classes: tuple[str, ...] = CLASSES
+    manifest: tuple[str, ...] = ()
+
+    def predict_proba(self, windows: WindowSet) -> np.ndarray:
+        return self.answers[: len(windows)]
+
+
+def measured(target, recordings=None, classes=CLASSES, *, pressure=None, synthetic=False) -> WindowSet:
+    count = len(target)
+    names = [f"rec {value}" for value in (target if recordings is None else recordings)]
+    return WindowSet(
+        signal=np.zeros((count, 1, 4), dtype=np.float32),
+        target=np.array(target, dtype=np.int64),
+        classes=classes,
+        recording_id=np.array(names, dtype=np.str_),
+        specimen=np.full(count, "", dtype=np.str_),
+        discharge_pressure=np.full(count, np.nan) if pressure is None else np.array(pressure, dtype=np.float64),
+        speed=np.full(count, np.nan),
+        start=np.arange(count, dtype=np.int64),
+        synthetic=np.full(count, synthetic),
+        sample_rate=1000.0,
+        channels=("acceleration",),
+    )
+
+
+def sure(predicted, n_classes: int = 3, confidence: float = 0.9) -> np.ndarray:
+    rest = (1 - confidence) / (n_classes - 1)
+    return np.where(np.eye(n_classes)[predicted] > 0, confidence, rest)
+
+
+def test_scores_of_a_confusion_worked_by_hand():
+    target = [0] * 4 + [1] * 4 + [2] * 2
+    predicted = [0, 0, 0, 1, 1, 1, 0, 0, 2, 2]
+    scores = evaluate(Oracle(sure(predicted)), measured(target), level="L2")
+    assert scores.confusion.tolist() == [[3, 1, 0], [2, 2, 0], [0, 0, 2]]
+    assert scores.accuracy == pytest.approx(0.7)
+    assert dict(scores.recall) == {"normal": 0.75, "swash_plate": 0.5, "piston": 1.0}
+    assert scores.macro_recall == pytest.approx(0.75)
+    assert scores.macro_f1 == pytest.approx((6 / 9 + 4 / 7 + 1) / 3)
+    assert scores.g_mean == pytest.approx((0.75 * 0.5) ** (1 / 3))
+    assert scores.g_mean_laplace == pytest.approx((3.5 / 5 * 2.5 / 5 * 2.5 / 3) ** (1 / 3))
+    assert scores.false_alarm_rate == pytest.approx(1 / 4)
+    assert scores.missed_fault_rate == pytest.approx(2 / 6)
+    assert scores.calibration_error == pytest.approx(0.2)
+    assert dict(scores.reasons) == {}
+    assert (scores.n_windows, scores.n_recordings) == (10, 3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=40))
+def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pairs):
+    target, predicted = map(np.array, zip(*pairs, strict=True))
+    assume(len(set(target)) > 1 and set(target) >= set(predicted))
+    order = {label: index for index, label in enumerate(sorted(set(target.tolist())))}
+    confusion = np.zeros((len(order), len(order)), dtype=np.int64)
+    for actual, told in pairs:
+        confusion[order[actual], order[told]] += 1
+    expected = geometric_mean_score(target, predicted, average="multiclass", correction=0.0)
+    assert g_mean(confusion) == pytest.approx(expected)
+    classes = tuple(f"class {index}" for index in range(4))
+    scores = evaluate(Oracle(sure(predicted, 4), classes), measured(target, classes=classes))
+    assert scores.macro_recall == pytest.approx(balanced_accuracy_score(target, predicted))
+
+
+def test_the_g_mean_is_zero_where_a_recall_is_zero_and_its_laplace_form_is_not():
+    confusion = np.array([[5, 0], [4, 0]])
+    assert g_mean(confusion) == 0
+    assert g_mean_laplace(confusion) == pytest.approx(math.sqrt(5.5 / 6 * 0.5 / 5))
+
+
+def test_a_class_without_test_windows_makes_the_g_mean_nan_with_a_reason():
+    scores = evaluate(Oracle(sure([0, 0, 1])), measured([0, 1, 1]))
+    assert math.isnan(scores.g_mean)
+    assert math.isnan(scores.g_mean_laplace)
+    assert math.isnan(scores.recall["piston"])
+    assert scores.reasons["g_mean"] == "no test window of piston"
+    assert scores.macro_recall == pytest.approx(0.75)
+    assert "piston" in scores.reasons["macro_recall"]
+
+
+def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
+    only_normal = evaluate(Oracle(sure([0, 1])), measured([0, 0]))
+    assert only_normal.false_alarm_rate == 0.5
+    assert math.isnan(only_normal.missed_fault_rate)
+    assert only_normal.reasons["missed_fault_rate"] == "no faulty test window"
+    assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
+    assert only_normal.reasons["accuracy_interval"] == "one test recording only"
+    unnamed = evaluate(Oracle(sure([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b")))
+    assert unnamed.reasons["false_alarm_rate"] == "no class is called normal"
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.permutations(range(3)), st.permutations(range(3)), st.integers(0, 2**20))
+def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test_order, seed):
+    draw = np.random.default_rng(seed)
+    target, recording = draw.integers(0, 3, 30), draw.integers(0, 4, 30)
+    recording = 4 * target + recording
+    answers = draw.dirichlet(np.ones(3), 30)
+    plain = evaluate(Oracle(answers), measured(target, recording))
+    names = np.array(CLASSES)
+    shuffled = evaluate(
+        Oracle(answers[:, classifier_order], tuple(names[classifier_order].tolist())),
+        measured(np.argsort(test_order)[target], recording, tuple(names[test_order].tolist())),
+    )
+    for name, value in plain.to_dict().items():
+        if name not in ("classes", "recall", "confusion", "cells"):
+            assert shuffled.to_dict()[name] == (pytest.approx(value) if isinstance(value, float | list) else value)
+    assert dict(shuffled.recall) == pytest.approx(dict(plain.recall), nan_ok=True)
+    assert shuffled.confusion.tolist() == plain.confusion[np.ix_(classifier_order, classifier_order)].tolist()
+
+
+def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
+    # two windows lean to class 1, the third is sure of class 0: a majority would err, the mean logarithm does not
+    answers = np.array([[0.4, 0.5, 0.1], [0.4, 0.5, 0.1], [0.97, 0.01, 0.02]])
+    scores = evaluate(Oracle(answers), measured([0, 0, 0]))
+    assert scores.accuracy == pytest.approx(1 / 3)
+    assert scores.recording_accuracy == 1
+    expected = np.prod(answers, axis=0) ** (1 / 3)
+    np.testing.assert_allclose(pooled_probabilities(answers), expected / expected.sum())
+    assert np.isfinite(pooled_probabilities(np.array([[1.0, 0.0]]))).all()
+
+
+def test_each_cell_of_class_and_pressure_has_its_recall():
+    scores = evaluate(
+        Oracle(sure([1, 1, 0, 1, 0])), measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan])
+    )
+    assert [(cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells] == [
+        ("normal", None, 1, 1.0),
+        ("swash_plate", 5e6, 2, 1.0),
+        ("swash_plate", 15e6, 2, 0.5),
+    ]
+
+
+def test_the_interval_rests_on_recordings_and_not_on_windows():
+    right = np.repeat([True, True, True, False], 50)
+    by_recording = accuracy_interval(right, np.repeat(np.arange(4), 50))
+    by_window = accuracy_interval(right, np.arange(200))
+    assert by_recording == (0.25, 1.0)
+    assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
+    assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
+
+
+def test_the_calibration_error_of_honest_confidence_is_zero():
+    right = np.array([True] * 8 + [False] * 2)
+    assert expected_calibration_error(right, np.full(10, 0.8)) == pytest.approx(0)
+    assert expected_calibration_error(right, np.full(10, 1.0)) == pytest.approx(0.2)
+
+
+def test_synthetic_and_seen_recordings_are_refused_and_named():
+    with pytest.raises(LeakError, match="rec 1 is synthetic"):
+        evaluate(Oracle(sure([1])), measured([1], synthetic=True))
+    with pytest.raises(LeakError, match="recording rec 0 and 1 more had a part"):
+        evaluate(Oracle(sure([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")), measured([0, 1, 2]))
+
+
+def test_what_cannot_be_scored_is_refused():
+    with pytest.raises(DataError, match="has no label"):
+        evaluate(Oracle(sure([0])), measured([-1]))
+    with pytest.raises(DataError, match="no window"):
+        evaluate(Oracle(sure([0])), measured([0]).subset(np.array([], dtype=np.int64)))
+    with pytest.raises(InputError, match="does not know 'loose'"):
+        evaluate(Oracle(sure([0])), measured([0], classes=("normal", "loose")))
+    with pytest.raises(InputError, match="level 'L9' is none of L0, L1"):
+        evaluate(Oracle(sure([0])), measured([0]), level="L9")
+
+
+def test_a_test_set_of_fewer_classes_than_the_classifier_knows_is_scored():
+    scores = evaluate(Oracle(sure([2, 0])), replace(measured([0, 1]), classes=("piston", "normal")))
+    assert scores.accuracy == 1
+
+
+def test_scores_are_json_and_say_what_their_level_means():
+    text = json.dumps(evaluate(Oracle(sure([0, 1])), measured([0, 1]), level="L4").to_dict(), allow_nan=False)
+    loaded = json.loads(text)
+    assert loaded["g_mean"] is None
+    assert loaded["reasons"]["g_mean"] == "no test window of piston"
+    assert loaded["level_meaning"] == LEVELS["L4"]
+    assert isinstance(Oracle(sure([0])), Classifier)
+    assert not isinstance(object(), Classifier)

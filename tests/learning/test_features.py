@@ -1,0 +1,115 @@
+"""Vibration features against values known in closed form, and the trees that learn from them."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import (
+    Classifier,
+    WindowSet,
+    band_energies,
+    cut_windows,
+    evaluate,
+    extract_features,
+    fit_extra_trees,
+    split_by_recording,
+)
+from swashtwin.recordings import Recording
+from swashtwin.signals import TIME_STATISTICS, time_statistics
+
+RATE = 1000.0
+
+
+def tones(label_order: tuple[str, ...] = ("normal", "piston"), *, n_channels: int = 1) -> WindowSet:
+    recordings = []
+    for label, frequency in {"normal": 50, "piston": 120}.items():
+        for number in range(4):
+            draw = np.random.default_rng([frequency, number])
+            time = np.arange(1280) / RATE
+            clean = np.sin(2 * np.pi * frequency * time + draw.uniform(0, 6))
+            signal = clean + 0.5 * draw.normal(size=(n_channels, time.size))
+            names = tuple(f"sensor {index}" for index in range(n_channels))
+            recordings.append(Recording(signal, RATE, f"{label} {number}", label=label, channels=names))
+    return cut_windows(recordings, length=256, classes=label_order)
+
+
+def test_the_statistics_of_a_sine_are_the_textbooks():
+    sine = 3 * np.sin(2 * np.pi * 8 * np.arange(4096) / 4096)[None]
+    value = dict(zip(TIME_STATISTICS, time_statistics(sine)[0], strict=True))
+    assert value["mean"] == pytest.approx(0, abs=1e-12)
+    assert value["rms"] == pytest.approx(3 / np.sqrt(2))
+    assert value["peak"] == pytest.approx(3)
+    assert value["peak_to_peak"] == pytest.approx(6)
+    assert value["kurtosis"] == pytest.approx(1.5)
+    assert value["crest_factor"] == pytest.approx(np.sqrt(2))
+    assert value["shape_factor"] == pytest.approx(np.pi / np.sqrt(8), rel=1e-4)
+    assert value["impulse_factor"] == pytest.approx(np.pi / 2, rel=1e-4)
+
+
+def test_skewness_and_kurtosis_are_scipys():
+    signal = np.random.default_rng(0).gamma(2.0, size=(5, 400))
+    value = dict(zip(TIME_STATISTICS, time_statistics(signal).T, strict=True))
+    np.testing.assert_allclose(value["skewness"], stats.skew(signal, axis=1))
+    np.testing.assert_allclose(value["kurtosis"], stats.kurtosis(signal, axis=1, fisher=False))
+
+
+@pytest.mark.parametrize("readings", [255, 256, 1024])
+def test_the_bands_share_the_whole_mean_square_among_them(readings):
+    noise = np.random.default_rng(1).normal(size=(2000, readings))
+    total = (10 ** band_energies(noise)).sum(axis=1)
+    assert total.mean() == pytest.approx(1, abs=0.02)
+
+
+def test_a_tone_fills_the_band_around_it_and_twice_the_amplitude_gives_four_times_the_energy():
+    time = np.arange(1024) / RATE
+    energies = [band_energies(gain * np.sin(2 * np.pi * 100 * time)[None])[0] for gain in (1, 2)]
+    edges = np.geomspace(0.5, 512.5, 33) * RATE / 1024
+    assert edges[energies[0].argmax()] < 100 < edges[energies[0].argmax() + 1]
+    np.testing.assert_allclose(energies[1] - energies[0], np.log10(4), atol=1e-6)
+
+
+def test_the_envelope_spectrum_shows_the_modulation_that_the_spectrum_hides():
+    time = np.arange(4096) / 4096.0
+    carrier = np.sin(2 * np.pi * 1000 * time) * (1 + 0.8 * np.sin(2 * np.pi * 20 * time))
+    table = extract_features(cut_windows([Recording(carrier[None], 4096.0, "a")], length=4096))
+    value = dict(zip(table.names, table.values[0], strict=True))
+    edges = np.geomspace(0.5, 2048.5, 33)
+    band = int(np.searchsorted(edges, 20) - 1)
+    assert value[f"acceleration envelope spectrum band {band}"] > value[f"acceleration spectrum band {band}"] + 3
+    assert value["acceleration envelope mean"] == pytest.approx(1, abs=0.01)
+    assert value["acceleration envelope deviation"] == pytest.approx(0.8 / np.sqrt(2), abs=0.01)
+
+
+def test_every_channel_has_its_features_under_its_name_and_silence_has_finite_ones():
+    windows = tones(n_channels=2)
+    table = extract_features(windows)
+    assert table.values.shape == (len(windows), 2 * 82)
+    assert len(set(table.names)) == 164
+    assert sum(name.startswith("sensor 1 ") for name in table.names) == 82
+    assert np.isfinite(time_statistics(np.zeros((2, 64)))).all()
+    assert np.isfinite(band_energies(np.zeros((2, 64)))).all()
+
+
+def test_extra_trees_tell_two_tones_apart_on_recordings_they_have_not_seen():
+    train, test = split_by_recording(tones(), test_fraction=0.25)
+    baseline = fit_extra_trees(train, n_trees=30)
+    assert isinstance(baseline, Classifier)
+    assert evaluate(baseline, test).accuracy == 1
+    np.testing.assert_allclose(baseline.predict_proba(test).sum(axis=1), 1)
+    assert (baseline.predict(test) == test.label).all()
+
+
+def test_the_same_seed_grows_the_same_trees():
+    train, test = split_by_recording(tones(), test_fraction=0.25)
+    first, second, third = (fit_extra_trees(train, seed=seed, n_trees=5).predict_proba(test) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, second)
+    assert (first != third).any()
+
+
+def test_extra_trees_refuse_a_class_without_windows_and_other_windows():
+    windows = tones()
+    with pytest.raises(DataError, match="class piston has no training window"):
+        fit_extra_trees(windows.subset(windows.target == 0))
+    with pytest.raises(InputError, match=r"1 channel\(s\) against 2"):
+        fit_extra_trees(windows, n_trees=2).predict_proba(tones(n_channels=2))

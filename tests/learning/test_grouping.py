@@ -1,0 +1,162 @@
+"""Splits and folds keep whole what they are told to: a condition, a machine, or whatever was written down."""
+
+import math
+
+import numpy as np
+import pytest
+from commandline import one_line, run, run_json
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swashtwin.foundation import DataError, InputError, MPa, rpm
+from swashtwin.learning import cut_windows, group_folds, recording_groups, split_by_recording, without_overlap
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, read_recordings, write_index, write_recording
+
+CLASSES = ("normal", "leak")
+
+
+def recording(name: str, label: str = "normal", readings: int = 400, **facts) -> Recording:
+    noise = np.random.default_rng(list(name.encode())).normal(size=(1, readings))
+    return Recording(noise, 1000.0, name, label=label, **facts)
+
+
+def rows(values: list[str], name: str = "day") -> list[Recording]:
+    return [
+        recording(f"{label}-{value}-{index}", label, attributes={name: value})
+        for label in CLASSES
+        for value in values
+        for index in range(2)
+    ]
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.sampled_from(["stratified", "plain", "each", "shuffled"]),
+    st.integers(2, 4),
+    st.integers(0, 50),
+    st.integers(20, 60),
+)
+def test_folds_share_no_group_however_they_are_dealt_and_windows_overlap(dealing, n_folds, seed, stride):
+    recordings = rows(["mon", "tue", "wed", "thu"])
+    windows = cut_windows(recordings, length=60, stride=stride)
+    groups = recording_groups(recordings, "day")
+    folds = group_folds(windows, group=groups, n_folds=n_folds, dealing=dealing, test_fraction=0.25, seed=seed)
+    for trained, tested in folds:
+        sides = [{groups[name] for name in windows.recording_id[side].tolist()} for side in (trained, tested)]
+        assert not sides[0] & sides[1]
+        assert len(trained) + len(tested) == len(windows)
+    if dealing != "shuffled":
+        assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(range(len(windows)))
+    assert len(folds) == (4 if dealing == "each" else n_folds)
+
+
+def test_another_seed_deals_other_folds_and_the_same_seed_the_same():
+    recordings = rows([f"day {number}" for number in range(8)])
+    windows = cut_windows(recordings, length=100)
+    dealt = [
+        [tested.tolist() for _, tested in group_folds(windows, group=recording_groups(recordings, "day"), seed=seed)]
+        for seed in (0, 0, 1)
+    ]
+    assert dealt[0] == dealt[1] != dealt[2]
+
+
+def test_a_fold_that_leaves_nothing_of_a_class_to_train_on_is_refused_with_the_group():
+    recordings = [*rows(["mon", "tue"]), recording("odd", "crack", attributes={"day": "wed"})]
+    windows = cut_windows(recordings, length=100)
+    with pytest.raises(DataError, match="wed held out nothing of class crack"):
+        group_folds(windows, group=recording_groups(recordings, "day"), dealing="each")
+
+
+def test_more_folds_than_groups_and_one_group_are_refused():
+    recordings = rows(["mon", "tue"])
+    windows = cut_windows(recordings, length=100)
+    with pytest.raises(InputError, match=r"n_folds \(3\) must be 2 to 2"):
+        group_folds(windows, group=recording_groups(recordings, "day"), n_folds=3)
+    with pytest.raises(InputError, match=r"1 group\(s\) cannot be dealt"):
+        group_folds(windows, group=dict.fromkeys(recording_groups(recordings, "recording"), "all"), dealing="each")
+
+
+def test_a_condition_is_a_speed_where_no_pressure_is_stated_and_close_speeds_are_one():
+    speeds = ["700 rpm", "714 rpm", "703 rpm", "1003 rpm", "1000 rpm", "105 rad/s"]
+    recordings = [recording(f"r{place}", attributes={"speed": speed}) for place, speed in enumerate(speeds)]
+    groups = recording_groups(recordings, "condition")
+    assert groups["r0"] == groups["r1"] == groups["r2"] == "705.7 rev/min"
+    assert groups["r3"] == groups["r4"] == groups["r5"] != groups["r0"]
+
+
+def test_a_condition_is_speed_and_pressure_where_both_are_stated():
+    points = [(860, 5), (860, 15), (1500, 15)]
+    recordings = [
+        recording(f"{speed} {pressure}", condition=OperatingCondition(rpm(speed), MPa(pressure)))
+        for speed, pressure in points
+    ]
+    assert list(recording_groups(recordings, "condition").values()) == [
+        "860 rev/min, 5 MPa",
+        "860 rev/min, 15 MPa",
+        "1500 rev/min, 15 MPa",
+    ]
+
+
+def test_windows_carry_the_speed_that_only_an_attribute_states_and_split_by_it():
+    recordings = rows(["700 rpm", "1000 rpm", "1200 rpm"], "speed")
+    windows = cut_windows(recordings, length=100)
+    assert set(np.round(windows.speed * 30 / math.pi).tolist()) == {700, 1000, 1200}
+    train, test = split_by_recording(windows, group="condition", test_fraction=0.34)
+    assert not set(train.speed.tolist()) & set(test.speed.tolist())
+
+
+def test_conditions_that_nobody_or_only_some_wrote_down_are_refused_by_name():
+    silent = [recording("a"), recording("b")]
+    with pytest.raises(DataError, match=r"a has no condition written down \(no speed"):
+        recording_groups(silent, "condition")
+    with pytest.raises(DataError, match=r"a states no speed and c does"):
+        recording_groups([*silent, recording("c", attributes={"speed": "700 rpm"})], "condition")
+
+
+def test_an_attribute_nobody_has_is_refused_and_the_nearest_offered():
+    with pytest.raises(InputError, match=r"attribute 'dya'; did you mean 'day'"):
+        recording_groups(rows(["mon", "tue"]), "dya")
+    with pytest.raises(DataError, match=r"bare has no day written down"):
+        recording_groups([*rows(["mon"]), recording("bare")], "day")
+    with pytest.raises(DataError, match=r"a has no group written down"):
+        split_by_recording(cut_windows([recording("a"), recording("b", "leak")], length=100), group={"b": "x"})
+
+
+@given(st.integers(5, 70))
+def test_thinned_windows_do_not_overlap_and_none_could_be_added(stride):
+    windows = cut_windows([recording("a"), recording("b", "leak")], length=50, stride=stride)
+    thinned = without_overlap(windows)
+    for name in ("a", "b"):
+        start = thinned.start[thinned.recording_id == name]
+        assert (np.diff(start) >= 50).all()
+        assert (np.diff(start) < 50 + stride).all()
+        assert start[0] == 0
+
+
+@pytest.fixture
+def index(tmp_path):
+    recordings = rows(["mon", "tue", "wed"])
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    return write_index(recordings, files, tmp_path)
+
+
+def test_split_by_an_attribute_writes_indexes_that_share_no_value_of_it(index, tmp_path):
+    told = run_json("split", index, "--group", "day", "--test-fraction", "0.34")
+    days = [{one.attributes["day"] for one in read_recordings(told[name])} for name in ("train", "test")]
+    assert not days[0] & days[1]
+    assert days[0] | days[1] == {"mon", "tue", "wed"}
+
+
+def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, tmp_path):
+    told = run_json("split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
+    tested = [one.recording_id for fold in told["folds"] for one in read_recordings(fold["test"])]
+    assert len(told["folds"]) == 3
+    assert len(tested) == len(set(tested)) == 12
+    assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
+    again = run("split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)
+    assert "exists and may have been edited" in one_line(again)
+
+
+def test_a_split_by_a_condition_that_nobody_wrote_down_ends_in_one_line(index):
+    assert "no condition written down" in one_line(run("split", index, "--group", "condition", code=3))

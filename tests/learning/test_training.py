@@ -1,0 +1,289 @@
+"""Training: learns, repeats itself bit for bit, and continues bit for bit after an interrupt."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError
+from swashtwin.learning import (
+    NETWORKS,
+    PAPER_TRAINING,
+    BiTCN,
+    FittedClassifier,
+    Network,
+    Normalization,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    cut_windows,
+    fit,
+)
+from swashtwin.recordings import Recording
+
+CLASSES = ("normal", "piston")
+SHORT = TrainingSettings(epochs=4, batch_size=8)
+
+
+def tones(tag: str = "", *, per_class: int = 2, windows: int = 5, gain: float = 1.0) -> WindowSet:
+    recordings = []
+    for index, label in enumerate(CLASSES):
+        for number in range(per_class):
+            name = f"{tag}{label}-{number}"
+            draw = np.random.default_rng(list(name.encode()))
+            phase = 2 * np.pi * (0.05 + 0.1 * index) * np.arange(64 * windows) + draw.uniform(0, 6)
+            signal = gain * (np.sin(phase) + 0.3 * draw.normal(size=phase.size))
+            recordings.append(Recording(signal[None], 1000.0, name, label=label))
+    return cut_windows(recordings, length=64)
+
+
+def small() -> BiTCN:
+    return BiTCN(1, 2, channels=(8, 12), kernel_size=3)
+
+
+def weights(classifier: FittedClassifier) -> dict[str, torch.Tensor]:
+    return classifier.network.state_dict()
+
+
+def same(first: FittedClassifier, second: FittedClassifier) -> bool:
+    return first.history == second.history and all(
+        torch.equal(value, weights(second)[key]) for key, value in weights(first).items()
+    )
+
+
+def test_the_defaults_are_the_papers():
+    assert (PAPER_TRAINING.epochs, PAPER_TRAINING.batch_size, PAPER_TRAINING.learning_rate) == (200, 30, 1e-3)
+
+
+@pytest.mark.parametrize("name", sorted(NETWORKS))
+def test_no_network_minds_a_single_window_left_over(name):
+    """Their number must not decide whether windows can be learnt: normalization has no deviation of one window."""
+    recording = np.random.default_rng(0).normal(size=(1, 513 * 9))
+    windows = cut_windows([Recording(recording, 1000.0, label, label=label) for label in CLASSES], length=513)
+    left = windows.subset(np.arange(17))
+    settings = TrainingSettings(epochs=1, batch_size=8)
+    classifier = fit(build_network(name, 1, 2), left, settings=settings)
+    assert np.isfinite(classifier.history[0].loss)
+
+
+@pytest.mark.parametrize("name", sorted(NETWORKS))
+def test_every_network_overfits_twenty_windows(name):
+    windows = tones()
+    assert len(windows) == 20
+    shuffled = np.random.default_rng(0).permutation(windows.target)  # labels that only memory can tell
+    windows = replace(windows, target=shuffled)
+    settings = TrainingSettings(epochs=80, batch_size=20, learning_rate=3e-3)
+    smaller = {"channels": (16, 24, 24), "dropout": 0.0} if name.startswith("bitcn") else {}
+    classifier = fit(build_network(name, 1, 2, **smaller), windows, settings=settings)
+    assert (classifier.predict_proba(windows).argmax(axis=1) == windows.target).all()
+    assert classifier.history[-1].loss < 0.3 * classifier.history[0].loss
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others():
+    first, second, third = (fit(small(), tones(), settings=SHORT, seed=seed) for seed in (3, 3, 4))
+    assert same(first, second)
+    assert not same(first, third)
+
+
+def test_training_leaves_the_network_given_and_the_callers_random_numbers_alone():
+    network = small()
+    before = {key: value.clone() for key, value in network.state_dict().items()}
+    torch.manual_seed(1)
+    expected = torch.rand(2)
+    torch.manual_seed(1)
+    fit(network, tones(), settings=SHORT)
+    assert torch.equal(torch.rand(2), expected)
+    assert all(torch.equal(value, network.state_dict()[key]) for key, value in before.items())
+
+
+@pytest.mark.parametrize("class_weights", [False, True])
+def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(tmp_path, class_weights):
+    settings = replace(SHORT, class_weights=class_weights, weight_decay=1e-4)
+    whole = fit(small(), tones(), settings=settings, seed=1, validation=tones("v"))
+
+    def interrupt(epoch) -> None:
+        if epoch.number == 2:
+            raise KeyboardInterrupt
+
+    run = {"settings": settings, "seed": 1, "validation": tones("v"), "checkpoint": tmp_path / "run.safetensors"}
+    with pytest.raises(KeyboardInterrupt):
+        fit(small(), tones(), progress=interrupt, **run)
+    seen = []
+    resumed = fit(small(), tones(), resume=True, progress=lambda epoch: seen.append(epoch.number), **run)
+    assert seen == [3, 4]
+    assert same(whole, resumed)
+    assert same(whole, fit(small(), tones(), resume=True, **run))
+    assert [path.name for path in tmp_path.iterdir()] == ["run.safetensors"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"settings": replace(SHORT, batch_size=9)}, "batch_size is 8, this run's is 9"),
+        ({"seed": 7}, "seed is 0, this run's is 7"),
+        ({"network": BiTCN(1, 2, channels=(8, 8), kernel_size=3)}, "network's channels"),
+        ({"windows": tones("other")}, "training data"),
+        ({"validation": tones("v")}, "validation data"),
+        ({"manifest": ["calibration 1"]}, "manifest"),
+    ],
+)
+def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, change, words):
+    run = {"network": small(), "windows": tones(), "settings": SHORT, "checkpoint": tmp_path / "run.safetensors"}
+    fit(**run)
+    with pytest.raises(InputError, match=words) as caught:
+        fit(**{**run, **change}, resume=True)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_is_neither_overwritten_nor_invented(tmp_path):
+    path = tmp_path / "run.safetensors"
+    fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
+    with pytest.raises(InputError, match="resume=True"):
+        fit(small(), tones(), settings=SHORT, checkpoint=path)
+    with pytest.raises(InputError, match="needs checkpoint="):
+        fit(small(), tones(), settings=SHORT, resume=True)
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    path = tmp_path / "run.safetensors"
+    fit(small(), tones(), settings=SHORT, checkpoint=path)
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(ArtifactError, match="damaged"):
+        fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
+
+
+def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeypatch):
+    path = tmp_path / "run.safetensors"
+    writes = []
+
+    def full(tensors, target, metadata) -> None:
+        writes.append(target)
+        Path(target).write_bytes(b"half")
+        if len(writes) == 3:
+            raise OSError(28, "No space left on device")
+        save(tensors, target, metadata=metadata)
+
+    import swashtwin.run_files as checkpoint
+
+    save = checkpoint.save_file
+    monkeypatch.setattr(checkpoint, "save_file", full)
+    with pytest.raises(OSError, match="No space left"):
+        fit(small(), tones(), settings=SHORT, checkpoint=path)
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == [path]
+    seen = []
+    fit(
+        small(), tones(), settings=SHORT, checkpoint=path, resume=True, progress=lambda epoch: seen.append(epoch.number)
+    )
+    assert seen == [3, 4]
+
+
+def test_validation_is_noted_and_changes_nothing():
+    plain = fit(small(), tones(), settings=SHORT)
+    watched = fit(small(), tones(), settings=SHORT, validation=tones("v"))
+    assert all(torch.equal(value, weights(watched)[key]) for key, value in weights(plain).items())
+    assert watched.history[-1].validation_accuracy is not None
+    assert watched.history[-1].validation_loss > 0
+    assert plain.history[-1].validation_loss is None
+    with pytest.raises(LeakError, match="normal-0"):
+        fit(small(), tones(), settings=SHORT, validation=tones())
+
+
+def test_the_manifest_names_training_validation_and_calibration_recordings():
+    classifier = fit(small(), tones(), settings=SHORT, validation=tones("v"), manifest=["rec 9"])
+    assert classifier.manifest == tuple(
+        sorted(["rec 9", *(f"{tag}{label}-{n}" for tag in ("", "v") for label in CLASSES for n in (0, 1))])
+    )
+
+
+def test_a_class_without_windows_an_unlabeled_window_and_an_empty_set_are_refused():
+    windows = tones()
+    with pytest.raises(DataError, match="class piston has no training window"):
+        fit(small(), windows.subset(windows.target == 0), settings=SHORT)
+    with pytest.raises(DataError, match="has no label"):
+        fit(small(), replace(windows, target=windows.target * 0 - 1), settings=SHORT)
+    with pytest.raises(DataError, match="no window"):
+        fit(small(), windows.subset(np.array([], dtype=np.int64)), settings=SHORT)
+    with pytest.raises(InputError, match=r"takes 2 channel\(s\) and 2 classes"):
+        fit(BiTCN(2, 2), windows, settings=SHORT)
+
+
+def test_a_loss_that_runs_away_is_an_error_that_names_the_epoch():
+    with pytest.raises(InputError, match="in epoch 1; the learning rate is too high"):
+        fit(small(), tones(), settings=replace(SHORT, learning_rate=1e30))
+
+
+class Majority(Network):
+    """Scores that do not look at the window, so that the loss alone decides them."""
+
+    name = "majority"
+
+    def __init__(self, n_channels: int, n_classes: int) -> None:
+        super().__init__(n_channels=n_channels, n_classes=n_classes)
+        self.head = torch.nn.Linear(1, n_classes)
+
+    def encode(self, windows: torch.Tensor) -> torch.Tensor:
+        return windows.new_ones(len(windows), 1)
+
+
+@pytest.mark.parametrize(("class_weights", "share"), [(False, 0.8), (True, 0.5)])
+def test_class_weights_let_each_class_count_the_same(class_weights, share):
+    windows = tones(windows=10)
+    kept = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
+    settings = TrainingSettings(epochs=300, batch_size=25, learning_rate=0.05, class_weights=class_weights)
+    assert fit(Majority(1, 2), kept, settings=settings).predict_proba(kept)[0, 0] == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["window", "recording", "set"])
+def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(kind):
+    windows = tones(gain=7.0)
+    windows = replace(windows, signal=windows.signal * windows.target[:, None, None].astype(np.float32) + 3)
+    noisy = windows.subset(windows.target == 1)
+    scaled = Normalization.fitted(kind, noisy).applied(noisy)
+    groups = {"window": np.arange(len(noisy)), "recording": noisy.recording_id, "set": np.zeros(len(noisy))}[kind]
+    for name in np.unique(groups):
+        part = scaled[groups == name].astype(float)
+        assert part.mean() == pytest.approx(0, abs=1e-5)
+        assert part.std() == pytest.approx(1, abs=1e-5)
+
+
+def test_normalization_per_window_ignores_gain_and_none_keeps_it():
+    quiet, loud = tones(), tones(gain=1000.0)
+    per_window = [Normalization.fitted("window", w).applied(w) for w in (quiet, loud)]
+    np.testing.assert_allclose(*per_window, atol=1e-4)
+    np.testing.assert_array_equal(Normalization.fitted("none", loud).applied(loud), loud.signal)
+
+
+def test_set_statistics_come_from_training_alone():
+    quiet, loud = tones(), tones("test ", gain=50.0)
+    assert Normalization.fitted("set", quiet).applied(loud).std() > 20
+
+
+def test_a_window_that_does_not_move_stays_finite():
+    windows = tones()
+    still = replace(windows, signal=np.zeros_like(windows.signal))
+    for kind in ("window", "recording", "set"):
+        assert not Normalization.fitted(kind, still).applied(still).any()
+
+
+def test_predictions_are_probabilities_names_and_features():
+    windows = tones()
+    classifier = fit(small(), windows, settings=SHORT)
+    probability = classifier.predict_proba(windows)
+    np.testing.assert_allclose(probability.sum(axis=1), 1)
+    assert classifier.predict(windows).tolist() == [CLASSES[i] for i in probability.argmax(axis=1)]
+    assert classifier.embed(windows).shape == (20, 12)
+    assert (classifier.sample_rate, classifier.length, classifier.channels) == (1000.0, 64, ("acceleration",))
+    with pytest.raises(InputError, match="sample rate 1000 Hz against 2000 Hz"):
+        classifier.predict_proba(replace(windows, sample_rate=2000.0))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"epochs": 0}, {"batch_size": 1}, {"learning_rate": 0.0}, {"weight_decay": -1.0}, {"normalization": "x"}],
+)
+def test_settings_that_cannot_be_are_refused(settings):
+    with pytest.raises(InputError, match=next(iter(settings))):
+        TrainingSettings(**settings)

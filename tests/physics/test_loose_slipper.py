@@ -1,0 +1,155 @@
+"""A loose slipper that rattles: momentum, play, impacts against their bounds, refinement, refusals."""
+
+import math
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import InputError, SwashTwinError, mm
+from swashtwin.physics.contacts import loose_slipper
+from swashtwin.physics.contacts.loose_slipper import LooseMotion, loose_motion, loose_slipper_lines
+from swashtwin.physics.dynamics import rigid_motions
+from swashtwin.physics.excitation import impacts
+from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
+
+LOOSE = LooseSlipper(clearance=mm(0.2))
+
+
+@pytest.fixture(scope="module")
+def motion(pump: Pump, at_15: OperatingCondition) -> LooseMotion:
+    return loose_motion(pump, at_15, LOOSE)
+
+
+def stroke_speed(pump: Pump, condition: OperatingCondition, angle: float) -> float:
+    """Speed [m/s] of a slipper along the shaft."""
+    group = pump.rotating_group
+    return condition.speed * group.pitch_radius * math.tan(group.swash_angle) * abs(math.sin(angle))
+
+
+def test_a_tight_joint_adds_no_load(pump: Pump, at_15: OperatingCondition) -> None:
+    assert not loose_slipper_lines(pump, at_15, LooseSlipper(0.0), 50).any()
+
+
+def test_the_piston_stays_in_its_play_but_for_what_the_stops_give(pump: Pump, motion: LooseMotion) -> None:
+    stop = pump.masses.piston_slipper * (math.pi / LOOSE.pulse) ** 2
+    give = pump.rotating_group.piston_area * motion.pressure.max() / stop
+    assert -1.05 * give < motion.displacement.min() < 0
+    assert LOOSE.clearance < motion.displacement.max() < 1.1 * LOOSE.clearance
+
+
+def test_a_revolution_has_two_impacts_as_suction_and_delivery_begin(motion: LooseMotion) -> None:
+    pulled, pressed = motion.impacts
+    assert math.radians(10) < pulled.angle < math.radians(25)
+    assert math.radians(185) < pressed.angle < math.radians(200)
+    assert pulled.impulse < 0 < pressed.impulse
+
+
+def test_the_piston_is_pressed_on_at_the_speed_of_the_stroke_that_takes_up_its_play(
+    pump: Pump, at_15: OperatingCondition, motion: LooseMotion
+) -> None:
+    pressed = motion.impacts[1]
+    group = pump.rotating_group
+    taken_up = group.pitch_radius * math.tan(group.swash_angle) * (1 + math.cos(pressed.angle))
+    assert taken_up == pytest.approx(LOOSE.clearance, rel=0.03)
+    assert pressed.speed == pytest.approx(stroke_speed(pump, at_15, pressed.angle), rel=0.06)
+
+
+def test_no_impact_is_faster_than_friction_or_trapped_oil_allow(
+    pump: Pump, at_15: OperatingCondition, motion: LooseMotion
+) -> None:
+    pulled, pressed = motion.impacts
+    most_pulled, most_pressed = impacts(pump, at_15, LOOSE)
+    assert 0.5 * most_pulled.speed < pulled.speed < most_pulled.speed
+    assert pulled.speed < 1.05 * stroke_speed(pump, at_15, pulled.angle)  # friction stops a piston, no more
+    assert pressed.speed < 0.2 * most_pressed.speed
+
+
+def test_impulses_are_what_the_piston_loses_of_its_momentum(pump: Pump, motion: LooseMotion) -> None:
+    mass = pump.masses.piston_slipper
+    for impact in motion.impacts:
+        assert abs(impact.impulse) == pytest.approx(mass * impact.speed, rel=0.15)
+    assert abs(motion.extra_acceleration.mean()) < 1e-9 * np.abs(motion.extra_acceleration).max()
+
+
+def test_a_bouncing_slipper_rebounds_with_its_restitution(pump: Pump, at_15: OperatingCondition) -> None:
+    first, second, *_ = loose_motion(pump, at_15, LooseSlipper(mm(0.2), restitution=0.9)).impacts
+    assert abs(first.impulse) == pytest.approx(1.9 * pump.masses.piston_slipper * first.speed, rel=0.02)
+    assert second.angle > first.angle
+
+
+def test_the_load_does_no_work_on_rigid_motions_but_that_of_the_pistons_inertia(
+    pump: Pump, at_15: OperatingCondition, motion: LooseMotion
+) -> None:
+    load = loose_slipper_lines(pump, at_15, LOOSE, 60)
+    x, y, z, about_x, about_y = (load @ rigid_motions(pump)).T
+    inertia = pump.masses.piston_slipper * motion.extra_acceleration
+    middle, radius = motion.angle + math.pi / len(motion.angle), pump.rotating_group.pitch_radius
+    orders = np.exp(-1j * np.arange(1, 61)[:, None] * middle) * (2 / len(middle))
+    scale = np.abs(z).max()
+    assert np.abs(x).max() < 1e-12 * scale
+    assert np.abs(y).max() < 1e-12 * scale
+    np.testing.assert_allclose(z[1:], -orders @ inertia, atol=1e-9 * scale)
+    np.testing.assert_allclose(about_x[1:], -orders @ (inertia * radius * np.cos(middle)), atol=1e-9 * scale)
+    np.testing.assert_allclose(about_y[1:], orders @ (inertia * radius * np.sin(middle)), atol=1e-9 * scale)
+
+
+def test_pressing_a_slipper_on_pushes_the_retainer_toward_the_swash_plate(
+    pump: Pump, at_15: OperatingCondition, motion: LooseMotion
+) -> None:
+    pressed = motion.impacts[1]
+    since = np.mod(motion.angle - pressed.angle, 2 * math.pi)
+    during = since < at_15.speed * LOOSE.pulse
+    pushed = -pump.masses.piston_slipper * motion.extra_acceleration[during].sum() * at_15.period / len(since)
+    assert pushed == pytest.approx(-pressed.impulse, rel=0.15)
+
+
+def test_another_slipper_of_the_pump_adds_the_same_load_at_its_own_turn(pump: Pump, at_15: OperatingCondition) -> None:
+    first, third = (loose_slipper_lines(pump, at_15, LooseSlipper(mm(0.2), slipper=i), 40) for i in (0, 2))
+    turned = first * np.exp(2j * math.pi * 2 / 7 * np.arange(41))[:, None]
+    assert np.linalg.norm(third - turned) < 2e-3 * np.linalg.norm(first)  # the outlet's steps do not divide by 7
+
+
+def test_shorter_steps_change_the_load_little(
+    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = loose_slipper_lines(pump, at_15, LOOSE, 340)
+    monkeypatch.setattr(loose_slipper, "STEPS_PER_PULSE", 400)
+    assert np.linalg.norm(usual - loose_slipper_lines(pump, at_15, LOOSE, 340)) < 4e-3 * np.linalg.norm(usual)
+
+
+def test_slippers_that_are_rigid_with_the_rotor_load_it_instead_of_the_retainer(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    retainer = loose_slipper_lines(pump, at_15, LOOSE, 20)
+    rotor = loose_slipper_lines(pump, at_15, LOOSE, 20, topology="T2")
+    assert not rotor[:, 12].any()
+    np.testing.assert_allclose(rotor[:, 7], retainer[:, 7] + retainer[:, 12])
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (LooseSlipper(mm(0.2), slipper=7), r"LooseSlipper.slipper \(7\) is none of the 7 pistons"),
+        (LooseSlipper(mm(0.2), restitution=1.5), r"restitution \(1.5\) must lie in 0...1"),
+        (LooseSlipper(mm(0.2), pulse=0.0), r"pulse \(0 s\) must lie between"),
+        (LooseSlipper(mm(0.2), pulse=0.2), r"pulse \(0.2 s\) .* Times are in seconds: 0.2 ms is 2e-4"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    pump: Pump, at_15: OperatingCondition, fault: LooseSlipper, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        loose_slipper_lines(pump, at_15, fault, 10)
+
+
+def test_no_lines_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
+    with pytest.raises(InputError, match=r"n_lines \(0\) must lie in 1"):
+        loose_slipper_lines(pump, at_15, LOOSE, 0)
+
+
+def test_a_slipper_that_bounces_differently_each_revolution_is_refused(
+    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loose_slipper, "MOST_REVOLUTIONS", 1)
+    with pytest.raises(SwashTwinError, match="does not repeat within 1 revolutions"):
+        loose_slipper_lines(pump, at_15, LOOSE, 10)

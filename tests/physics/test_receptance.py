@@ -1,0 +1,280 @@
+"""Receptances against dense solves, finite differences and each other, whatever path computes them."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from swashtwin.foundation import InputError
+from swashtwin.physics import RK4, HarmonicBalance, assemble
+from swashtwin.physics.solvers.elimination import coupled_groups, solve_symmetric, tidy
+from swashtwin.physics.solvers.receptances import receptance
+from swashtwin.physics.solvers.runge_kutta import rk4_limits, rk4_map, state_matrix
+from swashtwin.pump import Pump
+
+Matrices = tuple[Tensor, Tensor, Tensor]
+SETS = 12
+
+
+@pytest.fixture(scope="module")
+def matrices(pump: Pump) -> Matrices:
+    """M, and C and K for sets of values anywhere between a tenth and ten times the nominal ones."""
+    structure = assemble(pump)
+    spread = np.random.default_rng(0).uniform(-1, 1, (SETS, 6))
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * torch.as_tensor(10**spread)
+    return structure.mass, structure.damping(values), structure.stiffness(values)
+
+
+@pytest.fixture(scope="module")
+def frequency() -> Tensor:
+    """The mean, and lines up to 5 kHz [rad/s]."""
+    return torch.arange(51, dtype=torch.float64) * 630
+
+
+def some_lines(*shape: int, seed: int = 0) -> Tensor:
+    rng = np.random.default_rng(seed)
+    return torch.as_tensor(rng.normal(size=shape) + 1j * rng.normal(size=shape))
+
+
+def dense(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor) -> Tensor:
+    """The definition, with every matrix written out."""
+    at = s[..., None, None]
+    dynamic = stiffness[..., None, :, :] + at * damping[..., None, :, :] + at**2 * mass
+    return torch.linalg.solve(dynamic, force[..., None]).squeeze(-1)
+
+
+def relative(found: Tensor, expected: Tensor) -> float:
+    """Largest difference in any line over the largest entry of that line."""
+    return float(((found - expected).abs().amax(-1) / expected.abs().amax(-1)).max())
+
+
+def test_a_receptance_is_the_solution_of_the_dense_system(matrices: Matrices, frequency: Tensor) -> None:
+    force = some_lines(SETS, 51, 13)
+    assert relative(receptance(*matrices, 1j * frequency, force), dense(*matrices, 1j * frequency, force)) < 1e-11
+
+
+def test_it_has_no_residual_worth_the_name(matrices: Matrices, frequency: Tensor) -> None:
+    """In units of what each row adds up: the backward error of the elimination, pivots or not."""
+    mass, damping, stiffness = matrices
+    s, force = 1j * frequency, some_lines(SETS, 51, 13)
+    motion = receptance(mass, damping, stiffness, s, force)
+    at = s[:, None, None]
+    dynamic = stiffness[:, None] + at * damping[:, None] + at**2 * mass
+    residual = ((dynamic @ motion[..., None]).squeeze(-1) - force).abs()
+    added = (dynamic.abs() @ motion.abs()[..., None]).squeeze(-1) + force.abs()
+    assert float((residual / added).max()) < 2e-13
+
+
+def test_a_batch_gives_the_bits_of_its_members(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = matrices
+    force = some_lines(SETS, 51, 13)
+    together = receptance(mass, damping, stiffness, 1j * frequency, force)
+    for one in (0, 5, SETS - 1):
+        alone = receptance(mass, damping[one], stiffness[one], 1j * frequency[7:], force[one, 7:])
+        assert torch.equal(together[one, 7:], alone)
+
+
+def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = matrices
+    force = some_lines(SETS, 51, 13)
+
+    def slopes(c: Tensor, k: Tensor, q: Tensor) -> tuple[Tensor, ...]:
+        arguments = c.clone().requires_grad_(), k.clone().requires_grad_(), q.clone().requires_grad_()
+        return torch.autograd.grad(receptance(mass, *arguments[:2], 1j * frequency, arguments[2]), arguments, q.conj())
+
+    together = slopes(damping, stiffness, force)
+    for found, alone in zip(together, slopes(damping[5], stiffness[5], force[5]), strict=True):
+        assert torch.equal(found[5], alone)
+
+
+def test_leading_axes_broadcast(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = matrices
+    speeds = torch.tensor([[0.9], [1.1]], dtype=torch.float64)
+    s, force = 1j * speeds[..., None] * frequency, some_lines(51, 13)
+    found = receptance(mass, damping, stiffness[0], s, force)
+    assert found.shape == (2, SETS, 51, 13)
+    expected = receptance(mass, damping[3], stiffness[0], s[1, 0], force)
+    assert torch.equal(found[1, 3], expected)
+
+
+def test_each_of_a_batch_may_have_its_own_frequencies(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = matrices
+    own, force = torch.linspace(0.5, 2, SETS, dtype=torch.float64)[:, None] * frequency, some_lines(SETS, 51, 13)
+    for solver in (HarmonicBalance(), RK4(step=2e-8), RK4()):
+        together = solver.steady_state(mass, damping, stiffness, own, force)
+        alone = solver.steady_state(mass, damping[4], stiffness[4], own[4], force[4])
+        assert torch.equal(together[4], alone)
+
+
+def test_coordinates_that_nothing_couples_are_eliminated_apart(matrices: Matrices) -> None:
+    mass, damping, stiffness = (part.numpy().reshape(-1, 13, 13) for part in matrices)
+    tidied = [np.empty_like(part) for part in (mass, damping, stiffness)]
+    assert all(tidy(part, out) for part, out in zip((mass, damping, stiffness), tidied, strict=True))
+    order, ends = np.empty(13, int), np.empty(13, int)
+    count = coupled_groups(tidied[0][0], *tidied[1:], order, ends)
+    assert [order[a:b].tolist() for a, b in zip([0, *ends[: count - 1]], ends[:count], strict=True)] == [
+        [0, 4, 5, 9, 10],
+        [1, 2, 3, 6, 7, 8, 11, 12],
+    ]
+
+
+def coupled(matrices: Matrices) -> Matrices:
+    mass, damping, stiffness = matrices
+    tie = torch.zeros(13, dtype=torch.float64)
+    tie[0], tie[11] = 1.0, -1.0
+    return mass, damping, stiffness + 1e7 * torch.outer(tie, tie)
+
+
+def asymmetric(matrices: Matrices) -> Matrices:
+    """A cross-coupled bearing: stable, not symmetric."""
+    mass, damping, stiffness = matrices
+    cross = torch.zeros(13, 13, dtype=torch.float64)
+    cross[5, 6], cross[6, 5] = 2e6, -2e6
+    return mass, damping, stiffness + cross
+
+
+def resonant(matrices: Matrices) -> Matrices:
+    """No damping, and a shell that alone would swing at 630 rad/s: the first pivot of that line is nearly nothing."""
+    mass, damping, stiffness = matrices
+    loose = stiffness.clone()
+    loose[:, 0, 0] = 630.0**2 * mass[0, 0] * (1 + 1e-9)
+    return mass, damping * 0, loose
+
+
+@pytest.mark.parametrize("change", [coupled, asymmetric, resonant])
+def test_any_other_system_is_solved_as_well(
+    matrices: Matrices, frequency: Tensor, change: Callable[[Matrices], Matrices]
+) -> None:
+    force, changed = some_lines(SETS, 51, 13), change(matrices)
+    assert relative(receptance(*changed, 1j * frequency, force), dense(*changed, 1j * frequency, force)) < 1e-10
+
+
+def test_growth_that_needs_pivots_is_noticed(matrices: Matrices, frequency: Tensor) -> None:
+    """At the shell's own resonance, line 1, and hardly elsewhere."""
+    mass, damping, stiffness = (part.reshape(-1, 13, 13).numpy() for part in resonant(matrices))
+    motion, failed = np.empty((SETS, 51, 13), complex), np.zeros((SETS, 51), bool)
+    s = 1j * frequency.numpy()[None]
+    solve_symmetric(mass[0], damping, stiffness, s, some_lines(SETS, 51, 13).numpy(), motion, failed)
+    assert failed[:, 1].all()
+    assert failed.mean() < 0.05
+
+
+def test_a_resonance_without_damping_is_named(matrices: Matrices) -> None:
+    mass, _, _ = matrices
+    nothing, force = torch.zeros(13, 13, dtype=torch.float64), some_lines(1, 13)
+    with pytest.raises(InputError, match="singular at a line"):
+        receptance(mass, nothing, nothing, torch.zeros(1, dtype=torch.complex128), force)
+
+
+def relative_receptance(matrices: Matrices, s: Tensor, force: Tensor) -> Callable[..., Tensor]:
+    """Scaled to motions and arguments of size 1, for finite differences; C and K stay symmetric."""
+    mass, damping, stiffness = matrices
+
+    def response(c: Tensor, k: Tensor, f: Tensor, m: Tensor, turn: Tensor) -> Tensor:
+        own = (mass * m, damping[0] * (c + c.mT), stiffness[0] * (k + k.mT))
+        return receptance(*own, s * turn, force * f) * 1e8
+
+    return response
+
+
+def ones(*shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
+    return (torch.ones(shape, dtype=dtype) / (2 if shape == (13, 13) else 1)).requires_grad_()
+
+
+def test_its_first_and_second_derivatives_are_those_of_finite_differences(matrices: Matrices) -> None:
+    s = torch.tensor([630j, 2500j, 9000 + 4000j], dtype=torch.complex128)
+    response = relative_receptance(matrices, s, some_lines(3, 13))
+    arguments = ones(13, 13), ones(13, 13), ones(13, dtype=s.dtype), ones(13), ones(3, dtype=s.dtype)
+    assert torch.autograd.gradcheck(response, arguments, fast_mode=True)
+    assert torch.autograd.gradgradcheck(response, arguments, fast_mode=True, atol=1e-4)
+
+
+def test_gradients_of_shared_arguments_are_sums_over_the_batch(matrices: Matrices, frequency: Tensor) -> None:
+    mass, damping, stiffness = (part.clone().requires_grad_() for part in matrices)
+    force = some_lines(51, 13).requires_grad_()
+    arguments = (mass, damping, stiffness, force)
+    s, weight = 1j * frequency, some_lines(SETS, 51, 13, seed=1)
+    found = torch.autograd.grad(receptance(mass, damping, stiffness, s, force), arguments, weight)
+    expected = torch.autograd.grad(dense(mass, damping, stiffness, s, force), arguments, weight)
+    for own, other in zip(found, expected, strict=True):
+        assert own.shape == other.shape
+        assert float((own - other).abs().max()) < 1e-9 * float(other.abs().max())
+
+
+@pytest.mark.parametrize("step", [2e-8, 1e-7])
+def test_rk4_is_the_steady_state_of_its_own_map(matrices: Matrices, frequency: Tensor, step: float) -> None:
+    """Against (z - Phi) x = G0 u + z^0.5 G1 u + z G2 u with 26 states, which loses digits itself at short steps."""
+    mass, damping, stiffness = (matrices[0], matrices[1][:3] / 4, matrices[2][:3])
+    force = some_lines(3, 51, 13)
+    found = RK4(step).steady_state(mass, damping, stiffness, frequency, force)
+    phi, g0, g1, g2 = rk4_map(state_matrix(mass, damping, stiffness), step)
+    z, middle = (torch.exp(part * 1j * frequency * step)[:, None, None] for part in (1.0, 0.5))
+    inputs = g0[:, None] + middle * g1[:, None] + z * g2[:, None]
+    driven = inputs[..., 13:] @ (force / mass.diagonal())[..., None]
+    states = torch.linalg.solve(z * torch.eye(26, dtype=z.dtype) - phi[:, None], driven).squeeze(-1)
+    assert relative(found, states[..., :13]) < 1e-10
+
+
+def test_rk4_follows_the_equations_as_its_order_promises(matrices: Matrices, frequency: Tensor) -> None:
+    """Halving the step divides the distance to harmonic balance by 16; lines of 1 to 2 kHz, far from the limit."""
+    mass, damping, stiffness = matrices[0], matrices[1][:1] * 1e-3, matrices[2][:1]
+    lines, force = frequency[10:20], some_lines(1, 10, 13)
+    exact = HarmonicBalance().steady_state(mass, damping, stiffness, lines, force)
+    errors = [
+        relative(RK4(step).steady_state(mass, damping, stiffness, lines, force), exact) for step in (1e-5, 5e-6, 2.5e-6)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4, abs=0.1)
+
+
+def test_rk4_has_exact_gradients(matrices: Matrices) -> None:
+    mass, damping, stiffness = matrices
+    lines, force = torch.tensor([630.0, 9000.0], dtype=torch.float64), some_lines(2, 13)
+
+    def response(c: Tensor, k: Tensor) -> Tensor:
+        own = damping[0] / 10 * (c + c.mT), stiffness[0] * (k + k.mT)
+        return torch.view_as_real(RK4(step=1e-7).steady_state(mass, *own, lines, force)) * 1e8
+
+    assert torch.autograd.gradcheck(response, (ones(13, 13), ones(13, 13)), fast_mode=True)
+
+
+def test_each_of_a_batch_has_its_own_longest_step(matrices: Matrices) -> None:
+    state = state_matrix(*matrices)
+    limits = rk4_limits(state)
+    for own, one in zip(limits, state, strict=True):
+        rates = torch.linalg.eigvals(one)
+        for factor, grows in ((0.999, False), (1.001, True)):
+            z = factor * own * rates
+            assert bool((1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).abs().max() > 1 + 1e-9) == grows
+
+
+def test_single_precision_is_off_by_no_more_than_is_said(matrices: Matrices, frequency: Tensor) -> None:
+    """1e-4 of the largest motion in a line; compared with double precision on the same rounded matrices."""
+    single = [part.float() for part in matrices]
+    force = some_lines(SETS, 51, 13).to(torch.complex64)
+    found = HarmonicBalance().steady_state(*single, frequency.float(), force)
+    assert found.dtype == torch.complex64
+    exact = HarmonicBalance().steady_state(*(part.double() for part in single), frequency, force.to(torch.complex128))
+    error = relative(found.to(torch.complex128), exact)
+    assert 1e-7 < error < 1e-4
+
+
+def test_nothing_leaves_the_device_of_its_inputs(matrices: Matrices, frequency: Tensor) -> None:
+    """On a device that computes nothing, shapes and types still follow."""
+    mass, damping, stiffness, lines = (part.to("meta") for part in (*matrices, frequency))
+    force = some_lines(SETS, 51, 13).to("meta")
+    motion = HarmonicBalance().steady_state(mass, damping.requires_grad_(), stiffness, lines, force)
+    assert (motion.device.type, motion.shape, motion.dtype) == ("meta", (SETS, 51, 13), torch.complex128)
+    (slope,) = torch.autograd.grad(motion.abs().sum(), damping)
+    assert (slope.device.type, slope.shape) == ("meta", damping.shape)
+
+
+def test_many_lines_through_pivots_are_solved_in_pieces(
+    matrices: Matrices, frequency: Tensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    force, changed = some_lines(SETS, 51, 13), asymmetric(matrices)
+    whole = receptance(*changed, 1j * frequency, force)
+    monkeypatch.setattr("swashtwin.physics.solvers.receptances.ROWS", 100)
+    assert torch.equal(receptance(*changed, 1j * frequency, force), whole)

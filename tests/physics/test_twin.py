@@ -1,0 +1,345 @@
+"""The twin against the levels that physics.md quotes, its solvers against each other, its gradients, its refusals."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from swashtwin.foundation import InputError, MPa, deg, mm, um
+from swashtwin.physics import RK4, Scales, Twin, excitation_lines, fault_forces, prepare, worn_values
+from swashtwin.physics.fault_forcing import periodic_terms
+from swashtwin.physics.solvers.trajectories import rk4_trajectory
+from swashtwin.pump import (
+    BoreDefect,
+    DamScratch,
+    GrooveErosion,
+    Interfaces,
+    LooseSlipper,
+    OperatingCondition,
+    PistonWear,
+    Pump,
+    SealingLandScratch,
+    SwashPlateDefect,
+    TiltedBlockFace,
+    ValvePlateWear,
+)
+
+RECESS = {"depth": mm(0.6), "length": mm(30), "width": mm(24)}
+WIDE = 10034.0
+"""The band of the levels in physics.md: 700 shaft orders."""
+
+
+def rms(lines: np.ndarray) -> np.ndarray:
+    return np.sqrt(0.5 * np.sum(np.abs(lines) ** 2, axis=-1))
+
+
+def lines_of(twin: Twin) -> np.ndarray:
+    return twin.acceleration().detach().numpy()
+
+
+def off_piston_pass(twin: Twin) -> np.ndarray:
+    """Share of the energy that lies off the multiples of the piston-pass frequency."""
+    energy = np.abs(lines_of(twin)) ** 2
+    return energy[:, twin.orders % 7 != 0].sum(axis=1) / energy.sum(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("topology", "fault", "expected"),
+    [
+        ("T1", None, (1.41, 1.78, 0.02)),
+        ("T2", None, (1.36, 1.34, 0.01)),
+        ("T1", SwashPlateDefect(**RECESS, off_axis=False), (6.57, 2.49, 0.02)),
+        ("T1", SwashPlateDefect(**RECESS), (6.57, 2.49, 1.34)),
+        ("T1", SwashPlateDefect(**RECESS, contact="literal", off_axis=False), (49.37, 11.99, 0.02)),
+        ("T1", SwashPlateDefect(**RECESS, contact="physical"), (1.39, 1.76, 0.02)),
+        ("T2", SwashPlateDefect(**RECESS, off_axis=False), (16.71, 4.99, 0.01)),
+        ("T2", SwashPlateDefect(**RECESS), (16.71, 4.99, 11.53)),
+        ("T1", PistonWear(um(60)), (1.38, 1.83, 0.02)),
+        ("T1", SealingLandScratch(2.5e-12), (1.38, 1.83, 0.02)),
+        ("T1", DamScratch(1e-6), (1.22, 1.51, 0.02)),
+        ("T1", GrooveErosion(deg(6)), (1.33, 1.31, 0.01)),
+        ("T1", BoreDefect(um(300)), (1.37, 1.76, 0.02)),
+        ("T1", LooseSlipper(mm(0.2), motion="pulses"), (1.41, 1.78, 0.02)),
+    ],
+)
+def test_levels_are_those_of_the_reference_model(
+    pump: Pump, at_15: OperatingCondition, topology: str, fault: object, expected: tuple[float, ...]
+) -> None:
+    twin = Twin(pump, at_15, fault, topology=topology, bandwidth=WIDE)  # type: ignore[arg-type]
+    np.testing.assert_allclose(rms(lines_of(twin)), expected, rtol=0.01, atol=0.006)
+
+
+def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_reference(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    found = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), found, bandwidth=WIDE)
+    np.testing.assert_allclose(rms(lines_of(twin)), (10.84, 3.47, 4.77), rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("fault", "share"),
+    [(PistonWear(um(60)), 0.0339), (BoreDefect(um(300)), 0.0466), (SealingLandScratch(2.5e-12), 0.0322)],
+)
+def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
+    pump: Pump, at_15: OperatingCondition, fault: object, share: float
+) -> None:
+    twin = Twin(pump, at_15, fault, bandwidth=WIDE)  # type: ignore[arg-type]
+    assert off_piston_pass(twin)[0] == pytest.approx(share, rel=0.03)
+
+
+def test_a_loose_slippers_pulses_are_heard_between_the_piston_pass_lines_in_the_way_their_force_points(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    healthy, loose = Twin(pump, at_15), Twin(pump, at_15, LooseSlipper(mm(0.2), motion="pulses"))
+    assert 1e-4 < off_piston_pass(loose)[0] < 6e-3
+    assert off_piston_pass(healthy)[0] < 1e-6
+    farther = Twin(pump, at_15, LooseSlipper(mm(0.4), motion="pulses"))
+    assert off_piston_pass(farther)[0] > 2 * off_piston_pass(loose)[0]
+    lines = excitation_lines(pump, at_15, loose.fault, 3)
+    force = fault_forces(
+        pump, loose.structure, "T1", loose.fault, loose.values, at_15.speed * np.arange(4), lines
+    ).numpy()
+    np.testing.assert_allclose(force, -lines[:, None] * loose.structure.slipper_vector.numpy())
+
+
+def test_a_swash_plate_defect_puts_none_there(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
+    assert off_piston_pass(twin)[0] < 1e-6
+    assert set(twin.orders.tolist()) <= {1, *range(7, 400, 7)}
+
+
+def test_no_depth_is_no_defect(pump: Pump, at_15: OperatingCondition) -> None:
+    healthy, flat = Twin(pump, at_15), Twin(pump, at_15, SwashPlateDefect(depth=0.0, length=mm(30), width=mm(24)))
+    np.testing.assert_allclose(lines_of(flat), lines_of(healthy))
+
+
+def test_even_wear_of_the_valve_plate_softens_its_film(pump: Pump, at_15: OperatingCondition) -> None:
+    worn = Twin(pump, at_15, ValvePlateWear(um(12)), bandwidth=WIDE)
+    assert off_piston_pass(worn)[0] < 1e-6
+    assert rms(lines_of(worn))[0] > 1.2 * rms(lines_of(Twin(pump, at_15, bandwidth=WIDE)))[0]
+
+
+def test_a_tilted_block_face_adds_sidebands_one_shaft_order_from_the_piston_pass_lines(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    healthy = Twin(pump, at_15, bandwidth=1000)
+    tilted = healthy.with_fault(TiltedBlockFace(0.2))
+    level = dict(zip(tilted.orders.tolist(), np.abs(lines_of(tilted)[1]), strict=True))
+    for sideband, beyond in ((41, 40), (43, 44)):
+        assert level[sideband] > 20 * level[beyond]
+        assert level[sideband] > 1e-3 * level[42]
+    barely = healthy.with_fault(TiltedBlockFace(1e-9))
+    at = np.isin(barely.orders, healthy.orders)
+    np.testing.assert_allclose(lines_of(barely)[:, at], lines_of(healthy), rtol=1e-5, atol=1e-9)
+
+
+def test_rk4_in_steady_state_is_harmonic_balance(pump: Pump, at_15: OperatingCondition) -> None:
+    """To 1e-7 up to 1 kHz; at 5 kHz RK4's own phase error shows (step 0.5 us)."""
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), bandwidth=1000)
+    exact, stepped = lines_of(twin), twin.acceleration(solver=RK4(step=2e-7)).detach().numpy()
+    assert np.abs(stepped - exact).max() < 1e-7 * np.abs(exact).max()
+
+
+def test_an_rk4_run_stays_on_the_steady_state(pump: Pump, at_15: OperatingCondition) -> None:
+    """A march of the textbook recursion, started on the steady state of a pressure-loaded pump, does not leave it."""
+    found = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    twin = Twin(pump, at_15, None, found, bandwidth=1000)
+    structure, values = twin.structure, twin.values
+    mass, damping, stiffness = structure.mass, structure.damping(values), structure.stiffness(values)
+    orders = twin.orders
+    frequency = torch.as_tensor(orders * at_15.speed)
+    force = torch.as_tensor(twin.pressure[orders])
+    dynamic = stiffness - frequency[:, None, None] ** 2 * mass + 1j * frequency[:, None, None] * damping
+    motion = torch.linalg.solve(dynamic, force[..., None]).squeeze(-1)
+    step, n = 1.6e-6, 1500
+
+    def at(times: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
+        return (torch.exp(1j * times[:, None] * frequency) @ lines).real
+
+    zero = torch.zeros(1, dtype=torch.float64)
+    start = torch.cat([at(zero, motion)[0], at(zero, 1j * frequency[:, None] * motion)[0]])
+    half_steps = torch.arange(2 * n + 1, dtype=torch.float64) * step / 2
+    marched = rk4_trajectory(mass, damping, stiffness, at(half_steps, force), step, start)[:, :13]
+    exact = at(half_steps[::2], motion)
+    assert float((marched - exact).abs().max() / exact.abs().max()) < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("fault", "topology"),
+    [
+        (SwashPlateDefect(**RECESS), "T1"),
+        (SwashPlateDefect(**RECESS), "T2"),
+        (SwashPlateDefect(**RECESS, contact="physical"), "T1"),
+        (BoreDefect(um(300)), "T1"),
+        (ValvePlateWear(um(5)), "T1"),
+        (TiltedBlockFace(0.2), "T1"),
+    ],
+)
+def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition, fault: object, topology: str) -> None:
+    bandwidth = 220 if isinstance(fault, TiltedBlockFace) else 450
+    twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)  # type: ignore[arg-type]
+    scale = twin.values
+
+    def read(relative: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
+        return torch.view_as_real(twin.acceleration(relative * scale, scales=scales))
+
+    relative = torch.ones(6, dtype=torch.float64, requires_grad=True)
+    scales = torch.ones(4, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(read, (relative, scales))
+
+
+def test_a_batch_of_values_is_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
+    values = twin.values * torch.tensor([[1.0], [0.5], [2.0]], dtype=torch.float64)
+    batch = twin.acceleration(values)
+    for row, single in zip(batch, values, strict=True):
+        torch.testing.assert_close(row, twin.acceleration(single))
+
+
+def test_twins_prepared_together_are_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:
+    conditions = [at_15, at_15.replaced(discharge_pressure=MPa(5)), at_15.replaced(speed=80.0)]
+    together = [Twin(pump, condition, PistonWear(um(40))) for condition in conditions]
+    prepare(together)
+    for twin in together:
+        alone = Twin(pump, twin.condition, PistonWear(um(40)))
+        np.testing.assert_allclose(lines_of(twin), lines_of(alone), rtol=1e-3, atol=1e-4)
+
+
+def test_a_simulation_has_the_lines_it_was_made_of(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
+    period = 1024
+    recording = twin.simulate(4 * at_15.period, period / at_15.period)
+    assert (recording.label, recording.synthetic, recording.channels) == ("swash_plate", True, pump.channels)
+    spectrum = np.fft.rfft(recording.signal, axis=1) * 2 / recording.signal.shape[1]
+    np.testing.assert_allclose(spectrum[:, 4 * twin.orders], lines_of(twin), atol=2e-2)
+
+
+def test_scales_act_on_what_they_name(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
+    louder = Twin(pump, at_15, SwashPlateDefect(**RECESS), scales=Scales(sensor=2.0))
+    np.testing.assert_allclose(lines_of(louder), 2 * lines_of(twin))
+    deeper = Twin(pump, at_15, SwashPlateDefect(depth=mm(1.2), length=mm(30), width=mm(24)))
+    stronger = Twin(pump, at_15, SwashPlateDefect(**RECESS), scales=Scales(excitation=2.0))
+    np.testing.assert_allclose(lines_of(stronger), lines_of(deeper))
+
+
+def test_a_low_sample_rate_and_a_narrow_band_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
+    with pytest.raises(InputError, match=r"below twice the twin's bandwidth"):
+        Twin(pump, at_15).simulate(1.0, 8000.0)
+    with pytest.raises(InputError, match="piston-pass frequency"):
+        Twin(pump, at_15, bandwidth=50)
+
+
+def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15)
+    strongest = twin.orders[np.abs(lines_of(twin)[0]).argmax()]
+    assert strongest * at_15.shaft_frequency == pytest.approx(401, abs=1)
+    assert math.isclose(abs(lines_of(twin)[0, twin.orders == 28][0]), 1.251, rel_tol=0.01)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        None,
+        SwashPlateDefect(**RECESS),
+        SwashPlateDefect(**RECESS, contact="physical"),
+        BoreDefect(um(300)),
+        ValvePlateWear(um(5)),
+        LooseSlipper(mm(0.2)),
+    ],
+)
+def test_everything_follows_the_device_of_the_values(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
+    """On the device ``meta``, which holds no numbers, any constant left behind on the CPU is an error."""
+    twin = Twin(pump, at_15, fault, bandwidth=450)  # type: ignore[arg-type]
+    values = twin.values.expand(2, 6).to("meta").requires_grad_()
+    lines = twin.acceleration(values)
+    assert (lines.device.type, lines.dtype, lines.shape) == ("meta", torch.complex128, (2, 3, twin.orders.size))
+    lines.abs().sum().backward()
+    assert values.grad is not None
+    assert values.grad.device.type == "meta"
+
+
+def test_terms_that_turn_follow_the_device_and_the_precision_of_the_values(pump: Pump) -> None:
+    values = torch.ones(2, 6, dtype=torch.float32, device="meta")
+    (term,) = periodic_terms(pump, TiltedBlockFace(0.2), values)
+    assert (term.stiffness.device.type, term.stiffness.dtype) == ("meta", torch.complex64)
+    worn = worn_values(pump, ValvePlateWear(um(5)), values)
+    assert (worn.device.type, worn.dtype) == ("meta", torch.float32)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("fault", [SwashPlateDefect(**RECESS), TiltedBlockFace(0.2)])
+def test_a_gpu_gives_the_lines_of_the_processor(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
+    twin = Twin(pump, at_15, fault, bandwidth=2000)  # type: ignore[arg-type]
+    values = (twin.values * torch.tensor([[1.0], [1.5]], dtype=torch.float64)).requires_grad_()
+    there = values.detach().cuda().requires_grad_()
+    here_lines, there_lines = twin.acceleration(values), twin.acceleration(there)
+    torch.testing.assert_close(there_lines.cpu(), here_lines, rtol=1e-9, atol=1e-12)
+    here_lines.abs().sum().backward()
+    there_lines.abs().sum().backward()
+    assert values.grad is not None
+    assert there.grad is not None
+    torch.testing.assert_close(there.grad.cpu(), values.grad, rtol=1e-9, atol=0.0)
+
+
+@pytest.mark.parametrize("topology", ["T1", "T2"])
+@pytest.mark.parametrize("fault", [None, SwashPlateDefect(**RECESS), PistonWear(um(60)), LooseSlipper(mm(0.2))])
+def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
+    pump: Pump, at_15: OperatingCondition, fault: object, topology: str
+) -> None:
+    twin = Twin(pump, at_15, fault, topology=topology)  # type: ignore[arg-type]
+    values = twin.values * torch.tensor([[0.5], [1.0], [2.0]], dtype=torch.float64)
+    exact, single = twin.acceleration(values), twin.acceleration(values.float())
+    assert single.dtype == torch.complex64
+    error = (single - exact).abs().amax(dim=(1, 2)) / exact.abs().amax(dim=(1, 2))
+    assert 1e-7 < float(error.max()) < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("values", "scales", "name"),
+    [
+        ({1: -1e8}, {}, r"slipper_swash.stiffness \(-1e\+08\)"),
+        ({0: 0.0, 5: -1.0}, {}, r"slipper_swash.damping \(0\)"),
+        ({}, {1: -0.5}, r"scales.bearing \(-0.5\)"),
+    ],
+)
+def test_a_spring_that_would_push_is_refused_by_name(
+    pump: Pump, at_15: OperatingCondition, values: dict[int, float], scales: dict[int, float], name: str
+) -> None:
+    twin = Twin(pump, at_15)
+    batch, factors = twin.values.repeat(3, 1), torch.ones(3, 4, dtype=torch.float64)
+    for index, value in values.items():
+        batch[2, index] = value
+    for index, value in scales.items():
+        factors[1, index] = value
+    with pytest.raises(InputError, match=name + " must be positive"):
+        twin.acceleration(batch.requires_grad_(), scales=factors)
+
+
+def test_a_twin_says_where_a_slipper_bridges_its_defect(pump: Pump, at_15: OperatingCondition) -> None:
+    slipper = pump.rotating_group.slipper_diameter
+    narrow = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=slipper / 2)
+    note = Twin(pump, at_15, narrow).notes()[0]
+    assert "smaller than a slipper" in note
+    assert "depth of 0.6 mm counts as 0.15 mm" in note
+    assert "extrapolation" in note
+    for fault in (None, SwashPlateDefect(**RECESS), replace(narrow, depth=0.0), PistonWear(um(60))):
+        assert not any("smaller than a slipper" in note for note in Twin(pump, at_15, fault).notes())
+
+
+def test_other_interface_values_and_a_rebuilt_twin_solve_no_pressures_again(
+    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = SwashPlateDefect(**RECESS)
+    Twin(pump, at_15, fault).acceleration()
+    monkeypatch.setattr("swashtwin.physics.loads.solve", None)
+    softer = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    for twin in (
+        Twin(pump, at_15.replaced(), fault, softer),
+        Twin(pump, at_15, fault.scaled(2.0), bandwidth=2000.0, scales=Scales(mount=2.0)),
+        Twin(pump, at_15, BoreDefect(um(300)), topology="T2"),
+    ):
+        assert torch.isfinite(twin.acceleration().abs()).all()

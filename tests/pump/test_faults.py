@@ -1,0 +1,155 @@
+"""Class names and faults with dimensions."""
+
+import math
+from copy import copy
+from dataclasses import replace
+from typing import Any, get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swashtwin.foundation import InputError, mm, um
+from swashtwin.pump import (
+    CLASSES,
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    LooseSlipper,
+    PistonWear,
+    SealingLandScratch,
+    SwashPlateDefect,
+    TiltedBlockFace,
+    ValvePlateWear,
+    canonical_label,
+)
+from swashtwin.pump.faults import ALIASES
+
+PAPERS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
+FAULTS: tuple[Any, ...] = (
+    PAPERS,
+    PistonWear(clearance=um(40)),
+    BoreDefect(depth=um(150)),
+    SealingLandScratch(conductance=1e-12),
+    TiltedBlockFace(variation=0.2),
+    ValvePlateWear(film_increase=um(10)),
+    DamScratch(area=1e-6),
+    GrooveErosion(advance=0.05),
+    LooseSlipper(clearance=mm(0.1)),
+)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("spelling", ["{}", " {} ", "{} fault", "{}_fault", "{}-Fault"])
+def test_a_class_is_known_however_it_is_spelled(name: str, spelling: str) -> None:
+    for word in (name, name.upper(), name.replace("_", " "), name.replace("_", "-")):
+        assert canonical_label(spelling.format(word)) == name
+
+
+def test_each_alias_stands_for_its_class() -> None:
+    for alias, name in ALIASES.items():
+        assert canonical_label(alias, (*CLASSES, "loose_slipper")) == name
+
+
+@pytest.mark.parametrize(
+    ("text", "nearest"),
+    [("pistn", "piston"), ("swahs plate", "swash_plate"), ("plungr", "piston"), ("valv_plate", "valve_plate")],
+)
+def test_an_unknown_class_offers_the_nearest(text: str, nearest: str) -> None:
+    with pytest.raises(InputError, match=f"unknown class '{text}'; .* normal, swash_plate.* Did you mean '{nearest}'?"):
+        canonical_label(text)
+
+
+@pytest.mark.parametrize("text", ["slipper", "slippr", "swashplate", "zzz", ""])
+def test_only_a_class_in_use_is_offered(text: str) -> None:
+    classes = ("normal", "piston")
+    with pytest.raises(InputError) as caught:
+        canonical_label(text, classes)
+    assert "loose_slipper" not in str(caught.value)
+    assert "swash_plate" not in str(caught.value)
+
+
+def test_what_resembles_no_class_gets_no_offer() -> None:
+    with pytest.raises(InputError, match=r"the classes are .*valve_plate\.$"):
+        canonical_label("zzz")
+
+
+def test_every_fault_is_tried_here() -> None:
+    assert {type(fault) for fault in FAULTS} == set(get_args(Fault))
+
+
+@given(fault=st.sampled_from(FAULTS), factor=st.floats(0, 2))
+def test_scaling_a_fault_scales_its_severity_and_nothing_else(fault: Any, factor: float) -> None:
+    scaled = fault.scaled(factor)
+    first = next(iter(vars(fault)))
+    assert scaled.severity == pytest.approx(factor * fault.severity, rel=1e-15)
+    assert replace(scaled, **{first: fault.severity}) == fault
+    assert scaled.label == fault.label
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
+@pytest.mark.parametrize("value", [-1e-9, math.nan, math.inf])
+def test_a_severity_is_zero_or_positive(fault: Any, value: float) -> None:
+    first = next(iter(vars(fault)))
+    with pytest.raises(InputError, match=rf"{type(fault).__name__}\.{first} .* must be zero or a positive number"):
+        replace(fault, **{first: value})
+
+
+@pytest.mark.parametrize(
+    ("fault", "changes"),
+    [
+        (PAPERS, {"length": 30}),
+        (PAPERS, {"width": 24}),
+        (PAPERS, {"depth": 0.6}),
+        (PistonWear(clearance=um(40)), {"clearance": 40}),
+        (BoreDefect(depth=um(150)), {"depth": 0.15}),
+        (ValvePlateWear(film_increase=um(10)), {"film_increase": 0.01}),
+        (LooseSlipper(clearance=mm(0.1)), {"clearance": 0.1}),
+    ],
+)
+def test_a_length_in_millimeters_is_recognized_as_a_slip(fault: Any, changes: dict[str, float]) -> None:
+    (name, value), = changes.items()  # fmt: skip
+    with pytest.raises(InputError, match=rf"{name} \({value:g} m\) exceeds .* in meters: 30 mm is mm\(30\)"):
+        replace(fault, **changes)
+
+
+@pytest.mark.parametrize(
+    ("fault", "changes", "message"),
+    [
+        (PAPERS, {"length": 0.0}, "length and width must be positive"),
+        (PAPERS, {"width": 0.0}, "length and width must be positive"),
+        (TiltedBlockFace(0.2), {"variation": 1.0}, r"variation \(1\) must be below 1: a film cannot pull"),
+        (DamScratch(1e-6), {"width": 0.0}, "DamScratch.width must be positive"),
+    ],
+)
+def test_an_impossible_dimension_is_refused(fault: Any, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(fault, **changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "known"),
+    [
+        ("entry", "center", "centre, edge"),
+        ("edge", "sine", "half_sine, raised_cosine"),
+        ("contact", "none", "shared, literal, physical"),
+    ],
+)
+def test_a_choice_that_is_none_is_refused_with_those_there_are(name: str, value: str, known: str) -> None:
+    misspelled = copy(PAPERS)
+    object.__setattr__(misspelled, name, value)  # the tests' type checker would refuse the constructor's argument
+    with pytest.raises(InputError, match=rf"SwashPlateDefect.{name} \('{value}'\) must be one of {known}"):
+        misspelled.__post_init__()
+
+
+@given(length=st.floats(1e-3, 0.3), width=st.floats(1e-3, 0.3))
+def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(length: float, width: float) -> None:
+    defect = replace(PAPERS, length=length, width=width)
+    reached = defect.effective_depth(mm(22))
+    assert 0 <= reached <= defect.depth
+    assert (reached == defect.depth) == (length >= mm(22) and width >= mm(22))
+
+
+def test_half_the_slippers_length_leaves_a_quarter_of_the_depth() -> None:
+    assert replace(PAPERS, length=mm(11)).effective_depth(mm(22)) == pytest.approx(mm(0.15))

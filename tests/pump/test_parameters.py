@@ -1,0 +1,337 @@
+"""Pumps, their files, and every way in which a file can be wrong."""
+
+import errno
+import math
+import os
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, deg, mm
+from swashtwin.pump import (
+    LETTERS,
+    PARAMETERS,
+    SECTIONS,
+    Bearings,
+    Interfaces,
+    Pump,
+    available_pumps,
+    load_pump,
+    new_pump,
+)
+
+TEXT = (resources.files("swashtwin") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
+
+
+def save(folder: Path, text: str) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    """Pump file in which the first `old` (a regular expression) reads `new`."""
+    text, count = re.subn(old, lambda _: new, TEXT, count=1, flags=re.MULTILINE)
+    assert count == 1, f"{old} is not in the file"
+    return save(folder, text)
+
+
+def tables_of(pump: Pump) -> dict[str, Any]:
+    """The pump as its file holds it."""
+
+    def entry(value: Any, unit: str) -> dict[str, Any]:
+        texts = [
+            f"{one!r} {unit}" if unit != "1" else repr(one) for one in (value if type(value) is tuple else [value])
+        ]
+        return {"value": texts if type(value) is tuple else texts[0], "source": "test"}
+
+    def section(part: Any) -> dict[str, Any]:
+        return {item.name: entry(getattr(part, item.name), item.metadata["unit"]) for item in fields(part)}
+
+    tables = {"format": 1, "name": pump.name} | {key: section(getattr(pump, key)) for key in SECTIONS}
+    tables["interfaces"] = {item.name: section(getattr(pump.interfaces, item.name)) for item in fields(Interfaces)}
+    tables["sensors"] = [
+        {"name": one.name, "position": entry(one.position, "m"), "direction": list(one.direction)}
+        for one in pump.sensors
+    ]
+    return tables
+
+
+def numbers_of(part: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a pump with its path."""
+    if is_dataclass(part):
+        for item in fields(part):
+            yield from numbers_of(getattr(part, item.name), f"{path}.{item.name}")
+    elif isinstance(part, tuple):
+        for i, one in enumerate(part):
+            yield from numbers_of(one, f"{path}[{i}]")
+    elif isinstance(part, float | int):
+        yield path, part
+
+
+def test_the_papers_pump_displaces_what_its_name_plate_says(pump: Pump) -> None:
+    group = pump.rotating_group
+    expected = 7 * math.pi / 4 * mm(17) ** 2 * 2 * mm(26) * math.tan(deg(16.8))
+    assert group.displacement == pytest.approx(expected, rel=1e-12)
+    assert group.displacement == pytest.approx(25e-6, rel=0.01)
+    assert pump.channels == ("cover_z", "body_y", "body_x")
+
+
+def test_every_number_of_every_pump_has_a_source() -> None:
+    for name in available_pumps():
+        pump = load_pump(name)
+        paths = {re.sub(r"\[\d\]$", "", path).removeprefix(".") for path, _ in numbers_of(pump)}
+        assert len(paths) > 60
+        assert {path for path in paths if not path.endswith(".direction")} == set(pump.sources)
+        assert all(source.strip() for source in pump.sources.values())
+
+
+def test_the_sources_are_those_of_the_file(pump: Pump) -> None:
+    tables = tomllib.loads(TEXT)
+    assert pump.sources["masses.shell"] == tables["masses"]["shell"]["source"]
+    assert pump.sources["interfaces.piston_bore.damping"].startswith("paper")
+    assert pump.sources["sensors[1].position"] == tables["sensors"][1]["position"]["source"]
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(factors=st.lists(st.floats(0.97, 1.03), min_size=150, max_size=150))
+def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path, factors: list[float]) -> None:
+    supply = iter(factors)
+
+    def varied(part: Any) -> Any:
+        if is_dataclass(part) and not isinstance(part, type):
+            kept = ("name", "sources", "piston_count", "direction")
+            return replace(part, **{x.name: varied(getattr(part, x.name)) for x in fields(part) if x.name not in kept})
+        if isinstance(part, tuple):
+            return tuple(varied(one) for one in part)
+        return part * next(supply) if isinstance(part, float) else part
+
+    written = varied(pump)
+    back = load_pump(save(tmp_path, tomli_w.dumps(tables_of(written))))
+    assert [path for path, _ in numbers_of(back)] == [path for path, _ in numbers_of(written)]
+    for (path, number), (_, expected) in zip(numbers_of(back), numbers_of(written), strict=True):
+        assert number == pytest.approx(expected, rel=6e-15), path  # 15 digits are kept
+    assert (back.name, back.channels) == (written.name, written.channels)
+
+
+def test_a_pump_without_a_name_is_called_as_its_file(tmp_path: Path) -> None:
+    assert load_pump(edited(tmp_path, '^name = "25scy14-1b"$', "")).name == "mine"
+    assert load_pump(str(tmp_path / "mine.toml")).name == "mine"
+
+
+def test_directions_are_made_unit_vectors(tmp_path: Path) -> None:
+    pump = load_pump(edited(tmp_path, r"direction = \[0, 0, 1\]", "direction = [3, 0, -4.0]"))
+    assert pump.sensors[0].direction == pytest.approx((0.6, 0.0, -0.8))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "message"),
+    [
+        ("^pitch_radius = .*$", "pitch_radius = 26", UnitError,
+         r'rotating_group.pitch_radius = 26 is a bare value; write pitch_radius = { value = "... m", source = "..." }'),
+        ('"26 mm"', "26", UnitError, r'rotating_group.pitch_radius is the bare number 26; write .* "26 m"'),
+        ('"26 mm"', '"26"', UnitError, r"rotating_group.pitch_radius = '26' has no unit; write .* \"26 m\""),
+        ('"7"', "7", UnitError, r'rotating_group.piston_count is the bare number 7; write .* example "7"'),
+        ('"16.8 deg"', '"16.8"', UnitError, r"rotating_group.swash_angle = '16.8' has no unit"),
+        ('"26 mm"', '"26 bar"', UnitError, r"rotating_group.pitch_radius = '26 bar' is no quantity in m"),
+        ('"26 mm"', '"26 mn"', UnitError, r"rotating_group.pitch_radius = '26 mn' is not|is no quantity in m"),
+        ('"26 mm"', '"2,6 cm"', UnitError, r"rotating_group.pitch_radius = '2,6 cm' is not a quantity"),
+        (r'"140 mm"', '"140"', UnitError, r"bearings.positions\[1\] = '140' has no unit"),
+        (', source = "paper" }$', " }", DataError, r'rotating_group.piston_count has no source; add source = "..."'),
+        ('source = "paper" }$', 'source = " " }', DataError, "rotating_group.piston_count has no source"),
+        ("^pitch_radius", "pitch_radios", DataError,
+         r"\[rotating_group\] has an unknown entry 'pitch_radios'; the entries are piston_count,.* pitch_radius"),
+        ("^pitch_radius = .*$", "", DataError, r"\[rotating_group\] lacks pitch_radius \(unit m\)"),
+        (r"^\[oil\]$", "[oils]", DataError, "the pump has an unknown entry 'oils'; the entries are format, name, rot"),
+        (r"^\[oil\]\n(.+\n)+", "", DataError, r"\[oil\] is missing"),
+        (r"^\[oil\]\n(.+\n)+", "[valve_plate.oil]\n", DataError, r"\[oil\] is missing|unknown entry 'oil'"),
+        (r"^\[interfaces.block_valve\]\n(.+\n)+", "", DataError, r"\[interfaces.block_valve\] is missing"),
+        (r"^\[interfaces.block_valve\]$", "[interfaces.block_valves]", DataError,
+         r"\[interfaces\] has an unknown entry 'block_valves'; the entries are slipper_swash, block_valve, pis"),
+        (r"^(\[interfaces.*\]\n(.+\n)+\n)+", "", DataError, r"\[interfaces.slipper_swash\] is missing"),
+        ("^format = 1$", "format = 2", DataError, "format is 2; this version reads format = 1"),
+        ("^format = 1$", "", DataError, "format is None"),
+        ("^format = 1$", "format = = 1", DataError, "not valid TOML: .*line 4"),
+        ('value = "26 mm"', 'value = "26 mm', DataError, "not valid TOML"),
+        ('"26 mm"', '["26 mm", "27 mm"]', DataError, r"rotating_group.pitch_radius = .* must be one quantity"),
+        (r'\["35 mm", "140 mm", "170 mm"\]', '"35 mm"', DataError, "bearings.positions = '35 mm' must be a list of qu"),
+        (r', "170 mm"\]', "]", InputError, "bearings: positions and stiffnesses must be lists of the same length"),
+        ('"26 mm"', '"-26 mm"', InputError, r"rotating_group.pitch_radius \(-0.026 m\) must be positive"),
+        ('"870 kg/m\\^3"', '"0 kg/m^3"', InputError, r"oil.density \(0 kg/m\^3\) must be positive"),
+        ('"20 um"', '"-20 um"', InputError, r"masses.rotor_eccentricity \(-2e-05 m\) must be positive"),
+        ('"4e8 N/m"', '"-4e8 N/m"', InputError, r"bearings.stiffnesses \(-4e\+08 N/m\) must be positive"),
+        ('"7"', '"7.5"', InputError, r"rotating_group.piston_count \(7.5\) must be a whole number"),
+        ('"7"', '"2"', InputError, r"piston_count \(2\) must lie in 3...19"),
+        ('"7"', '"11"', InputError, r"11 bores of 17 mm overlap on a pitch radius of 26 mm; enlarge pitch_radius"),
+        ('"17 mm"', '"17 m"', InputError, "bores of 1.7e\\+04 mm overlap on a pitch radius of 26 mm"),
+        ('"26 mm"', '"26 m"', InputError, r"give 2.494e\+04 mL per revolution, outside 0.01...5000 mL"),
+        ('"17 mm"', '"17 um"', InputError, "give 2.494e-05 mL per revolution, outside .*; look for a slip of the unit"),
+        ('"16.8 deg"', '"16.8 rad"', InputError, r"swash_angle \(962.6 deg\) must lie within 0...45 deg"),
+        ('"14 mm"', '"22 mm"', InputError, "slipper_diameter must exceed pocket_diameter"),
+        ('"0.6"', '"6"', InputError, r"piston_eccentricity \(6\) must lie in 0...1"),
+        ('"29 mm"', '"39 mm"', InputError,
+         r"valve_plate.outer_land_inner_radius \(0.039\) must be below outer_land_outer_radius \(0.033\)"),
+        ('"194 deg"', '"170 deg"', InputError,
+         r"valve_plate.suction_close \(3.107\) must be below discharge_open \(2.967\)"),
+        ('^name = "cover_z"$', "", DataError, r"sensors\[0\] lacks name"),
+        (r"^direction = \[0, 1, 0\]$", "", DataError, r"sensors\[1\] lacks direction"),
+        (r"direction = \[0, 1, 0\]", "direction = [0, 1]", DataError, r"sensors\[1\]: .* lists of three components"),
+        (r"direction = \[0, 1, 0\]", 'direction = "y"', DataError, r"sensors\[1\]: .* lists of three components"),
+        (r"direction = \[0, 1, 0\]", 'direction = ["0", "1", "0"]', DataError, "must be bare numbers: it has no unit"),
+        (r"direction = \[0, 1, 0\]", "direction = [0, 0, 0]", DataError, r"sensors\[1\].direction .* has no length"),
+        (r"direction = \[0, 1, 0\]", "direction = [0, nan, 0]", DataError, r"sensors\[1\].direction .* has no length"),
+        (r'\["0 mm", "80 mm", "50 mm"\]', '"80 mm"', DataError, r"sensors\[1\]: .* lists of three components"),
+        (r'\["0 mm", "80 mm", "50 mm"\]', '["0 mm", "80 mm"]', DataError, r"sensors\[1\]: .* three components"),
+        ('"body_y"', '"cover_z"', DataError, r"sensors\[1\]: another sensor is named 'cover_z' already"),
+        (r"^(\[\[sensors\]\]\n(.+\n)+\n*)+", "", DataError, r"no \[\[sensors\]\]; give at least one"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_is_refused_in_one_line_that_names_file_entry_and_remedy(
+    tmp_path: Path, old: str, new: str, error: type[Exception], message: str
+) -> None:
+    path = edited(tmp_path, old, new)
+    with pytest.raises(error, match=message) as caught:
+        load_pump(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+    assert type(caught.value) is error
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"interfaces": 5}, r"\[interfaces\] is no table"),
+        ({"oil": 5}, r"\[oil\] is missing or no table"),
+        ({"sensors": [1]}, r"no \[\[sensors\]\]"),
+        ({"sensors": {"name": "a"}}, r"no \[\[sensors\]\]"),
+    ],
+)
+def test_a_section_of_another_kind_is_refused(pump: Pump, tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        load_pump(save(tmp_path, tomli_w.dumps(tables_of(pump) | change)))
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(b"\x89PNG\r\n\xff\xfe")
+    with pytest.raises(DataError, match=r"mine\.toml: not a text file in UTF-8"):
+        load_pump(tmp_path / "mine.toml")
+
+
+def test_an_unknown_pump_is_answered_with_those_there_are() -> None:
+    assert "25scy14-1b" in available_pumps()
+    with pytest.raises(MissingFileError, match=r"no pump named '25scy'; there are 25scy14-1b, or give a \.toml"):
+        load_pump("25scy")
+    with pytest.raises(FileNotFoundError):
+        load_pump("25scy")
+
+
+def test_a_file_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match=r"nowhere\.toml: no such pump file"):
+        load_pump(tmp_path / "nowhere.toml")
+
+
+def test_a_new_pump_is_its_model_under_another_name(pump: Pump, tmp_path: Path) -> None:
+    path = new_pump("mine", folder=tmp_path)
+    assert path == tmp_path / "mine.toml"
+    mine = load_pump(path)
+    assert mine == replace(pump, name="mine")
+    assert dict(mine.sources) == dict(pump.sources)
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# Copied from 25scy14-1b.toml; edit the values and their sources.\n")
+    assert all(line in text for line in TEXT.splitlines() if line.startswith("#"))
+
+
+@pytest.mark.parametrize("line", ["", 'name="any"', "name = 'it is'", 'name   =  "25scy14-1b"  # ours'])
+def test_a_new_pump_has_its_own_name_however_the_model_wrote_its(tmp_path: Path, line: str) -> None:
+    model = edited(tmp_path, '^name = "25scy14-1b"$', line)
+    new = load_pump(new_pump("second", like=model, folder=tmp_path / "there"))
+    assert (new.name, new.channels) == ("second", load_pump(model).channels)
+
+
+def test_a_new_pump_overwrites_nothing(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("precious")
+    with pytest.raises(InputError, match=r"mine\.toml exists already; choose another name or remove it"):
+        new_pump("mine", folder=tmp_path)
+    assert (tmp_path / "mine.toml").read_text() == "precious"
+    assert os.listdir(tmp_path) == ["mine.toml"]
+
+
+def test_a_full_disk_leaves_no_half_written_pump(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(path: Path, text: str, **_: Any) -> int:
+        with path.open("w") as file:
+            file.write(text[:100])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fill)
+    with pytest.raises(OSError, match="No space left on device"):
+        new_pump("mine", folder=tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "../a", "a b", 'a"b', ".hidden", "a\n"])
+def test_a_name_that_is_none_for_a_file_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot name a pump; use letters, digits"):
+        new_pump(name, folder=tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_damaged_model_is_not_copied(tmp_path: Path) -> None:
+    model = edited(tmp_path, '"26 mm"', "26")
+    with pytest.raises(UnitError, match=r"mine\.toml: rotating_group.pitch_radius is the bare number"):
+        new_pump("second", like=model, folder=tmp_path)
+    assert os.listdir(tmp_path) == ["mine.toml"]
+
+
+@given(values=st.lists(st.floats(1e-3, 1e12), min_size=6, max_size=6))
+def test_the_six_values_come_back_in_their_order(values: list[float]) -> None:
+    interfaces = Interfaces.from_values(values)
+    assert interfaces.values() == tuple(values)
+    for name, value in zip(PARAMETERS, values, strict=True):
+        joint, kind = name.split(".")
+        assert getattr(getattr(interfaces, joint), kind) == value
+
+
+def test_each_of_the_six_values_has_its_letter() -> None:
+    assert tuple(LETTERS) == PARAMETERS
+    assert len(set(LETTERS.values())) == 6
+    for name, letter in LETTERS.items():
+        assert letter.startswith({"damping": "C_", "stiffness": "K_"}[name.split(".")[1]])
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
+def test_an_interface_value_that_is_not_positive_is_named(wrong: float) -> None:
+    with pytest.raises(InputError, match=rf"block_valve.stiffness \({wrong:g}\) must be a positive number"):
+        Interfaces.from_values([1, 1, 1, wrong, 1, 1])
+
+
+def test_five_interface_values_are_refused() -> None:
+    with pytest.raises(InputError, match=r"5 interface values; there are 6: slipper_swash.damping, "):
+        Interfaces.from_values([1] * 5)
+
+
+def test_other_interfaces_leave_the_rest_of_the_pump(pump: Pump) -> None:
+    other = pump.with_interfaces(Interfaces.from_values([1, 2, 3, 4, 5, 6]))
+    assert other.interfaces.values() == (1, 2, 3, 4, 5, 6)
+    assert replace(other, interfaces=pump.interfaces) == pump
+
+
+def test_bearings_need_one_place_each() -> None:
+    with pytest.raises(InputError, match="one entry a bearing"):
+        Bearings(positions=(), stiffnesses=(), axial_stiffness=1.0, damping_time=1.0)
+
+
+@given(warmer=st.floats(0, 80))
+def test_oil_thins_exponentially_with_temperature(pump: Pump, warmer: float) -> None:
+    oil = pump.oil
+    assert oil.viscosity_at(oil.reference_temperature) == oil.viscosity
+    expected = oil.viscosity * math.exp(-oil.viscosity_slope * warmer)
+    assert oil.viscosity_at(oil.reference_temperature + warmer) == pytest.approx(expected, rel=1e-9)

@@ -1,0 +1,371 @@
+"""One index says what every file of a folder is, and nothing in it is taken on trust."""
+
+import errno
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, UnitError
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, propose_index, read_recordings, save_index, write_index, write_recording
+
+TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Zl", "Zp")), min_size=1, max_size=12)
+
+
+def make(name: str, label: str | None = "normal", **changes: object) -> Recording:
+    generator = np.random.default_rng(sum(name.encode()))
+    recording = Recording(signal=generator.standard_normal((1, 64)), sample_rate=1000.0, recording_id=name, label=label)
+    return replace(recording, **changes)
+
+
+def save(folder: Path, text: str) -> Path:
+    for name in ("a", "b"):
+        (folder / f"{name}.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n")
+    path = folder / "recordings.toml"
+    path.write_text(text)
+    return path
+
+
+@st.composite
+def facts(draw: st.DrawFn) -> dict[str, Any]:
+    condition = None
+    if draw(st.booleans()):
+        pressure = st.floats(0.2e6, 1e8)
+        condition = {
+            "speed": draw(st.floats(1.0, 800.0)),
+            "discharge_pressure": draw(pressure),
+            "suction_pressure": draw(st.floats(1e4, 1.9e5)),
+            "oil_temperature": draw(st.floats(240.0, 420.0)),
+        }
+    return {
+        "signal": draw(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=6)),
+        "sample_rate": draw(st.floats(0.5, 1e6)),
+        "recording_id": draw(TEXT),
+        "channels": (draw(TEXT),),
+        "unit": draw(st.sampled_from(["m/s^2", "Pa", "1", "mm/s"])),
+        "label": draw(st.none() | TEXT),
+        "condition": condition,
+        "specimen": draw(st.none() | TEXT),
+        "synthetic": draw(st.booleans()),
+        "attributes": draw(st.dictionaries(TEXT.filter(lambda key: key not in ("file", "sha256")), TEXT, max_size=3)),
+    }
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(facts=facts(), suffix=st.sampled_from(["h5", "mat"]))
+def test_an_index_gives_back_whatever_was_written(facts: dict[str, Any], suffix: str, tmp_path: Path) -> None:
+    condition = OperatingCondition(**facts["condition"]) if facts["condition"] else None
+    recording = Recording(**{**facts, "signal": np.array(facts["signal"])[None], "condition": condition})
+    path = write_recording(recording, tmp_path / f"one.{suffix}")
+    (back,) = read_recordings(write_index([recording], [path], tmp_path))
+    np.testing.assert_array_equal(back.signal, recording.signal)
+    for name in ("recording_id", "channels", "unit", "label", "specimen", "synthetic"):
+        assert getattr(back, name) == getattr(recording, name)
+    assert back.sample_rate == pytest.approx(recording.sample_rate, rel=1e-14)
+    assert {key: back.attributes[key] for key in recording.attributes} == dict(recording.attributes)
+    assert (back.condition is None) == (recording.condition is None)
+    if back.condition is not None and recording.condition is not None:
+        for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
+            assert getattr(back.condition, name) == pytest.approx(getattr(recording.condition, name), rel=1e-12)
+
+
+def test_recordings_come_in_the_order_of_the_index(tmp_path: Path) -> None:
+    made = [make("b"), make("a", "piston"), make("c")]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in made]
+    write_index(made, files, tmp_path)
+    assert [one.recording_id for one in read_recordings(tmp_path)] == ["b", "a", "c"]
+    assert tomllib.loads((tmp_path / "recordings.toml").read_text())["classes"] == ["normal", "piston"]
+
+
+def test_defaults_hold_where_an_entry_is_silent(tmp_path: Path) -> None:
+    path = save(
+        tmp_path,
+        """
+        format = 1
+        defaults = { sample_rate = "1 kHz", unit = "g", label = "normal" }
+        [[recording]]
+        file = "a.csv"
+        channels = [1]
+        [[recording]]
+        file = "b.csv"
+        label = "piston"
+        unit = "m/s^2"
+        """,
+    )
+    a, b = read_recordings(path)
+    assert (a.label, b.label, a.channels, b.channels) == ("normal", "piston", ("y",), ("x", "y"))
+    np.testing.assert_allclose(a.signal, np.array([[2.5, 4.5]]) * 9.80665)
+    np.testing.assert_array_equal(b.signal, [[1.5, 3.5], [2.5, 4.5]])
+
+
+def test_the_index_may_lie_away_from_its_data(tmp_path: Path) -> None:
+    save(tmp_path, "")
+    index = tmp_path / "elsewhere" / "mine.toml"
+    entry = {"file": "a.csv", "unit": "1", "sample_rate": "1 Hz"}
+    save_index({"format": 1, "root": "..", "recording": [entry]}, index)
+    assert read_recordings(index)[0].attributes["file"] == "a.csv"
+
+
+FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("format = 1", r"no \[\[recording\]\] entry"),
+        ("recording = [1]", "format = None"),
+        ("format = 2", "format = 2 cannot be read"),
+        ("format = ", "not valid TOML"),
+        ("format = 1\nclases = []", "unknown key 'clases'"),
+        ("format = 1\nclasses = 'normal'", "must be a list"),
+        ("format = 1\nrecording = [1]", "entry 1 is not a"),
+        ('format = 1\n[[recording]]\nunit = "g"', 'needs file = "..."'),
+        (f'format = 1\n[[recording]]\nfile = "a.csv"\nsamplerate = "1 kHz"\n{FACTS}', "did you mean 'sample_rate'"),
+        ('format = 1\n[[recording]]\nfile = "a.csv"\nunit = "1"\nsample_rate = 25600', "bare number 25600"),
+        (f'format = 1\n[[recording]]\nfile = "a.csv"\nchannels = "x"\n{FACTS}', "channels = 'x' must be a list"),
+        (f'format = 1\n[[recording]]\nfile = "c.csv"\n{FACTS}', "c.csv does not exist"),
+        (f'format = 1\nclasses = ["normal", "swash_plate"]\n[[recording]]\nfile = "a.csv"\nlabel = "swashplate"\n{FACTS}',  # noqa: E501
+         "unknown class 'swashplate'; did you mean 'swash_plate'"),
+        (f'format = 1\nclasses = ["normal"]\n[[recording]]\nfile = "a.csv"\nlabel = "xyz"\n{FACTS}', "classes = "),
+        (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),
+        (f'format = 1\n[[recording]]\nfile = "a.csv"\nnames = [1, 2]\n{FACTS}', "names = .* must be a list of texts"),
+    ],
+)  # fmt: skip
+def test_a_wrong_index_is_refused_in_one_line(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(SwashTwinError, match=said) as caught:
+        read_recordings(save(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="swashtwin index"):
+        read_recordings(tmp_path)
+    save(tmp_path, "")
+    with pytest.raises(DataError, match="read_recording"):
+        read_recordings(tmp_path / "a.csv")
+
+
+def test_two_recordings_of_one_name_are_not_indexed(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'a'"):
+        write_index([make("a"), make("a")], ["1.h5", "2.h5"], tmp_path)
+    with pytest.raises(InputError, match="1 files for 2"):
+        write_index([make("a"), make("b")], ["1.h5"], tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save(tmp_path, "old")
+
+    def fail(self: Path, text: str, **_: object) -> int:
+        with self.open("w") as file:
+            file.write(text[:5])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fail)
+    with pytest.raises(OSError, match="No space"):
+        save_index({"format": 1}, path)
+    assert path.read_text() == "old"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.csv", "b.csv", "recordings.toml"]
+
+
+# ---- proposals
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    for name in ("A01/normal_15MPa_860rpm_1", "A01/swash_plate_15MPa_860rpm_1", "B02/normal_10MPa_860rpm_1"):
+        path = tmp_path / f"{name}.csv"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("x,y\n1.5,2.5\n3.5,4.5\n")
+    return tmp_path
+
+
+def test_a_proposal_reads_label_speed_and_pressure_from_names(rig: Path) -> None:
+    proposal = propose_index(rig, sample_rate="25.6 kHz", unit="g")
+    save_index(proposal.index, rig / "recordings.toml")
+    back = read_recordings(rig)
+    assert [one.label for one in back] == ["normal", "swash_plate", "normal"]
+    pressures = [one.condition.discharge_pressure for one in back if one.condition]
+    assert pressures == [15e6, 15e6, 10e6]
+    assert proposal.index["defaults"]["speed"] == "860 rpm"
+    assert proposal.skipped == ()
+
+
+def test_a_proposal_obeys_a_pattern(rig: Path) -> None:
+    pattern = r"(?P<specimen>\w+)/(?P<label>[a-z_]+?)_(?P<pressure>\d+)MPa_(?P<speed>\d+)rpm_(?P<repeat>\d)"
+    proposal = propose_index(rig, label_pattern=pattern, sample_rate="25.6 kHz", unit="g", include=["A01/*"])
+    save_index(proposal.index, rig / "recordings.toml")
+    back = read_recordings(rig)
+    assert [(one.label, one.specimen, one.attributes["repeat"]) for one in back] == [
+        ("normal", "A01", "1"),
+        ("swash_plate", "A01", "1"),
+    ]
+    with pytest.raises(DataError, match="does not match label_pattern"):
+        propose_index(rig, label_pattern="(?P<label>x{9})", sample_rate="1 Hz", unit="g")
+    with pytest.raises(InputError, match="not a regular expression"):
+        propose_index(rig, label_pattern="(", sample_rate="1 Hz", unit="g")
+
+
+def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
+    for name in ("swash_plate", "normal"):
+        (rig / name).mkdir()
+        write_recording(make(name, None), rig / name / f"{name}.mat")
+    write_recording(make("own", "piston"), rig / "own.h5")
+    pattern = r"(?P<label>normal|swash_plate|own)(_(?P<pressure>\d+)MPa)?.*?_?(?P<repeat>\d?)\."
+    found = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).found
+    assert found == (
+        "label: normal (1), swash_plate (1), says its name",
+        "speed: 860 rpm (2), says its name",
+        "discharge_pressure: 15 MPa (2), says its name",
+        "sample_rate: 25.6 kHz (2), says the flag",
+        "unit: m/s^2 (2), says the flag",
+        "channels: x, y (2), says the file",
+    )
+    found = propose_index(rig, include=["normal/*", "own.h5"]).found
+    assert found[0] == "label: normal (1), says the folder's name; piston (1), says the file"
+    assert found[1] == "sample_rate: 1000 Hz (2), says the file"
+    found = propose_index(
+        rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
+    )
+    assert "attribute repeat: 1 (2), says the pattern" in found.found
+    assert "speed: 860 rpm (2), says the flag" in found.found
+
+
+def test_a_proposal_asks_for_what_nobody_says(rig: Path) -> None:
+    asked = []
+
+    def ask(key: str, question: str) -> str | None:
+        asked.append((key, question))
+        return {"sample_rate": "25.6 kHz", "unit": "g"}[key]
+
+    proposal = propose_index(rig, ask=ask)
+    assert [key for key, _ in asked] == ["sample_rate", "unit"]
+    assert asked[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
+    assert proposal.index["defaults"] == {"sample_rate": "25.6 kHz", "unit": "g", "speed": "860 rpm"}
+    with pytest.raises(DataError, match="nobody says sample_rate of 3 files"):
+        propose_index(rig, ask=lambda key, question: None)
+
+
+def test_a_pressure_without_a_speed_is_noticed_when_the_index_is_proposed(tmp_path: Path) -> None:
+    (tmp_path / "normal_15MPa.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n")
+    facts = {"sample_rate": "1 kHz", "unit": "g"}
+    with pytest.raises(DataError, match=r"nobody says speed of 1 files .*--speed"):
+        propose_index(tmp_path, **facts)
+    index = propose_index(tmp_path, **facts, ask=lambda key, question: {"speed": "860 rpm"}[key]).index
+    assert index["defaults"]["speed"] == "860 rpm"
+
+
+def test_a_proposal_asks_how_the_class_is_written(tmp_path: Path) -> None:
+    for name in ("01_7", "02_8"):
+        write_recording(make(name, None), tmp_path / f"{name}.mat")
+    index = propose_index(
+        tmp_path, ask=lambda key, question: r"_(?P<label>\d)" if key == "label_pattern" else None
+    ).index
+    assert index["classes"] == ["7", "8"]
+
+
+def test_a_proposal_names_everything_that_nobody_says(rig: Path) -> None:
+    with pytest.raises(DataError, match=r"sample_rate of 3 files .*--sample-rate.*unit of 3 files .*--unit"):
+        propose_index(rig)
+
+
+def test_a_proposal_takes_facts_from_files_that_carry_them(tmp_path: Path) -> None:
+    for name, label in (("1", "normal"), ("2", "piston")):
+        write_recording(make(name, label), tmp_path / f"{name}.h5")
+    (tmp_path / "notes.txt").write_text("measured on a Friday")
+    proposal = propose_index(tmp_path)
+    assert proposal.index["recording"] == [{"file": "1.h5"}, {"file": "2.h5"}]
+    assert len(proposal.skipped) == 1
+    assert "notes.txt" in proposal.skipped[0]
+    save_index(proposal.index, tmp_path / "recordings.toml")
+    assert [one.label for one in read_recordings(tmp_path)] == ["normal", "piston"]
+
+
+def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
+    (rig / "files.csv").write_text("path,class,n\nA01/normal_15MPa_860rpm_1.csv,ok,1797\n")
+    columns = {"file": "path", "label": "class", "speed": "n", "serial": "n"}
+    index = propose_index(rig, table=rig / "files.csv", columns=columns, sample_rate="1 kHz", unit="g").index
+    assert index["recording"][0]["label"] == "ok"
+    assert index["recording"][0]["speed"] == "1797 rpm"
+    assert index["recording"][0]["attributes"] == {"serial": "1797"}
+    with pytest.raises(DataError, match="no column 'label' for label; it has path, class, n"):
+        propose_index(rig, table=rig / "files.csv", columns={"file": "path"})
+
+
+def test_files_of_one_name_in_two_folders_get_ids(tmp_path: Path) -> None:
+    for folder in ("normal", "piston"):
+        write_recording(make(folder, None), tmp_path / folder / "1.mat")
+    index = propose_index(tmp_path).index
+    assert [entry["id"] for entry in index["recording"]] == ["normal_1.mat", "piston_1.mat"]
+    assert index["classes"] == ["normal", "piston"]
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"holds no file to index: supported are \.csv"):
+        propose_index(tmp_path)
+    with pytest.raises(MissingFileError, match="not a folder"):
+        propose_index(tmp_path / "nowhere")
+
+
+# ---- public data
+
+
+def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: Path) -> None:
+    folder = public_data / "cwru"
+    columns = {"specimen": "bearing_id", "speed": "rpm_nominal", "sample_rate": "fs_hz", "sha256": "sha256"}
+    proposal = propose_index(
+        folder,
+        table=folder / "files.csv",
+        columns=columns,
+        include=["drive_end_12k/*load0*", "normal_48k/*"],
+        unit="g",
+        channels=["*_DE_time"],
+        names=["drive_end"],
+        resample="12 kHz",
+        index_folder=tmp_path,
+    )
+    back = read_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
+    assert {one.sample_rate for one in back} == {12000.0}
+    assert {one.label for one in back} == {"normal", "ball", "inner_race", "outer_race"}
+    normal = next(one for one in back if one.label == "normal")
+    assert normal.signal.shape == (1, 60985)
+    assert "from 48000 Hz to 12000 Hz" in normal.attributes["resampled"]
+    assert (normal.specimen, normal.attributes["speed"]) == ("DE-healthy", "1797 rpm")
+
+
+def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_path: Path) -> None:
+    folder = public_data / "pump_cavitation"
+    proposal = propose_index(
+        folder,
+        table=folder / "files.csv",
+        columns={"speed": "speed_rpm_log", "repeat": "repeat"},
+        include=["recordings/0[1-5]_1*"],
+        unit="1",
+        channels=["ch 0", "ch 1"],
+        index_folder=tmp_path,
+    )
+    back = read_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
+    assert [one.label for one in back] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
+    assert {(one.sample_rate, one.signal.shape) for one in back} == {(6400.0, (2, 32810))}
+
+
+@pytest.mark.parametrize(
+    ("fact", "message"),
+    [
+        ({"sample_rate": "25600"}, "sample_rate = '25600' has no unit"),
+        ({"unit": "gg"}, "unit = 'gg' is no unit"),
+        ({"discharge_pressure": "15 Mpa"}, "discharge_pressure = '15 Mpa'"),
+    ],
+)
+def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_made(
+    fact: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "normal_1.csv").write_text("x\n1\n2\n")
+    facts = {"sample_rate": "10 Hz", "unit": "g", **fact}
+    with pytest.raises(UnitError, match=message):
+        propose_index(tmp_path, **facts)

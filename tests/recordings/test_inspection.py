@@ -1,0 +1,231 @@
+"""What a careful person would see in a measurement is found, and a good one raises no alarm."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import DataError, MPa, rpm
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import (
+    Recording,
+    RecordingReport,
+    inspect_recording,
+    inspect_recordings,
+    read_recording,
+    refuse_unfit,
+)
+
+RATE = 6400.0
+
+
+def good(seed: int = 0, *, seconds: float = 6.0, speed: float = 860.0, lines: bool = True) -> Recording:
+    """Noise with lines at the shaft's and the pistons' multiples."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(int(seconds * RATE)) / RATE
+    signal = generator.standard_normal(len(time))
+    if lines:
+        for order in (1, 2, 3, 4, 5, 7, 9, 14):
+            signal += 0.4 * np.sin(2 * np.pi * order * 860 / 60 * time + order)
+    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(15.0))
+    return Recording(
+        signal=signal[None],
+        sample_rate=RATE,
+        recording_id=f"r{seed}",
+        label="normal",
+        specimen="A",
+        condition=condition,
+    )
+
+
+def changed(recording: Recording, start: int, stop: int, value: float) -> Recording:
+    signal = recording.signal.copy()
+    signal[0, start:stop] = value
+    return replace(recording, signal=signal)
+
+
+def kinds(report: RecordingReport) -> list[str]:
+    return [finding.kind for finding in report.findings]
+
+
+def test_a_good_recording_raises_no_alarm() -> None:
+    report = inspect_recording(good())
+    assert report.findings == ()
+    (channel,) = report.channels
+    signal = good().signal[0]
+    assert (channel.minimum, channel.maximum) == (signal.min(), signal.max())
+    assert channel.rms == pytest.approx(np.sqrt((signal**2).mean()))
+    assert (report.duration, report.sample_rate, report.unit) == (6.0, RATE, "m/s^2")
+    refuse_unfit(good())
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_missing_readings_are_errors(value: float) -> None:
+    broken = changed(good(), 640, 642, value)
+    report = inspect_recording(broken)
+    assert "nan" in kinds(report)
+    assert "2 of 38400 readings are missing or infinite, the first at 0.1 s" in report.findings[0].message
+    assert np.isfinite(report.channels[0].maximum)
+    with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 readings"):
+        refuse_unfit(broken)
+
+
+def test_a_recording_without_one_reading_is_reported_not_raised() -> None:
+    empty = replace(good(), signal=np.full((1, 6400), np.nan))
+    assert "nan" in kinds(inspect_recording(empty))
+    assert json.dumps(inspect_recordings([empty]).to_dict(), allow_nan=False)
+
+
+def test_a_constant_channel_is_an_error() -> None:
+    dead = changed(good(), 0, 38400, 2.5)
+    assert kinds(inspect_recording(dead)) == ["constant"]
+    with pytest.raises(DataError, match=r"every reading is 2\.5"):
+        refuse_unfit(dead)
+
+
+def test_less_than_one_revolution_is_an_error() -> None:
+    short = good(seconds=0.06)
+    assert kinds(inspect_recording(short)) == ["short"]
+    with pytest.raises(DataError, match="shorter than one revolution at 860 rev/min"):
+        refuse_unfit(short)
+    refuse_unfit(replace(short, condition=None))
+    with pytest.raises(DataError, match="shorter than one revolution"):
+        refuse_unfit(replace(short, condition=None, attributes={"speed": "860 rpm"}))
+
+
+def test_gaps_in_time_are_an_error(tmp_path: Path) -> None:
+    time = np.arange(200) * 0.01
+    time[120:] += 0.4
+    rows = "\n".join(f"{t:.2f},{x}" for t, x in zip(time, np.sin(np.arange(200)), strict=True))
+    (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
+    recording = read_recording(tmp_path / "a.csv", unit="1")
+    assert kinds(inspect_recording(recording)) == ["gaps"]
+    with pytest.raises(DataError, match="1 of 199 steps differ"):
+        refuse_unfit(recording)
+
+
+@pytest.mark.parametrize("limit", [1.5, 2.5])
+def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
+    time = np.arange(38400) / RATE
+    smooth = 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
+    clipped = replace(good(), signal=np.clip(smooth, -limit, limit)[None], condition=None)
+    (finding,) = inspect_recording(clipped).findings
+    assert (finding.kind, finding.severity) == ("clipping", "warning")
+    share = np.mean(np.abs(clipped.signal) == limit)
+    assert f"({share:.2%})" in finding.message
+    refuse_unfit(clipped)
+
+
+def test_a_finely_sampled_sine_is_not_called_clipped() -> None:
+    time = np.arange(38400) / RATE
+    coarse = np.round(200 * np.sin(2 * np.pi * 14.3 * time)) / 10
+    assert inspect_recording(replace(good(), signal=coarse[None], condition=None)).findings == ()
+
+
+def test_peaks_at_the_converters_full_scale_are_called_clipping() -> None:
+    steps = np.clip(np.round(good(lines=False).signal * 700), -2048, 2047)
+    assert kinds(inspect_recording(replace(good(), signal=steps * 0.00398))) == ["clipping"]
+    assert kinds(inspect_recording(replace(good(), signal=np.clip(steps, -2000, 2000) * 0.00398))) == []
+
+
+def test_a_flat_stretch_is_located() -> None:
+    (finding,) = inspect_recording(changed(good(), 6400, 6480, 0.25)).findings
+    assert (finding.kind, finding.severity) == ("flat", "warning")
+    assert "the longest is 0.0125 s at 1 s" in finding.message
+
+
+def test_a_large_offset_is_a_warning() -> None:
+    recording = good()
+    assert kinds(inspect_recording(replace(recording, signal=recording.signal + 9.81))) == ["offset"]
+
+
+@pytest.mark.parametrize("stated", [800.0, 830.0, 900.0, 930.0])
+def test_lines_beside_the_stated_speed_are_a_warning(stated: float) -> None:
+    (finding,) = inspect_recording(good(speed=stated)).findings
+    assert (finding.kind, finding.severity) == ("speed", "warning")
+    assert "(860 rev/min)" in finding.message
+    assert f"the stated {stated:.0f} rev/min" in finding.message
+
+
+@pytest.mark.parametrize("stated", [850.0, 860.0, 870.0])
+def test_a_speed_that_is_nearly_right_is_not_questioned(stated: float) -> None:
+    assert inspect_recording(good(speed=stated)).findings == ()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_without_lines_contradicts_no_speed(seed: int) -> None:
+    assert inspect_recording(good(seed, lines=False)).findings == ()
+
+
+@pytest.mark.parametrize(("rate", "meant"), [(RATE / 1000, "6.4 kHz"), (RATE * 1000, "6400 Hz")])
+@pytest.mark.parametrize("unit", ["m/s^2", "1"])
+def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(rate: float, meant: str, unit: str) -> None:
+    findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
+    (finding,) = [one for one in findings if one.kind == "rate"]
+    assert finding.severity == "warning"
+    assert f"{meant} meant?" in finding.message
+
+
+@pytest.mark.parametrize(("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")])
+def test_rates_of_slow_sensors_and_of_fast_ones_are_not_questioned(rate: float, unit: str) -> None:
+    recording = replace(good(), sample_rate=rate, unit=unit, condition=None)
+    assert inspect_recording(recording).findings == ()
+
+
+# ---- between recordings
+
+
+def test_rates_that_differ_between_classes_are_an_error() -> None:
+    other = replace(good(1), label="piston", sample_rate=2 * RATE, condition=None)
+    report = inspect_recordings([good(), other])
+    (rate,) = [finding for finding in report.findings if finding.kind == "rate"]
+    assert rate.severity == "error"
+    assert "6400 Hz: normal; 12800 Hz: piston" in rate.message
+    assert report.has_errors
+    same = inspect_recordings([good(), replace(other, label="normal")])
+    assert [finding.severity for finding in same.findings if finding.kind == "rate"] == ["warning"]
+
+
+def test_equal_signals_under_two_names_are_an_error() -> None:
+    report = inspect_recordings([good(), replace(good(), recording_id="copy", label="piston"), good(1)])
+    (duplicate,) = [finding for finding in report.findings if finding.kind == "duplicate"]
+    assert "r0, copy hold the same readings (normal, piston)" in duplicate.message
+
+
+def test_units_and_lengths_that_differ_are_found() -> None:
+    report = inspect_recordings([good(), replace(good(1, seconds=1.5), unit="1")])
+    assert {"unit", "length"} <= {finding.kind for finding in report.findings}
+
+
+def test_a_class_of_one_recording_or_one_specimen_is_found() -> None:
+    report = inspect_recordings([good(), good(1), replace(good(2), label="piston"), replace(good(3), label=None)])
+    found = {finding.kind: finding.severity for finding in report.findings}
+    assert found == {"one_specimen": "note", "one_recording": "warning", "unlabeled": "note"}
+    assert not report.has_errors
+
+
+def test_a_report_is_json() -> None:
+    content = json.loads(json.dumps(inspect_recordings([good(), good(1)]).to_dict(), allow_nan=False))
+    assert content["recordings"][0]["recording_id"] == "r0"
+    assert content["recordings"][0]["channels"][0]["name"] == "acceleration"
+
+
+# ---- public data
+
+
+@pytest.mark.parametrize(("record", "clipped"), [(235, False), (236, True), (237, True), (234, False)])
+def test_the_bearing_recordings_known_to_be_clipped_are_found(public_data: Path, record: int, clipped: bool) -> None:
+    path = public_data / "cwru" / "drive_end_12k" / f"drive_end_12k_OR021at6_load{record - 234}_rec{record}.mat"
+    report = inspect_recording(read_recording(path, sample_rate=12000, unit="g", channels=["*_DE_time"]))
+    assert ("clipping" in kinds(report)) == clipped
+
+
+@pytest.mark.parametrize(("stated", "contradicted"), [("720 rpm", False), ("700 rpm", True), ("680 rpm", True)])
+def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
+    public_data: Path, stated: str, contradicted: bool
+) -> None:
+    path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
+    report = inspect_recording(read_recording(path, unit="1", channels=["ch 0"], speed=stated))
+    assert kinds(report) == (["speed"] if contradicted else [])

@@ -1,0 +1,117 @@
+"""Units, scales and rates come from the file or the index, which must not contradict each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_files import some_recording
+from scipy.io import savemat
+
+from swashtwin.foundation import DataError, UnitError
+from swashtwin.recordings import Recording, read_recording, write_recording
+
+
+@pytest.fixture
+def recording() -> Recording:
+    return some_recording()
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "kept"),
+    [
+        ("g", 9.80665, "m/s^2"),
+        ("mg", 9.80665e-3, "m/s^2"),
+        ("mm/s^2", 1e-3, "m/s^2"),
+        ("m/s²", 1.0, "m/s^2"),
+        ("Pa", 1.0, "Pa"),
+        ("mm/s", 1.0, "mm/s"),
+        ("1", 1.0, "1"),
+    ],
+)
+def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, factor: float, kept: str) -> None:
+    (tmp_path / "a.csv").write_text("a\n1.5\n2.5\n")
+    back = read_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
+    np.testing.assert_allclose(back.signal, [[1.5 * factor, 2.5 * factor]])
+    assert (back.unit, back.sample_rate) == (kept, 1000.0)
+
+
+def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
+    import soundfile
+
+    soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
+    with pytest.raises(DataError, match="calibration_factor"):
+        read_recording(tmp_path / "a.wav", unit="g")
+    back = read_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
+    np.testing.assert_allclose(back.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
+    assert read_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("facts", "error", "said"),
+    [
+        ({"sample_rate": 1000}, DataError, 'add unit = "g"'),
+        ({"unit": "g"}, DataError, 'add sample_rate = "25.6 kHz"'),
+        ({"unit": "bananas", "sample_rate": 1000}, UnitError, "not known"),
+        ({"unit": "g", "sample_rate": "1000"}, UnitError, "no unit"),
+        ({"unit": "g", "sample_rate": -5}, DataError, "must be positive"),
+        ({"unit": "g", "sample_rate": 1000, "channels": ["c"]}, DataError, "it has 0 'a', 1 'b'"),
+        ({"unit": "g", "sample_rate": 1000, "channels": [2]}, DataError, "it has 0 'a', 1 'b'"),
+        ({"unit": "g", "sample_rate": 1000, "names": ["one"]}, DataError, "1 name for 2 channels"),
+        ({"unit": "g", "sample_rate": 1000, "labl": "normal"}, DataError, "did you mean 'label'"),
+        ({"unit": "g", "sample_rate": 1000, "label": 3}, DataError, "must be text"),
+        ({"unit": "g", "sample_rate": 1000, "speed": "14.3 Hz"}, UnitError, "is a frequency; write it as"),
+        ({"unit": "g", "sample_rate": 1000, "discharge_pressure": "15 MPa"}, DataError, "without speed"),
+        (
+            {"unit": "g", "sample_rate": 1000, "speed": "860 rpm", "discharge_pressure": "15 Pa"},
+            DataError,
+            "must exceed",
+        ),
+        ({"calibration_factor": "much", "sample_rate": 1000}, UnitError, "number with its unit"),
+        ({"calibration_factor": ["1 g"], "sample_rate": 1000}, DataError, "1 calibration factors for 2 channels"),
+        ({"calibration_factor": ["1 g", "1 Pa"], "sample_rate": 1000}, DataError, "different units"),
+        ({"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"}, DataError, "ratio of whole numbers"),
+        ({"unit": "g", "sample_rate": 1000, "sha256": "0" * 64}, DataError, "not the file that was indexed"),
+        ({"unit": "g", "sample_rate": 1000, "time_column": "z"}, DataError, "no column 'z' for time_column"),
+        ({"unit": "g", "sample_rate": 1000, "separator": ";", "decimal": ","}, DataError, "no table of numbers"),
+    ],
+)
+def test_a_wrong_or_missing_fact_is_refused(
+    tmp_path: Path, facts: dict[str, object], error: type[Exception], said: str
+) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1.5,2.5\n3.5,4.5\n")
+    with pytest.raises(error, match=said) as caught:
+        read_recording(tmp_path / "a.csv", **facts)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_rate_that_contradicts_the_file_names_both(recording: Recording, tmp_path: Path) -> None:
+    path = write_recording(recording, tmp_path / "a.h5")
+    with pytest.raises(DataError, match=r"25600 Hz, the index says 12800 Hz"):
+        read_recording(path, sample_rate="12.8 kHz")
+    assert read_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
+
+
+def test_a_unit_that_contradicts_the_file_names_both_and_can_be_overruled(recording: Recording, tmp_path: Path) -> None:
+    path = write_recording(recording, tmp_path / "a.h5")
+    with pytest.raises(DataError, match=r"in m/s\^2, the index says g"):
+        read_recording(path, unit="g")
+    overruled = read_recording(path, calibration_factor="1 g")
+    np.testing.assert_allclose(overruled.signal, recording.signal * 9.80665)
+
+
+def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"X105_DE_time": np.ones(10), "X105_FE_time": np.ones(9), "X105RPM": 1797.0})
+    with pytest.raises(DataError, match="X105_DE_time: 10, X105_FE_time: 9"):
+        read_recording(tmp_path / "a.mat", sample_rate=12000, unit="g")
+    back = read_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
+    assert back.channels == ("X105_DE_time",)
+    assert (back.condition, back.attributes["speed"], back.attributes["X105RPM"]) == (None, "1797 rpm", "1797")
+
+
+def test_resampling_keeps_a_tone_and_says_so(tmp_path: Path) -> None:
+    time = np.arange(4800) / 48000
+    savemat(tmp_path / "a.mat", {"x": 3 + np.sin(2 * np.pi * 500 * time), "fs": 48000.0})
+    back = read_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
+    assert back.sample_rate == 12000.0
+    np.testing.assert_allclose(back.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * back.time[50:-50]), atol=2e-3)
+    assert "from 48000 Hz to 12000 Hz" in back.attributes["resampled"]

@@ -1,0 +1,140 @@
+"""Every format gives back what was measured, and writing one leaves nothing half-done."""
+
+import errno
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from recording_files import WRITABLE, some_recording, write_uff, written
+from scipy.io import savemat
+
+from swashtwin.foundation import InputError, MissingExtraError
+from swashtwin.recordings import Recording, read_recording, read_recordings, write_index, write_recording
+from swashtwin.recordings.formats import registry as formats
+from swashtwin.recordings.formats.raw import snapped_rate
+
+
+@pytest.fixture
+def recording() -> Recording:
+    return some_recording()
+
+
+# ---- round trips
+
+
+def test_hdf5_gives_back_the_whole_recording(recording: Recording, tmp_path: Path) -> None:
+    synthetic = replace(recording, synthetic=True)
+    back = read_recording(write_recording(synthetic, tmp_path / "other_name.h5"))
+    for name in ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic"):
+        assert getattr(back, name) == getattr(synthetic, name)
+    np.testing.assert_array_equal(back.signal, synthetic.signal)
+    assert back.attributes["sensor"] == "352C33"
+
+
+def test_hdf5_gives_back_a_recording_of_which_little_is_known(tmp_path: Path) -> None:
+    bare = Recording(signal=np.ones((1, 3)), sample_rate=1.5, recording_id="x", unit="1")
+    back = read_recording(write_recording(bare, tmp_path / "x.h5"))
+    assert (back.label, back.condition, back.specimen, back.unit) == (None, None, None, "1")
+
+
+@pytest.mark.parametrize("suffix", WRITABLE)
+def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path: Path, suffix: str) -> None:
+    path = write_recording(recording, tmp_path / "deep" / f"a.{suffix}")
+    write_index([recording], [path], tmp_path)
+    (back,) = read_recordings(tmp_path)
+    np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15)
+    assert back.condition is not None
+    assert recording.condition is not None
+    assert back.condition.speed == pytest.approx(recording.condition.speed, rel=1e-12)
+    for name in ("sample_rate", "recording_id", "channels", "unit", "label", "specimen", "synthetic"):
+        assert getattr(back, name) == getattr(recording, name)
+    assert back.attributes["sensor"] == "352C33"
+    assert back.attributes["file"] == f"deep/a.{suffix}"
+
+
+def test_a_universal_file_gives_back_its_time_responses(recording: Recording, tmp_path: Path) -> None:
+    back = read_recording(written(recording, tmp_path, "uff"))
+    np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-9)
+    assert back.channels == ("point 0", "point 1")
+    assert (back.unit, back.sample_rate) == ("m/s^2", 25600.0)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 6400.0, 12000.0, 25600.0, 44100.0, 48000.0, 51200 / 3, 65536.0, 102400.0])
+def test_a_step_of_six_digits_gives_back_the_exact_rate(rate: float, tmp_path: Path) -> None:
+    write_uff(tmp_path / "a.uff", np.random.default_rng(1).standard_normal((1, 50)), 1 / rate)
+    assert read_recording(tmp_path / "a.uff").sample_rate == pytest.approx(rate, rel=1e-12)
+
+
+def test_a_step_that_no_sensible_rate_explains_is_kept() -> None:
+    assert snapped_rate(1 / 12345.678, 1e-9) == pytest.approx(12345.678, rel=1e-12)
+
+
+def test_matlab_7_3_is_read_like_version_5(tmp_path: Path) -> None:
+    path, signal = tmp_path / "v73.mat", np.arange(40.0)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in {"X105_DE_time": signal[None], "fs": np.array([[12000.0]])}.items():
+            file[name] = value
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM"
+    with path.open("r+b") as file:
+        file.write(head)
+    back = read_recording(path, unit="1")
+    np.testing.assert_array_equal(back.signal[0], signal)
+    assert (back.channels, back.sample_rate) == (("X105_DE_time",), 12000.0)
+
+
+def test_a_matrix_becomes_one_channel_per_column(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"H": np.arange(30.0).reshape(10, 3), "rig": {"fs": 1000.0}})
+    back = read_recording(tmp_path / "a.mat", unit="1", channels=["H(:,3)"], names=["z"])
+    np.testing.assert_array_equal(back.signal[0], np.arange(2.0, 30.0, 3.0))
+    assert (back.channels, back.sample_rate) == (("z",), 1000.0)
+
+
+def test_vectors_of_a_foreign_hdf5_file_are_channels(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/acc"] = np.arange(20.0).reshape(10, 2)
+        file["run/acc"].attrs.update({"unit": "g", "fs": 500.0})
+    back = read_recording(tmp_path / "a.h5")
+    assert (back.channels, back.sample_rate) == (("run/acc/0", "run/acc/1"), 500.0)
+    assert back.signal[1, 1] == pytest.approx(3 * 9.80665)
+
+
+# ---- writing
+
+
+@pytest.mark.parametrize("suffix", WRITABLE)
+def test_a_full_disk_leaves_the_old_file_and_no_debris(
+    recording: Recording, suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_recording(recording, tmp_path / f"a.{suffix}")
+    old = path.read_bytes()
+    module = import_module(f"swashtwin.recordings.formats.{formats._FORMATS['.' + suffix]}")
+
+    def write_half(recording: Recording, target: Path) -> None:
+        target.write_bytes(old[: len(old) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(module, "write", write_half)
+    with pytest.raises(OSError, match="No space"):
+        write_recording(replace(recording, signal=recording.signal + 1), path)
+    assert path.read_bytes() == old
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_rate_that_wav_cannot_hold_is_refused(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="whole rates"):
+        write_recording(replace(recording, sample_rate=17066.7), tmp_path / "a.wav")
+
+
+def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_recording(recording, tmp_path / "a.tdms")
+
+    def refuse(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr("swashtwin.recordings.formats.raw.import_module", refuse)
+    with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[readers\]"'):
+        read_recording(path)

@@ -1,0 +1,136 @@
+"""Recordings and the selection of them."""
+
+import math
+from copy import copy
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording, joined, select
+
+LABELS = st.sampled_from(["normal", "piston", None])
+SPECIMENS = st.sampled_from(["A", "B", None])
+
+
+def make(name: str = "a", label: str | None = None, specimen: str | None = None) -> Recording:
+    signal = np.arange(12.0).reshape(3, 4)
+    return Recording(signal, 8.0, name, channels=("x", "y", "z"), label=label, specimen=specimen)
+
+
+def test_a_recording_knows_its_length_and_the_time_of_each_reading() -> None:
+    recording = make()
+    assert (recording.n_channels, recording.duration) == (3, 0.5)
+    np.testing.assert_array_equal(recording.time, [0, 0.125, 0.25, 0.375])
+
+
+def test_relabeling_leaves_the_measurement_and_the_original_alone() -> None:
+    recording = make(label="normal")
+    other = recording.relabeled("piston")
+    assert (recording.label, other.label, other.relabeled(None).label) == ("normal", "piston", None)
+    assert other.signal is recording.signal
+    assert other.recording_id == recording.recording_id
+
+
+@given(names=st.permutations(["x", "y", "z"]), count=st.integers(1, 3))
+def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: int) -> None:
+    recording = make()
+    picked = recording.picked(names[:count])
+    assert picked.channels == tuple(names[:count])
+    for name, row in zip(picked.channels, picked.signal, strict=True):
+        np.testing.assert_array_equal(row, recording.signal[recording.channels.index(name)])
+
+
+def test_an_unknown_channel_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InputError, match="a has no channel 'w'; it has x, y, z"):
+        make().picked(["x", "w"])
+
+
+@pytest.mark.parametrize("shape", [(5,), (1, 0), (0, 5), (2, 3, 4)])
+def test_a_signal_without_channels_or_readings_is_refused(shape: tuple[int, ...]) -> None:
+    damaged = copy(make())
+    object.__setattr__(damaged, "signal", np.zeros(shape))  # the tests' type checker would refuse it earlier
+    with pytest.raises(DataError, match=r"a: signal has shape .*; it must be \(channel, time\)"):
+        damaged.__post_init__()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
+def test_a_sample_rate_that_is_none_is_refused(rate: float) -> None:
+    with pytest.raises(DataError, match=r"a: sample_rate \(.* Hz\) must be a positive number"):
+        replace(make(), sample_rate=rate)
+
+
+def test_each_channel_needs_one_name() -> None:
+    with pytest.raises(DataError, match="a: 2 channel names for 3 channels"):
+        replace(make(), channels=("x", "y"))
+
+
+def test_a_recording_keeps_its_speed_when_its_label_or_its_channels_change() -> None:
+    recording = replace(make(), speed=np.array([80.0, 82.0, 0.0, 81.0]))
+    for other in (recording.relabeled("piston"), recording.picked(["z"])):
+        assert other.speed is recording.speed
+
+
+@pytest.mark.parametrize(
+    ("speed", "said"),
+    [
+        (np.array([80.0, 81.0]), r"a: speed has shape \(2,\) for 4 readings"),
+        (np.array([[80.0, 81.0, 82.0, 83.0]]), r"a: speed has shape \(1, 4\) for 4 readings"),
+        (np.array([80.0, -1.0, 80.0, 80.0]), r"a: speed \(-1 rad/s at reading 1\) must be zero or a positive"),
+        (np.array([80.0, 80.0, 80.0, math.nan]), r"a: speed \(nan rad/s at reading 3\) must be zero or a positive"),
+    ],
+)
+def test_a_speed_that_is_none_of_the_readings_is_refused(speed: np.ndarray, said: str) -> None:
+    damaged = copy(make())
+    object.__setattr__(damaged, "speed", speed)  # the tests' type checker would refuse some of them earlier
+    with pytest.raises(DataError, match=said):
+        damaged.__post_init__()
+
+
+@given(cuts=st.lists(st.integers(1, 11), max_size=4, unique=True))
+def test_blocks_join_to_the_recording_they_were_cut_from(cuts: list[int]) -> None:
+    whole = Recording(np.arange(24.0).reshape(2, 12), 8.0, "a", channels=("x", "y"), speed=np.arange(12.0))
+    edges = [0, *sorted(cuts), 12]
+    blocks = [
+        replace(whole, signal=whole.signal[:, first:last], speed=np.arange(first, last, dtype=float))
+        for first, last in pairwise(edges)
+    ]
+    together = joined(iter(blocks))
+    np.testing.assert_array_equal(together.signal, whole.signal)
+    np.testing.assert_array_equal(together.speed, whole.speed)
+
+
+@given(
+    made=st.lists(st.tuples(LABELS, SPECIMENS), max_size=8),
+    label=LABELS,
+    specimen=SPECIMENS,
+    ids=st.none() | st.lists(st.integers(0, 8)),
+)
+def test_a_selection_meets_every_condition_and_leaves_out_nothing_that_does(
+    made: list[tuple[str | None, str | None]], label: str | None, specimen: str | None, ids: list[int] | None
+) -> None:
+    recordings = [make(str(i), *facts) for i, facts in enumerate(made)]
+    names = None if ids is None else [str(i) for i in ids]
+    expected = [
+        i
+        for i, (one_label, one_specimen) in enumerate(made)
+        if label in (None, one_label) and specimen in (None, one_specimen) and (ids is None or i in ids)
+    ]
+    if not expected:
+        with pytest.raises(DataError, match=r"^no recording has .*; the specimens are ") as refusal:
+            select(iter(recordings), label=label, ids=names, specimen=specimen)
+        told = str(refusal.value)
+        assert all(repr(one) in told for one in (label, specimen) if one is not None)
+        assert all(str(one_specimen) in told for _, one_specimen in made)
+        return
+    kept = select(iter(recordings), label=label, ids=names, specimen=specimen)
+    assert [one.recording_id for one in kept] == [str(i) for i in expected]
+
+
+def test_the_ids_of_a_window_set_select_their_recordings() -> None:
+    ids = np.array(["b", "b", "a"])
+    assert [one.recording_id for one in select([make("a"), make("c"), make("b")], ids=ids)] == ["a", "b"]

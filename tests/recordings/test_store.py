@@ -1,0 +1,318 @@
+"""Recordings larger than memory: converted, cut and diagnosed in blocks, to the same bits as in memory."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import swashtwin
+from swashtwin.diagnosis import diagnose
+from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, rpm
+from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit, window_batches
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import (
+    Recording,
+    StoredRecording,
+    is_store,
+    open_recording,
+    open_recordings,
+    open_store,
+    read_recording,
+    read_recordings,
+    refuse_unfit,
+    write_index,
+    write_recording,
+    write_store,
+)
+from swashtwin.recordings.stored import in_memory
+
+SOURCES = Path(swashtwin.__file__).parents[1]
+FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic", "attributes")
+
+
+def make(name: str, readings: int = 5000, **changes: object) -> Recording:
+    generator = np.random.default_rng(sum(name.encode()))
+    recording = Recording(
+        signal=generator.standard_normal((2, readings)),
+        sample_rate=1000.0,
+        recording_id=name,
+        channels=("x", "y"),
+        label="normal",
+        attributes={"sensor": "352C33", "block": "A"},
+    )
+    return replace(recording, **changes)
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of which a recording of these tests has several."""
+    for module in ("stored", "readers.store", "windows.cutting"):
+        monkeypatch.setattr(f"swashtwin.{module}.BLOCK", 700)
+
+
+def assert_same(first: Recording, second: Recording) -> None:
+    np.testing.assert_array_equal(first.signal, second.signal)
+    for name in FACTS:
+        assert getattr(first, name) == getattr(second, name)
+    assert (first.speed is None) == (second.speed is None)
+    if first.speed is not None:
+        np.testing.assert_array_equal(first.speed, second.speed)
+
+
+# ---- one file, in slices
+
+
+@pytest.mark.parametrize("suffix", ["h5", "csv", "tdms", "wav", "parquet", "mat", "npz", "mf4"])
+def test_the_slices_of_an_opened_file_are_the_recording_that_is_read(suffix: str, tmp_path: Path) -> None:
+    path = write_recording(make("a"), tmp_path / f"a.{suffix}")
+    facts = {"unit": "m/s^2"} if suffix == "wav" else {}
+    whole, stored = read_recording(path, **facts), open_recording(path, **facts)
+    blocks = list(stored.blocks())
+    assert len(blocks) == 8
+    np.testing.assert_array_equal(np.concatenate([block.signal for block in blocks], axis=1), whole.signal)
+    assert_same(replace(stored.loaded(), attributes=whole.attributes), whole)
+    assert whole.attributes.items() >= stored.attributes.items()
+    np.testing.assert_array_equal(stored.slice(4990, 6000).signal, whole.signal[:, 4990:])
+    assert (stored.n_readings, stored.duration) == (5000, 5.0)
+
+
+@pytest.mark.parametrize("layout", ["rows", "columns", "one", "thin"])
+def test_a_foreign_hdf5_file_is_opened_in_its_own_number_type(layout: str, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(-(2**15), 2**15, (3, 5000)).astype(np.int16)
+    shown = {"rows": values, "columns": values.T, "one": values[0], "thin": values[:1]}[layout]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["acc"] = shown
+        file["acc"].attrs.update({"fs": 51200.0, "unit": "mg"})
+    stored, whole = open_recording(tmp_path / "a.h5"), read_recording(tmp_path / "a.h5")
+    assert stored.raw(0, 10).dtype == np.int16
+    np.testing.assert_array_equal(stored.loaded().signal, whole.signal)
+    assert whole.n_channels == (3 if layout in ("rows", "columns") else 1)
+
+
+def test_a_file_that_shrinks_while_it_is_open_is_noticed(tmp_path: Path) -> None:
+    stored = open_recording(write_recording(make("a"), tmp_path / "a.wav"), unit="m/s^2")
+    os.truncate(tmp_path / "a.wav", 2000)
+    with pytest.raises(DataError, match=r"is cut off|cannot be read"):
+        stored.slice(4000, 5000)
+
+
+# ---- stores
+
+
+def test_a_store_gives_back_every_recording_and_its_speed(tmp_path: Path) -> None:
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    recordings = [
+        make("a", condition=condition, specimen="A", speed=np.linspace(80, 90, 5000)),
+        make("b/../ä", 1, label=None, unit="1"),
+        make("c", 700, synthetic=True),
+    ]
+    told: list[tuple[int, int]] = []
+    path = write_store(recordings, tmp_path / "deep" / "a.h5", progress=lambda *done: told.append(done))
+    assert told[-1][0] == told[-1][1]
+    assert is_store(path)
+    for back, one in zip(read_recordings(path), recordings, strict=True):
+        assert_same(back, one)
+    for opened, one in zip(open_store(path), recordings, strict=True):
+        assert_same(opened.loaded(), one)
+        assert isinstance(opened, StoredRecording)
+
+
+def test_a_store_keeps_the_number_type_of_a_file_and_rounds_nothing(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(-(2**15), 2**15, (2, 5000)).astype(np.int16)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["acc"] = values
+        file["acc"].attrs.update({"fs": 51200.0, "unit": "g"})
+    path = write_store([open_recording(tmp_path / "a.h5", label="normal")], tmp_path / "store.h5")
+    assert path.stat().st_size < 1.3 * values.nbytes
+    (back,) = read_recordings(path)
+    assert_same(replace(back, attributes={}), replace(read_recording(tmp_path / "a.h5", label="normal"), attributes={}))
+
+
+def test_an_index_is_opened_like_it_is_read(tmp_path: Path) -> None:
+    recordings = [make("a"), make("b", label="piston")]
+    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    write_index(recordings, files, tmp_path)
+    for stored, whole in zip(open_recordings(tmp_path), read_recordings(tmp_path), strict=True):
+        assert_same(stored.loaded(), whole)
+
+
+def test_a_store_is_told_from_one_recording(tmp_path: Path) -> None:
+    one = write_recording(make("a"), tmp_path / "one.h5")
+    assert not is_store(one)
+    with pytest.raises(DataError, match="no store"):
+        open_store(one)
+    store = write_store([make("a"), make("b")], tmp_path / "store.h5")
+    with pytest.raises(DataError, match="a store of 2 recordings"):
+        read_recording(store)
+    with pytest.raises(MissingFileError, match="swashtwin convert"):
+        open_store(tmp_path / "none.h5")
+
+
+def test_a_store_is_known_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:
+    store = write_store([make("a"), make("b")], tmp_path / "STORE.H5")
+    assert is_store(store)
+    assert [one.recording_id for one in read_recordings(store)] == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", ["SamplingRate", "samplerate", "fs", "Sampling_Frequency"])
+def test_a_foreign_hdf5_file_says_its_rate_by_any_usual_name(name: str, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = np.arange(100.0)
+        file["x"].attrs[name] = 1000.0
+    assert read_recording(tmp_path / "foreign.h5", unit="g").sample_rate == 1000.0
+
+
+def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:
+    for recordings, said in (([], "no recording to store"), ([make("a"), make("a")], "the id 'a'")):
+        with pytest.raises((DataError, InputError), match=said):
+            write_store(recordings, tmp_path / "a.h5")
+    with pytest.raises(InputError, match=r"must end in \.h5"):
+        write_store([make("a")], tmp_path / "a.mat")
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_truncation_and_no_changed_byte_of_a_store_goes_unseen(tmp_path: Path) -> None:
+    recordings = [make("a", 300), make("b", 300)]
+    content = write_store(recordings, tmp_path / "a.h5").read_bytes()
+    generator, refused = np.random.default_rng(5), 0
+    for number in range(120):
+        changed = bytearray(content[: generator.integers(1, len(content))] if number % 2 else content)
+        if number % 2 == 0:
+            changed[generator.integers(0, len(changed))] ^= int(generator.integers(1, 256))
+        path = tmp_path / f"{number}.h5"
+        path.write_bytes(changed)
+        try:
+            for back, one in zip(open_store(path), recordings, strict=True):
+                assert_same(back.loaded(), one)
+        except DataError as error:
+            refused += "\n" not in str(error)
+    assert refused > 80
+
+
+def test_an_interrupt_or_a_damaged_source_leaves_the_old_store(tmp_path: Path) -> None:
+    path = write_store([make("old")], tmp_path / "a.h5")
+    before = path.read_bytes()
+
+    class Torn:
+        def __len__(self) -> int:
+            return 5000
+
+        def __getitem__(self, where: slice, /) -> np.ndarray:
+            if where.start > 3000:
+                raise OSError("wrong checksum")
+            return np.zeros(where.stop - where.start)
+
+    torn = replace(in_memory(make("new")), columns=(Torn(), Torn()))
+    with pytest.raises(DataError, match=r"new: readings 3500 to 4200 cannot be read \(OSError: wrong checksum\)"):
+        write_store([torn], path)
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["a.h5"]
+
+
+# ---- windows and diagnoses
+
+
+@pytest.mark.parametrize("stride", [None, 33, 250, 1500])
+def test_windows_of_an_opened_recording_are_those_of_the_recording(stride: int | None, tmp_path: Path) -> None:
+    recordings = [make("a"), make("b", label="piston")]
+    stored = open_store(write_store(recordings, tmp_path / "a.h5"))
+    whole = cut_windows(recordings, length=100, stride=stride)
+    lazy = cut_windows(stored, length=100, stride=stride)
+    for name in ("signal", "target", "recording_id", "start"):
+        np.testing.assert_array_equal(getattr(lazy, name), getattr(whole, name))
+    parts = list(window_batches(stored[0], length=100, stride=stride, classes=whole.classes, batch=7))
+    own = whole.recording_id == "a"
+    for name in ("signal", "target", "start"):
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)[own]
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda row: row * 0 + 3, "x: every reading is 3"),
+        (lambda row: np.where(np.arange(5000) % 1500 == 1400, np.nan, row), "3 of 5000 .*, the first at 1.4 s"),
+        (lambda row: np.where(np.arange(5000) == 4999, -np.inf, row), "1 of 5000 .*, the first at 4.999 s"),
+    ],
+)
+def test_an_unfit_recording_is_refused_in_blocks_as_it_is_whole(change: object, said: str) -> None:
+    recording = make("a")
+    signal = np.stack([change(recording.signal[0]), recording.signal[1]])  # type: ignore[operator]
+    unfit = replace(recording, signal=signal)
+    for one in (unfit, in_memory(unfit)):
+        with pytest.raises(DataError, match=said):
+            refuse_unfit(one)
+        with pytest.raises(DataError, match=said):
+            list(window_batches(one, length=100))
+
+
+@pytest.mark.parametrize("normalization", ["window", "recording", "set", "none"])
+def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: str, tmp_path: Path) -> None:
+    recordings = [make("a"), make("b", label="piston", signal=make("b").signal * 3 + 1)]
+    settings = TrainingSettings(epochs=1, normalization=normalization)
+    windows = cut_windows(recordings, length=32)
+    classifier = fit(
+        build_network("bitcn", n_channels=2, n_classes=2, channels=(4,)), windows, settings=settings, seed=0
+    )
+    long = make("c", 32 * 1700, signal=np.random.default_rng(9).normal(1, 2, (2, 32 * 1700)))
+    (stored,) = open_store(write_store([long], tmp_path / "a.h5"))
+    whole = cut_windows([long.relabeled(None)], length=32, classes=classifier.classes)
+    expected = classifier.predict_proba(whole)
+    verdict = diagnose(classifier, stored)
+    assert verdict.to_dict() == diagnose(classifier, long).to_dict()
+    assert verdict.window_labels == tuple(classifier.classes[place] for place in expected.argmax(axis=1))
+    logarithm = np.log(np.maximum(expected, 1e-12)).mean(axis=0)
+    share = np.exp(logarithm - logarithm.max())
+    assert tuple(verdict.probabilities.values()) == tuple((share / share.sum()).tolist())
+
+
+MEMORY = """
+import json, resource, sys
+import h5py, numpy as np
+from pathlib import Path
+from swashtwin.diagnosis import diagnose, load_classifier
+from swashtwin.recordings import open_recording, open_store, write_store
+from swashtwin.learning import window_batches
+classifier = load_classifier(Path("model.swt"))
+def work(name):
+    write_store([open_recording(Path(name), label="normal", names=["x", "y"])], Path("store.h5"))
+    (stored,) = open_store(Path("store.h5"))
+    count = sum(len(part) for part in window_batches(stored, length=1024, batch=256))
+    return count, diagnose(classifier, stored).n_windows
+work("small.h5")
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+counts = work("large.h5")
+print(json.dumps([counts, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before]))
+"""
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    """64 MB of single precision are 128 MB of double; converted, windowed and diagnosed they need a block."""
+    from swashtwin.diagnosis import save_classifier
+
+    recordings = [make("a", 4096), make("b", 4096, label="piston")]
+    settings = TrainingSettings(epochs=1)
+    classifier = fit(
+        build_network("bitcn", n_channels=2, n_classes=2, channels=(2,)),
+        cut_windows(recordings, length=1024), settings=settings, seed=0,
+    )  # fmt: skip
+    save_classifier(classifier, tmp_path / "model.swt")
+    for name, readings in (("small", 1 << 20), ("large", 1 << 23)):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            data = file.create_dataset("acc", (2, readings), np.float32)
+            data.attrs.update({"fs": 1000.0, "unit": "m/s^2"})
+            for start in range(0, readings, 1 << 20):
+                data[:, start : start + (1 << 20)] = np.random.default_rng(start).normal(size=(2, 1 << 20))
+    environment = {**os.environ, "PYTHONPATH": str(SOURCES), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", MEMORY]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    counts, grown = json.loads(done.stdout)
+    assert counts == [8192, 8192]
+    assert grown < 16_000  # KiB

@@ -1,0 +1,360 @@
+"""Recordings longer than memory: written block by block, many to a folder, and taken up again."""
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+
+from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, rpm
+from swashtwin.learning import cut_windows
+from swashtwin.physics import Course, Twin, course_blocks, simulate_course, steady_blocks, whole_revolutions
+from swashtwin.physics.twin import steady, transient
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import (
+    Recording,
+    joined,
+    read_recording,
+    read_recordings,
+    write_blocks,
+    write_recording,
+    write_series,
+)
+
+SOURCES = Path(steady.__file__).parents[2]
+FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic")
+
+
+def blocks_of(lengths: tuple[int, ...], *, speed: bool = True, seed: int = 0) -> list[Recording]:
+    rng = np.random.default_rng(seed)
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    return [
+        Recording(
+            signal=rng.normal(size=(2, length)),
+            sample_rate=1000.0,
+            recording_id="a",
+            channels=("x", "y"),
+            label="normal",
+            condition=condition,
+            speed=rng.uniform(80, 90, length) if speed else None,
+            synthetic=True,
+        )
+        for length in lengths
+    ]
+
+
+# ---- one file
+
+
+@pytest.mark.parametrize("speed", [True, False])
+@pytest.mark.parametrize("lengths", [(5,), (16384, 16384, 1), (20000, 7, 30000)])
+def test_a_file_written_block_by_block_reads_as_one_written_whole(
+    tmp_path: Path, lengths: tuple[int, ...], speed: bool
+) -> None:
+    blocks = blocks_of(lengths, speed=speed)
+    facts = write_blocks(iter(blocks), tmp_path / "stream.h5")
+    streamed = read_recording(tmp_path / "stream.h5")
+    whole = read_recording(write_recording(joined(blocks), tmp_path / "whole.h5"))
+    np.testing.assert_array_equal(streamed.signal, whole.signal)
+    assert (streamed.speed is not None) == speed
+    if speed:
+        np.testing.assert_array_equal(streamed.speed, whole.speed)
+    for name in FACTS:
+        assert getattr(streamed, name) == getattr(whole, name) == getattr(facts, name)
+    assert facts.signal.shape == (2, 1)
+
+
+def test_the_speed_survives_the_index_and_a_resampling(tmp_path: Path) -> None:
+    (block,) = blocks_of((1000,))
+    block = replace(block, speed=80 + 10 * block.time)
+    path = write_recording(block, tmp_path / "a.h5")
+    np.testing.assert_array_equal(read_recording(path).speed, block.speed)
+    halved = read_recording(path, resample="500 Hz")
+    np.testing.assert_allclose(halved.speed, 80 + 10 * halved.time)
+
+
+def test_only_a_file_with_a_speed_needs_a_reader_that_knows_of_it(tmp_path: Path) -> None:
+    for speed, name in ((False, b"swashtwin recording 1"), (True, b"swashtwin recording 2")):
+        (block,) = blocks_of((10,), speed=speed)
+        with h5py.File(write_recording(block, tmp_path / "a.h5")) as file:
+            assert file.attrs["format"] == name
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["format"] = np.bytes_(b"swashtwin recording 3")
+    with pytest.raises(DataError, match="newer swashtwin"):
+        read_recording(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mat", "wav", "tdms"])
+def test_other_formats_keep_the_channels_and_lose_the_speed(tmp_path: Path, suffix: str) -> None:
+    (block,) = blocks_of((50,))
+    path = write_recording(block, tmp_path / f"a.{suffix}")
+    back = read_recording(path, **({"unit": "m/s^2"} if suffix == "wav" else {}))
+    assert back.speed is None
+    np.testing.assert_allclose(back.signal, block.signal, rtol=1e-6)
+
+
+def test_windows_of_a_recording_with_a_speed_are_those_of_one_without() -> None:
+    (block,) = blocks_of((1000,))
+    for name in ("signal", "speed", "recording_id"):
+        with_speed, without = (
+            getattr(cut_windows([one], length=100), name) for one in (block, replace(block, speed=None))
+        )
+        np.testing.assert_array_equal(with_speed, without)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sample_rate": 500.0}, "sample_rate 500.0, the first one 1000.0"),
+        ({"channels": ("x", "z")}, "channels"),
+        ({"recording_id": "b"}, "recording_id 'b'"),
+        ({"speed": None}, "some have none"),
+    ],
+)
+def test_a_block_that_does_not_continue_the_first_is_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+    first, second = blocks_of((10, 10))
+    for put_together in (joined, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
+        with pytest.raises(DataError, match=said):
+            put_together([first, replace(second, **change)])
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_block_is_no_recording(tmp_path: Path) -> None:
+    for put_together in (joined, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
+        with pytest.raises(DataError, match="no block"):
+            put_together([])
+    with pytest.raises(InputError, match="cannot be written block by block"):
+        write_blocks(blocks_of((10,)), tmp_path / "a.wav")
+    assert not list(tmp_path.iterdir())
+
+
+FAILING = """
+import sys, numpy as np
+from pathlib import Path
+from swashtwin.recordings import write_blocks
+from swashtwin.recordings import Recording
+blocks = (Recording(np.full((2, 20000), float(i)), 1000.0, "a", channels=("x", "y")) for i in range(20))
+try:
+    write_blocks(blocks, Path("a.h5"))
+except OSError as error:
+    print(error.strerror)
+"""
+
+
+@pytest.mark.parametrize("limit", [100, 5000, 700_000, -100])
+def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(tmp_path: Path, limit: int) -> None:
+    """In the header, the first block, among the blocks, and when the file is closed."""
+    if limit < 0:
+        blocks = (Recording(np.full((2, 20000), float(i)), 1000.0, "a", channels=("x", "y")) for i in range(20))
+        write_blocks(blocks, tmp_path / "a.h5")
+        limit += (tmp_path / "a.h5").stat().st_size
+    (tmp_path / "a.h5").write_text("old")
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", FAILING],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(SOURCES)},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "File too large\n", "")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.h5", "old")]
+
+
+def test_an_interrupt_between_blocks_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted() -> Iterator[Recording]:
+        yield from blocks_of((100,))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_blocks(interrupted(), tmp_path / "a.h5")
+    assert not list(tmp_path.iterdir())
+
+
+MEMORY = """
+import resource, sys
+from pathlib import Path
+from swashtwin.pump import OperatingCondition
+from swashtwin.pump import load_pump
+from swashtwin.recordings import write_blocks
+from swashtwin.physics import Course, Twin, course_blocks, steady_blocks
+condition = OperatingCondition(speed=90.0, discharge_pressure=15e6)
+twin = Twin(load_pump("25scy14-1b"), condition, bandwidth=2000)
+write_blocks(steady_blocks(twin, 2.6, 51200.0), Path("a.h5"))
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+write_blocks(steady_blocks(twin, 30.0, 51200.0), Path("a.h5"))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_memory_does_not_grow_with_a_recording_s_length(tmp_path: Path) -> None:
+    """30 s of three channels at 51.2 kHz are 37 MB, and the arrays that make them several times that."""
+    environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
+    command = [sys.executable, "-c", MEMORY]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 20_000  # KiB
+
+
+# ---- the twin's blocks
+
+
+def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
+    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    twin = Twin(pump, at_15, bandwidth=1000)
+    monkeypatch.setattr(steady, "BLOCK", 1000)
+    blocks = list(steady_blocks(twin, 0.8, 6400.0, phase=0.3, recording_id="r"))
+    whole = twin.simulate(0.8, 6400.0, phase=0.3, recording_id="r")
+    assert len(blocks) == 6
+    together = joined(blocks)
+    np.testing.assert_array_equal(together.signal, whole.signal)
+    for name in (*FACTS, "speed"):
+        assert getattr(together, name) == getattr(whole, name)
+
+
+def test_blocks_of_no_reading_or_too_few_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15)
+    with pytest.raises(InputError, match="at least one reading"):
+        list(steady_blocks(twin, 1e-6, 25600.0))
+    with pytest.raises(InputError, match="twice the twin's bandwidth"):
+        list(steady_blocks(twin, 1.0, 8000.0))
+
+
+def test_a_streamed_course_is_the_simulated_one(
+    tmp_path: Path, pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transient, "BLOCK", 1000)
+    twin, course = Twin(pump, at_15, bandwidth=1000), Course.run_up(at_15, 0.5, jitter=0.01)
+    write_blocks(course_blocks(twin, course, 6400.0, seed=4), tmp_path / "a.h5")
+    whole, back = simulate_course(twin, course, 6400.0, seed=4), read_recording(tmp_path / "a.h5")
+    np.testing.assert_array_equal(back.signal, whole.signal)
+    np.testing.assert_array_equal(back.speed, whole.speed)
+
+
+def test_a_signal_of_whole_revolutions_repeats(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, bandwidth=1000)
+    assert whole_revolutions(at_15, 3.0, 25600.0) == 43
+    twice = twin.simulate(6.0, 25600.0).signal
+    np.testing.assert_allclose(twice[:, :76800], twice[:, 76800:], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("speed", "duration", "said"),
+    [
+        (rpm(860), 4.0, r"57\.3333 revolutions .* 3 s \(43 revolutions\)"),
+        (rpm(860), 2.999, r"3 s \(43 revolutions\)"),
+        (rpm(1500), 1.01, r"25\.25 revolutions .* 1 s \(25 revolutions\)"),
+        (90.01234, 1.0, r"at a speed of 840 rev/min it holds 14"),
+    ],
+)
+def test_a_duration_that_does_not_repeat_is_answered_with_one_that_does(
+    at_15: OperatingCondition, speed: float, duration: float, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        whole_revolutions(at_15.replaced(speed=speed), duration, 25600.0)
+
+
+# ---- many files
+
+
+class Made(NamedTuple):
+    """What a run of a series was asked for."""
+
+    blocks: list[int]
+
+    def blocks_of(self, number: int) -> list[Recording]:
+        self.blocks.append(number)
+        return blocks_of((300, 200), seed=number)
+
+
+def test_a_series_is_a_folder_with_an_index(tmp_path: Path) -> None:
+    made, told = Made([]), []
+    index, ids = write_series(
+        tmp_path / "runs", 3, made.blocks_of, settings={"seed": 0}, bytes_each=9000,
+        progress=lambda *done: told.append(done),
+    )  # fmt: skip
+    back = read_recordings(index)
+    assert [one.recording_id for one in back] == ids == ["runs-0000", "runs-0001", "runs-0002"]
+    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    for number, one in enumerate(back):
+        np.testing.assert_array_equal(one.signal, joined(blocks_of((300, 200), seed=number)).signal)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    made = Made([])
+
+    def interrupted(number: int) -> Iterator[Recording]:
+        first, second = made.blocks_of(number)
+        yield first
+        if number == 2:
+            raise KeyboardInterrupt
+        yield second
+
+    settings = {"seed": 0}
+    with pytest.raises(KeyboardInterrupt):
+        write_series(tmp_path / "one" / "runs", 4, interrupted, settings=settings, bytes_each=9000)
+    assert sorted(contents(tmp_path / "one" / "runs")) == ["runs-0000.h5", "runs-0001.h5", "series.json"]
+    made.blocks.clear()
+    write_series(tmp_path / "one" / "runs", 4, made.blocks_of, settings=settings, bytes_each=9000)
+    assert made.blocks == [2, 3]
+    write_series(tmp_path / "two" / "runs", 4, made.blocks_of, settings=settings, bytes_each=9000)
+    assert contents(tmp_path / "one" / "runs") == contents(tmp_path / "two" / "runs")
+
+
+def test_a_series_may_grow(tmp_path: Path) -> None:
+    made = Made([])
+    for count in (2, 3):
+        index, _ = write_series(tmp_path / "runs", count, made.blocks_of, settings={}, bytes_each=9000)
+    assert made.blocks == [0, 1, 2]
+    assert len(read_recordings(index)) == 3
+
+
+def test_a_folder_made_with_other_settings_is_refused_and_the_difference_named(tmp_path: Path) -> None:
+    def write(settings: dict[str, Any]) -> None:
+        write_series(tmp_path / "runs", 1, Made([]).blocks_of, settings=settings, bytes_each=9000)
+
+    write({"seed": 0, "twin": {"fault": None, "values": (1.0, 2.0)}})
+    before = contents(tmp_path / "runs")
+    with pytest.raises(InputError, match=r"seed was 0, now 1\."):
+        write({"seed": 1, "twin": {"fault": None, "values": (1.0, 2.0)}})
+    with pytest.raises(InputError, match=r'twin\.fault\.depth was null, now 0\.1|twin\.fault was null, now \{"depth"'):
+        write({"seed": 0, "twin": {"fault": {"depth": 0.1}, "values": (1.0, 2.0)}})
+    manifest = tmp_path / "runs" / "series.json"
+    assert contents(tmp_path / "runs") == before
+    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "version": "0.0"}))
+    with pytest.raises(InputError, match=r'version was "0\.0"'):
+        write({"seed": 0, "twin": {"fault": None, "values": (1.0, 2.0)}})
+    manifest.write_text("{")
+    with pytest.raises(ArtifactError, match=r"series\.json is damaged"):
+        write({"seed": 0})
+
+
+def test_a_folder_of_something_else_and_a_file_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").touch()
+    for target in (tmp_path, tmp_path / "a.txt"):
+        with pytest.raises(InputError, match="choose a new folder"):
+            write_series(target, 1, Made([]).blocks_of, settings={}, bytes_each=9000)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_disk_without_room_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=2_000_000_000 + (1 << 24)))
+    made = Made([])
+    with pytest.raises(InputError, match=r"has 2 GB free, and 3 such recordings take 2\.1 GB"):
+        write_series(tmp_path / "runs", 3, made.blocks_of, settings={}, bytes_each=700_000_000)
+    assert not made.blocks

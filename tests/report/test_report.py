@@ -1,0 +1,302 @@
+"""A report is one page that needs nothing else, says what came out whichever way it went, and is written whole."""
+
+import csv
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from made_runs import ORIGIN, run, scored
+
+from swashtwin.bench import StudyResult, plan_of, rig_recordings
+from swashtwin.bench.results.study_figures import accuracy_drawing
+from swashtwin.bench.results.study_part import paper_words
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.studies.runner import assembled
+from swashtwin.calibration import Calibration, GaussNewton, calibrate
+from swashtwin.diagnosis import Diagnosis
+from swashtwin.foundation import InputError, MPa, mm, rpm
+from swashtwin.learning import LEVELS
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, SwashPlateDefect
+from swashtwin.report import write_report
+from swashtwin.report.calibration_part import calibration_answer
+from swashtwin.report.writing import part_of
+
+
+@pytest.fixture(scope="module")
+def calibration(pump, at_15) -> Calibration:
+    twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
+    recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
+    return calibrate(twin, recordings, method=GaussNewton(starts=1, most_iterations=8))
+
+
+@pytest.fixture(scope="module")
+def study(calibration) -> StudyResult:
+    skills = {"measured": 0.5, "nominal": 0.6, "calibrated": 0.9}
+    at_10 = replace(
+        calibration, twin=calibration.twin.at(OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
+    )
+    runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
+    runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
+    return assembled(plan_of("case1", "quick"), runs, calibrations=(calibration, at_10), wall_s=12.3)
+
+
+@pytest.fixture(scope="module")
+def diagnosis() -> Diagnosis:
+    return Diagnosis(
+        recording_id='<b>pump</b> & "7" $x$ 振动',
+        label="piston",
+        probabilities={"normal": 0.1, "piston": 0.9},
+        window_labels=("piston", "piston", "normal", "piston"),
+        agreement=0.75,
+        notes=("<script>alert(1)</script>",),
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(study, tmp_path_factory) -> Path:
+    return write_report(study, folder=tmp_path_factory.mktemp("report")).parent
+
+
+@pytest.fixture(scope="module")
+def page(folder) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def columns(path: Path) -> dict[str, list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def numbers(path: Path, name: str) -> np.ndarray:
+    return np.array([float(text) for text in columns(path)[name]])
+
+
+def test_the_page_asks_for_no_other_file_and_no_network(page):
+    assert "<script" not in page
+    assert "<link" not in page
+    assert "@import" not in page
+    assert "<img" not in page
+    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(r"url\(([^)]*)\)", page)
+    assert references
+    assert all(reference.startswith("#") for reference in references)
+
+
+def test_every_reference_within_the_page_has_one_target(page):
+    ids = Counter(re.findall(r'\bid="([^"]+)"', page))
+    assert [name for name, count in ids.items() if count > 1] == []
+    used = re.findall(r'href="#([^"]+)"', page) + re.findall(r"url\(#([^)]+)\)", page)
+    assert [name for name in used if name not in ids] == []
+
+
+def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
+    names = json.loads((folder / "results.json").read_text())["figures"]
+    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
+    found = sorted(path.name for path in (folder / "figures").iterdir())
+    assert found == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
+    kinds = {name.rsplit("_", 1)[-1] for name in names}
+    expected = {"excitation", "waveforms", "spectra", "estimates", "losses", "paths", "confusion", "tsne", "training"}
+    assert kinds == expected | {"scores", "recall"}
+
+
+def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):
+    first = folder / "figures" / "study_calibration_1_"
+    spectra, history = calibration.fits[0].spectra, calibration.history
+    for name in ("measured", "deviation", "nominal", "calibrated"):
+        np.testing.assert_array_equal(numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel())
+    waveform = numbers(Path(f"{first}waveforms.csv"), f"{spectra.channels[1]}_calibrated")
+    np.testing.assert_array_equal(waveform, calibration.fits[0].waveforms.calibrated[1])
+    values = numbers(Path(f"{first}estimates.csv"), "value")
+    np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
+    np.testing.assert_array_equal(numbers(Path(f"{first}losses.csv"), "frequency"), history.spectrum_loss)
+    np.testing.assert_array_equal(numbers(Path(f"{first}paths.csv"), "K_v"), history.values[:, 3])
+    total = numbers(Path(f"{first}excitation.csv"), "total_m")
+    each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
+    np.testing.assert_allclose(total, each, atol=1e-15)
+    bars = columns(folder / "figures" / "study_scores.csv")
+    accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
+    assert sorted(accuracy) == sorted(one.scores.accuracy for one in study.outcomes + study.rivals)
+
+
+def test_bars_of_several_classifiers_are_not_pooled():
+    sets = ("measured", "nominal", "calibrated", "posterior", "every_class")
+    runs = [run(name, seed, 0.9) for name in sets for seed in (0, 1)]
+    runs += [run(name, seed, 0.1, "extra_trees") for name in sets for seed in (0, 1)]
+    runs = [replace(one, task=replace(one.task, study="unseen-pressure")) for one in runs]
+    found = assembled(plan_of("unseen-pressure", "quick"), runs)
+    assert found.own == "spectral_bitcn"
+    drawing = accuracy_drawing(replace(found, rival_names=()), "study")
+    assert set(drawing.columns["classifier"]) == {"spectral_bitcn"}
+    assert min(value for value in drawing.columns["value"] if value == value) > 0.7
+    assert set(accuracy_drawing(found, "study").columns["classifier"]) == {"spectral_bitcn", "extra_trees"}
+
+
+def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
+    write_report(scored(0.7), folder=tmp_path)
+    data = columns(tmp_path / "figures" / "scores_confusion.csv")
+    counts = np.array([int(count) for count in data["windows"]]).reshape(5, 5)
+    np.testing.assert_array_equal(counts, scored(0.7).confusion)
+    shares = 100 * counts / counts.sum(axis=1, keepdims=True)
+    svg = (tmp_path / "figures" / "scores_confusion.svg").read_text(encoding="utf-8")
+    shown = re.findall(r">(\d+)</text>", svg)
+    assert sorted(shown) == sorted(f"{share:.0f}" for share in shares.ravel() if share)
+
+
+def test_the_same_results_give_the_same_bytes(folder, study, tmp_path):
+    write_report(study, folder=tmp_path)
+    for path in folder.rglob("*.*"):
+        assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
+    channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
+    fit = replace(calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels))
+    page = write_report(diagnosis, replace(calibration, fits=(fit,)), folder=tmp_path).read_text(encoding="utf-8")
+    for markup in ("<b>pump", "<script", "<i>cover"):
+        assert markup not in page
+    assert "&lt;b&gt;pump&lt;/b&gt; &amp; &#34;7&#34; $x$ 振动" in page
+    assert "&lt;i&gt;cover&lt;/i&gt; [m/s²]" in page
+
+
+def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
+    page = write_report(diagnosis, folder=tmp_path / "deep" / "report").read_text(encoding="utf-8")
+    assert "piston. Taken alone, 3 of 4 windows say so (75 %)" in page
+    assert "score of 90 % among 2 classes" in page
+    assert "What was not checked" in page
+    assert "These results do not carry where their recordings come from" in page
+    results = json.loads((tmp_path / "deep" / "report" / "results.json").read_text())
+    assert results["diagnoses"] == [diagnosis.to_dict()]
+
+
+def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
+    scores = scored(0.7, labels=("normal", "piston"), level=None)
+    page = write_report(scores, folder=tmp_path).read_text(encoding="utf-8")
+    reason = "no test window of swash_plate, cylinder_block, valve_plate"
+    assert f'<td title="{reason}">—</td>' in page
+    assert f"<li>G-mean (of all declared classes): {reason}</li>" in page
+    assert re.search(rf'<td title="{reason}">0\.\d+ \*</td>', page)
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace("nano", "")
+    assert json.loads((tmp_path / "results.json").read_text())["scores"][0]["g_mean"] is None
+
+
+def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
+    runs = [
+        replace(one, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in one.outcomes), embedding=None)
+        for one in study.runs
+    ]
+    without = assembled(plan_of("case1", "quick"), runs)
+    page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
+    assert '<td title="no test window in the scarce cell">—</td>' in page
+    assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
+
+
+def test_results_are_json_that_any_reader_takes(folder):
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    results = json.loads((folder / "results.json").read_text(), parse_constant=refuse)
+    assert results["studies"][0]["settings"]["models"]["spectral_bitcn"] == {"limit": None}
+    assert len(results["calibrations"]) == 2
+
+
+def test_nobody_can_miss_where_the_recordings_come_from(page):
+    assert page.index(ORIGIN) < page.index("<h2>")
+    assert page.index('class="notice"') < page.index(ORIGIN)
+
+
+def test_the_meaning_of_each_level_stands_beside_its_scores(page):
+    for level in ("L2", "L4"):
+        assert re.search(rf'<th scope="row">{level}</th>\s*<td>{LEVELS[level]}</td>', page)
+    assert LEVELS["L0"] not in page
+
+
+def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, tmp_path):
+    rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
+    beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
+    assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
+    ours = [cells for name, cells in rows if name in beside]
+    assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
+    assert len(rows) == 9
+    assert "G-means are of another definition" in page
+    other = replace(study, study="case9", calibrations=())
+    assert "accuracy 0.812" not in write_report(other, folder=tmp_path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "classifier", "told"),
+    [
+        ("case1", "bitcn_paper", "accuracy 0.812"),
+        ("case1", "bitcn", "the paper's BiTCN: accuracy 0.812"),
+        ("case1", "tcn", "the paper's BiTCN: accuracy 0.812"),
+        ("algorithms", "bitcn", "the paper's BiTCN: accuracy 0.98"),
+        ("algorithms", "spectral_bitcn", "the paper's BiTCN: accuracy 0.98"),
+        ("algorithms", "tcn", "more than 8 points below BiTCN"),
+        ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
+        ("ablation", "bitcn_forward", "the paper's BiTCN: below the full model"),
+    ],
+)
+def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, told):
+    key = {"classifier": classifier, "training_set": "measured", "level": "L2"}
+    assert paper_words(replace(study, study=name), key) == told
+
+
+def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):
+    assert page.count("was calibrated at 10 MPa and simulated at 15 MPa") == 1
+
+
+def test_a_calibration_that_made_a_fit_worse_says_so(calibration):
+    worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
+    fit = replace(calibration.fits[0], before=calibration.fit_before, after=worse)
+    answer = " ".join(calibration_answer(replace(calibration, fits=(fit,))))
+    assert "(RMSE) ROSE from" in answer
+    assert "(SVE) stayed" in answer
+    assert "neither number is a test" in answer
+
+
+def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):
+    other = replace(diagnosis, label="normal", probabilities={"normal": 0.8, "piston": 0.2})
+    write_report(diagnosis, other, folder=tmp_path)
+    assert numbers(tmp_path / "figures" / "diagnosis_1_scores.csv", "score").tolist() == [0.1, 0.9]
+    assert numbers(tmp_path / "figures" / "diagnosis_2_scores.csv", "score").tolist() == [0.8, 0.2]
+
+
+def test_a_full_disk_leaves_the_old_report_and_no_debris(diagnosis, study, tmp_path, monkeypatch):
+    write_report(diagnosis, folder=tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    write, left = Path.write_text, iter(range(4))
+
+    def until_full(path: Path, text: str, **options: str) -> int:
+        if next(left, None) is None:
+            raise OSError(28, "No space left on device")
+        return write(path, text, **options)
+
+    monkeypatch.setattr(Path, "write_text", until_full)
+    with pytest.raises(OSError, match="No space left"):
+        write_report(replace(diagnosis, label="normal"), folder=tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+
+
+def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path):
+    plain = write_report(diagnosis, folder=tmp_path / "plain").read_bytes()
+    with mpl.rc_context({"font.size": 31.0, "axes.grid": False, "svg.fonttype": "path"}):
+        assert write_report(diagnosis, folder=tmp_path / "loud").read_bytes() == plain
+        assert mpl.rcParams["font.size"] == 31.0
+        assert mpl.rcParams["svg.fonttype"] == "path"
+
+
+def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
+    with pytest.raises(InputError, match=r"no report can be made of a str; give"):
+        part_of("report", key="report")
+    with pytest.raises(InputError, match="at least one"):
+        write_report(folder=tmp_path)
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match="is a file; name a folder"):
+        write_report(diagnosis, folder=tmp_path / "taken")
+    assert (tmp_path / "taken").read_text() == "mine"

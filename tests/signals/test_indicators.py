@@ -1,0 +1,305 @@
+"""Indicators against signals whose values are known, and against SciPy."""
+
+import csv
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.signal
+import scipy.stats
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pump_signals import RATE, SHAFT, TIME, pump
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording
+from swashtwin.signals import (
+    FAMILIES,
+    Band,
+    ShaftAngle,
+    indicators_of,
+    spectrum_of,
+    stacked,
+    stated_angle,
+    tachometer_speed,
+)
+from swashtwin.signals.indicators.cepstrum import harmonic_family_index, real_cepstrum
+from swashtwin.signals.indicators.envelope import envelope_spectrum
+from swashtwin.signals.indicators.kurtogram import kurtogram
+from swashtwin.signals.indicators.levels import band_rms, velocity_rms
+from swashtwin.signals.indicators.synchronous import synchronous_lines
+
+
+def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0) -> np.ndarray:
+    """Decaying ringing at `ring` [Hz], struck every so many seconds, in white noise."""
+    rng = np.random.default_rng(seed)
+    strikes = np.zeros(len(TIME))
+    strikes[(np.arange(0, TIME[-1], every) * RATE).astype(int)] = 1
+    fade = np.exp(-TIME[:200] * 600) * np.sin(2 * np.pi * ring * TIME[:200])
+    return np.convolve(strikes, fade)[: len(TIME)] + noise * rng.standard_normal(len(TIME))
+
+
+@given(frequency=st.floats(11, 900), amplitude=st.floats(1e-3, 1e3), phase=st.floats(0, 6.3), offset=st.floats(-50, 50))
+@settings(max_examples=30, deadline=None)
+def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
+    frequency: float, amplitude: float, phase: float, offset: float
+) -> None:
+    signal = amplitude * (offset + np.sin(2 * np.pi * frequency * TIME + phase))
+    wanted = amplitude / (2 * np.pi * frequency) / math.sqrt(2)
+    assert velocity_rms(signal[None], RATE)[0] == pytest.approx(wanted, rel=0.02 if frequency < 13 else 0.004)
+
+
+def test_velocity_in_the_frequency_domain_is_that_of_an_integral_in_time() -> None:
+    noise = np.random.default_rng(0).standard_normal(len(TIME))
+    sos = scipy.signal.butter(6, [30, 600], "bandpass", fs=RATE, output="sos")
+    limited = scipy.signal.sosfiltfilt(sos, noise)
+    velocity = scipy.integrate.cumulative_trapezoid(limited, dx=1 / RATE, initial=0)
+    velocity = scipy.signal.detrend(velocity)
+    assert velocity_rms(limited[None], RATE)[0] == pytest.approx(velocity.std(), rel=0.03)
+
+
+def test_lines_outside_the_band_do_not_count_as_velocity() -> None:
+    signal = np.sin(2 * np.pi * 100 * TIME)
+    beside = 5 * np.sin(2 * np.pi * 5 * TIME) + 50 * np.sin(2 * np.pi * 2000 * TIME)
+    assert velocity_rms((signal + beside)[None], RATE)[0] == pytest.approx(
+        velocity_rms(signal[None], RATE)[0], rel=1e-3
+    )
+
+
+def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
+    noise = np.random.default_rng(1).standard_normal((2, len(TIME)))
+    parts = [band_rms(noise, RATE, low, high) ** 2 for low, high in ((0, 123.4), (123.4, 2000), (2000, 5000))]
+    assert np.sum(parts, axis=0) == pytest.approx(band_rms(noise, RATE, 0, 5000) ** 2)
+    assert band_rms(noise, RATE, 0, 5000) == pytest.approx(noise.std(axis=1), rel=0.02)
+    assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
+
+
+def test_a_band_that_cannot_be_is_refused() -> None:
+    for low, high in ((100, 50), (10, 6000), (50.0, 50.1)):
+        with pytest.raises(InputError):
+            band_rms(np.ones((1, 40000)), RATE, low, high)
+    with pytest.raises(InputError, match="record longer"):
+        velocity_rms(np.random.default_rng(0).standard_normal((1, 1000)), RATE)
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_synchronous_lines_have_the_amplitude_and_phase_they_were_made_with(absolute: bool) -> None:
+    angle = ShaftAngle(2 * np.pi * (12 * TIME + 0.4 * TIME**2), RATE, 0.0, 1.0, absolute, "truth")
+    rows = [2 * np.cos(7 * angle.angle + 0.4), 3 * np.cos(7 * angle.angle - 0.8) + 5]
+    found = synchronous_lines(np.stack(rows), angle, np.array([1, 7]))
+    assert found.amplitude[:, 1] == pytest.approx([2, 3], rel=1e-4)
+    assert found.amplitude[:, 0] == pytest.approx([0, 0], abs=1e-3)
+    assert found.phase[:, 1] == pytest.approx([0.4, -0.8] if absolute else [0, -1.2], abs=1e-3)
+    assert found.reference == ("tachometer" if absolute else "first channel")
+
+
+def test_a_phase_against_the_tachometer_survives_another_start() -> None:
+    phases = []
+    for start in (0.0, 2.0):
+        angle = 2 * np.pi * SHAFT * TIME + start
+        level = (np.mod(angle, 2 * np.pi) < 0.5).astype(float)
+        recording = Recording(np.stack([np.cos(2 * angle + 0.7), level]), RATE, "a", ("x", "tacho"))
+        measured = tachometer_speed(recording, "tacho")
+        phases.append(synchronous_lines(recording.signal[:1], measured, np.array([2])).phase[0, 0])
+    assert phases == pytest.approx([0.7, 0.7], abs=math.radians(1.5))
+
+
+def test_the_deviation_of_a_line_is_that_of_noise() -> None:
+    angle = stated_angle(pump())
+    lines = [
+        synchronous_lines(np.random.default_rng(seed).standard_normal((1, 40000)) + np.cos(7 * angle.angle), angle,
+                          np.array([7]))
+        for seed in range(40)
+    ]  # fmt: skip
+    scatter = np.std([one.amplitude[0, 0] for one in lines])
+    stated = np.sqrt(np.mean([one.deviation[0, 0] ** 2 for one in lines]))
+    assert stated == pytest.approx(scatter, rel=0.35)
+
+
+def test_too_few_turns_for_lines_are_refused() -> None:
+    angle = ShaftAngle(2 * np.pi * 3 * TIME, RATE, 0.0, 1.0, True, "truth")
+    with pytest.raises(InputError, match="record 16"):
+        synchronous_lines(np.ones((1, 40000)), angle, np.array([1]))
+    with pytest.raises(InputError, match="half the sample rate"):
+        synchronous_lines(np.ones((1, 40000)), angle, np.array([2000]))
+    with pytest.raises(InputError, match="own angle"):
+        synchronous_lines(np.ones((1, 100)), angle, np.array([1]))
+
+
+def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
+    scores = []
+    for seed in range(4):
+        found = kurtogram(np.random.default_rng(seed).standard_normal(40000), RATE)
+        inner = (found.low > 0) & (found.high < RATE / 2)
+        scores.append((found.kurtosis / found.deviation)[inner])
+    scores = np.concatenate(scores)
+    assert abs(scores.mean()) < 0.25
+    assert 0.8 < scores.std() < 1.5
+
+
+def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_analytic_signal() -> None:
+    sine = np.sin(2 * np.pi * 1100 * TIME)
+    assert kurtogram(sine, RATE).kurtosis[0] == pytest.approx(-1, abs=0.01)
+    signal = bursts()
+    power = np.abs(scipy.signal.hilbert(signal - signal.mean()))[40:-40] ** 2
+    wanted = (power**2).mean() / power.mean() ** 2 - 2
+    assert kurtogram(signal, RATE).kurtosis[0] == pytest.approx(wanted, rel=0.02)
+
+
+@pytest.mark.parametrize("ring", [1200.0, 3000.0, 4300.0])
+def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
+    found = kurtogram(bursts(ring=ring), RATE)
+    low, high = found.band
+    assert low - 200 < ring < high + 200
+    assert high - low < 2000
+    assert found.impulsive
+    assert not kurtogram(np.random.default_rng(3).standard_normal(40000), RATE).impulsive
+
+
+def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
+    found = kurtogram(bursts(), RATE, least_bandwidth=600.0)
+    assert (found.high - found.low).min() == pytest.approx(625)
+    with pytest.raises(InputError, match="kurtogram"):
+        kurtogram(np.ones(1000), RATE)
+
+
+def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:
+    found = envelope_spectrum(bursts(noise=0.1)[None], RATE)
+    low = found.frequency < 300
+    assert found.frequency[low][found.amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
+
+
+def test_the_envelope_of_a_modulated_carrier_reads_its_modulation() -> None:
+    carrier = 2.0 * (1 + 0.3 * np.cos(2 * np.pi * 25 * TIME)) * np.sin(2 * np.pi * 2000 * TIME)
+    found = envelope_spectrum(carrier[None], RATE, (1500, 2500))
+    assert found.amplitude[0, 100] == pytest.approx(0.6, rel=0.01)
+    assert found.frequency[100] == 25
+
+
+def test_an_echo_stands_in_the_cepstrum_at_its_delay() -> None:
+    noise = np.random.default_rng(0).standard_normal(len(TIME))
+    echoed = noise + 0.5 * np.concatenate([np.zeros(73), noise[:-73]])
+    quefrency, cepstrum = real_cepstrum(echoed[None], RATE)
+    assert quefrency[20 + cepstrum[0, 20:1000].argmax()] == pytest.approx(0.0073)
+    assert cepstrum[0, 73] == pytest.approx(0.25, abs=0.02)
+
+
+def test_the_cepstrum_is_that_of_its_definition() -> None:
+    signal = np.random.default_rng(2).standard_normal(256)
+    taper = scipy.signal.get_window("hann", 256)
+    wanted = np.real(np.fft.ifft(np.log(np.abs(np.fft.fft((signal - signal.mean()) * taper)))))
+    assert real_cepstrum(signal[None], 1.0)[1][0] == pytest.approx(wanted[:129], abs=1e-9)
+
+
+def test_a_family_of_lines_stands_out_at_its_own_spacing_only() -> None:
+    rng = np.random.default_rng(0)
+    family = sum(np.cos(2 * np.pi * 40.0 * k * TIME + rng.uniform(0, 6)) for k in range(1, 40))
+    signal = (family + rng.standard_normal(len(TIME)))[None]
+    assert harmonic_family_index(signal, RATE, 40.0)[0] > 20
+    assert harmonic_family_index(signal, RATE, 33.0)[0] < 5
+    noise = rng.standard_normal((30, len(TIME)))
+    assert harmonic_family_index(noise, RATE, 40.0).max() < 5
+    with pytest.raises(InputError, match="no family"):
+        harmonic_family_index(signal, RATE, 0.5)
+
+
+def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
+    recording = pump()
+    table = indicators_of(recording, pistons=7)
+    row = recording.signal - recording.signal.mean(axis=1, keepdims=True)
+    assert table.column("rms")[1] == pytest.approx(row.std(axis=1))
+    assert table.column("peak")[1] == pytest.approx(np.abs(row).max(axis=1))
+    assert table.column("crest_factor")[1] == pytest.approx(np.abs(row).max(axis=1) / row.std(axis=1))
+    assert table.column("kurtosis")[1] == pytest.approx(scipy.stats.kurtosis(row, axis=1, fisher=False))
+    assert table.column("skewness")[1] == pytest.approx(scipy.stats.skew(row, axis=1))
+    for order, amplitude in ((1, 0.3), (7, 1.0), (14, 0.4)):
+        assert table.column(f"order_amplitude {order}x")[1] == pytest.approx([amplitude] * 2, rel=0.02)
+    assert [one.unit for one in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
+    assert np.isnan(table.column("band_rms 5000-10000 Hz")[1]).all()
+
+
+def test_phases_come_with_an_angle_and_against_the_first_channel() -> None:
+    table = indicators_of(pump(), pistons=7, angle=stated_angle(pump()), families=("orders",))
+    assert table.column("order_phase 7x")[1] == pytest.approx([0, -np.pi / 2], abs=0.01)
+    assert table.column("order_amplitude 7x")[1] == pytest.approx([1, 1], rel=0.01)
+
+
+def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
+    band = (Band(0.5, 1.5, in_orders=True),)
+    slow = indicators_of(pump(), bands=band, families=("bands",))
+    assert slow.column("band_rms 0.5-1.5x")[1] == pytest.approx([0.3 / math.sqrt(2)] * 2, rel=0.02)
+    assert indicators_of(replace(pump(), condition=None), bands=band, families=("bands",)).values.shape == (2, 0)
+
+
+def test_every_column_has_a_unit_its_values_and_a_meaning() -> None:
+    table = indicators_of(pump(), pistons=7, angle=stated_angle(pump()))
+    assert {one.unit for one in table.columns} == {"m/s^2", "m/s", "rad", "Hz", ""}
+    assert all(one.meaning for one in table.columns)
+    assert len({one.name for one in table.columns}) == len(table.columns)
+    header, *rows = csv.reader(table.csv.splitlines())
+    assert len(rows) == 2
+    assert float(rows[0][header.index("rms [m/s^2]")]) == table.column("rms")[1][0]
+    assert rows[1][header.index("band_rms 5000-10000 Hz [m/s^2]")] == ""
+    assert table.to_dict()["rows"][0]["values"]["rms"] == table.column("rms")[1][0]
+
+
+def test_a_recording_in_an_unknown_unit_has_no_velocity() -> None:
+    table = indicators_of(replace(pump(), unit="V"))
+    assert "velocity_rms" not in [one.name for one in table.columns]
+    both = stacked([table, indicators_of(pump())])
+    assert len(both.rows) == 4
+    assert np.isnan(both.column("velocity_rms")[1][:2]).all()
+    with pytest.raises(InputError, match="several units"):
+        both.column("rms")
+
+
+def test_a_short_recording_has_gaps_and_no_error() -> None:
+    recording = replace(pump(), signal=pump().signal[:, :900])
+    table = indicators_of(recording, pistons=7)
+    assert np.isnan(table.column("velocity_rms")[1]).all()
+    assert np.isnan(table.column("order_amplitude 7x")[1]).all()
+    assert np.isfinite(table.column("rms")[1]).all()
+
+
+def test_what_no_table_can_be_made_of_is_said() -> None:
+    with pytest.raises(InputError, match="no family of indicators 'speed'"):
+        indicators_of(pump(), families=("speed",))
+    with pytest.raises(InputError, match="no channel"):
+        indicators_of(pump(), channels=["x"])
+    with pytest.raises(InputError, match="pistons"):
+        indicators_of(pump(), pistons=0)
+    with pytest.raises(DataError, match="no recording"):
+        stacked([])
+    with pytest.raises(InputError, match="no indicator 'rsm'"):
+        indicators_of(pump()).column("rsm")
+    assert set(FAMILIES) == {"statistics", "velocity", "bands", "orders", "envelope", "cepstrum"}
+
+
+@pytest.mark.parametrize(("kind", "place"), [("amplitude", 105.0), ("order", 7.0)])
+def test_the_piston_line_stands_where_the_mark_is(kind: str, place: float) -> None:
+    found = spectrum_of(pump(), kind, pistons=7)  # type: ignore[arg-type]
+    assert found.place[found.amplitude[0].argmax()] == pytest.approx(place, rel=0.002)
+    assert found.amplitude[0].max() == pytest.approx(1, rel=0.05)
+    assert [mark.name for mark in found.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
+    assert found.marks[2].at == pytest.approx(place)
+
+
+def test_marks_of_a_cepstrum_are_periods_and_an_envelope_tells_its_band() -> None:
+    cepstrum = spectrum_of(pump(), "cepstrum", pistons=7)
+    assert [(mark.name, mark.at) for mark in cepstrum.marks] == [
+        ("1x", pytest.approx(1 / 15)),
+        ("7x", pytest.approx(1 / 105)),
+    ]
+    envelope = spectrum_of(replace(pump(), signal=np.stack([bursts(), bursts(ring=1200)])), "envelope")
+    assert [low < ring < high for (low, high), ring in zip(envelope.bands, (3000, 1200), strict=True)] == [True] * 2
+    assert spectrum_of(replace(pump(), condition=None)).marks == ()
+    with pytest.raises(InputError, match="nobody stated its speed"):
+        spectrum_of(replace(pump(), condition=None), "order")
+
+
+def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
+    for band in ((1000.0, 99_000.0), (3000.0, 2000.0), (-5.0, 100.0)):
+        with pytest.raises(InputError, match="half the sample rate"):
+            spectrum_of(pump(), "envelope", band=band)

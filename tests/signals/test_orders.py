@@ -1,0 +1,281 @@
+"""The shaft's angle from pulses and from the signal, against courses that are known; and the recording along it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swashtwin.bench import rig_recordings
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.foundation import DataError, InputError, MPa, rpm
+from swashtwin.learning import cut_windows
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, inspect_recording, stated_speed
+from swashtwin.signals import ShaftAngle, resampled_by_angle, stated_angle, tachometer_speed, tracked_speed
+from swashtwin.signals.spectra import amplitude_spectrum
+
+RATE = 10000.0
+
+
+def course(*, seconds: float = 8.0, start: float = 12.0, end: float = 18.0, swing: float = 0.0) -> np.ndarray:
+    """True angle [rad] of a shaft whose frequency [Hz] runs from `start` to `end` and swings (relative) at 0.9 Hz."""
+    time = np.arange(int(seconds * RATE)) / RATE
+    steady = start * time + (end - start) * time**2 / (2 * seconds)
+    wander = swing * (start + end) / 2 * (1 - np.cos(2 * np.pi * 0.9 * time)) / (2 * np.pi * 0.9)
+    return 2 * np.pi * (steady + wander)
+
+
+def turning(angle: np.ndarray, *, noise: float = 0.0, seed: int = 0, channels: int = 1) -> Recording:
+    """Lines of a seven-piston pump along `angle`, another mixture in each channel, with white noise."""
+    rng = np.random.default_rng(seed)
+    lines = {1: 0.2, 2: 0.1, 6: 0.15, 7: 1.0, 8: 0.15, 14: 0.5, 21: 0.3}
+    rows = [
+        sum(amount * rng.uniform(0.5, 1.5) * np.cos(k * angle + rng.uniform(0, 6.3)) for k, amount in lines.items())
+        + noise * rng.standard_normal(len(angle))
+        for _ in range(channels)
+    ]
+    return Recording(np.stack(rows), RATE, "run", tuple(f"a{i}" for i in range(channels)))
+
+
+def tacho(angle: np.ndarray, pulses: int = 1, *, width: float = 0.4) -> Recording:
+    level = np.where(np.mod(pulses * angle / (2 * np.pi) - 0.25, 1) < width, 4.8, 0.1)
+    return Recording(np.stack([np.zeros(len(angle)), level]), RATE, "run", ("a", "tacho"))
+
+
+def wandering(found: ShaftAngle, true: np.ndarray) -> float:
+    """Largest difference [degrees] from the true angle, a constant apart, one revolution away from either end."""
+    error = found.angle - true
+    inside = slice(int(RATE / 10), -int(RATE / 10))
+    return float(np.degrees(np.abs(error[inside] - np.median(error[inside])).max()))
+
+
+@pytest.mark.parametrize(("pulses", "limit"), [(1, 1.0), (8, 0.6), (60, 0.6)])
+def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
+    true = course(swing=0.005)
+    found = tachometer_speed(tacho(true, pulses), "tacho", pulses)
+    assert wandering(found, true) < limit  # one reading is 0.65 degrees at 18 Hz
+    assert found.absolute == (pulses == 1)
+    assert found.mean_speed == pytest.approx(2 * np.pi * 15, rel=1e-3)
+    assert 0 < math.degrees(found.deviation) < 1
+
+
+def test_angle_zero_is_the_first_pulse_of_a_tachometer() -> None:
+    true = course(start=15, end=15)
+    found = tachometer_speed(tacho(true), "tacho")
+    first = np.flatnonzero(np.diff(tacho(true).signal[1]) > 1)[0] + 0.5
+    assert np.degrees(np.interp(first, np.arange(len(true)), found.angle)) == pytest.approx(0, abs=0.01)
+
+
+def test_a_noisy_pulse_is_counted_once() -> None:
+    true = course()
+    quiet = tacho(true)
+    noise = 0.3 * np.random.default_rng(0).standard_normal(quiet.signal.shape)
+    found = tachometer_speed(replace(quiet, signal=quiet.signal + noise), "tacho")
+    assert wandering(found, true) < 1.5
+
+
+def test_a_missed_pulse_is_refused_with_its_time() -> None:
+    recording = tacho(course(start=15, end=15))
+    signal = recording.signal.copy()
+    signal[1, int(2.0 * RATE) : int(2.06 * RATE)] = 0.1
+    with pytest.raises(DataError, match=r"pulses at 1\.9.* a pulse was missed"):
+        tachometer_speed(replace(recording, signal=signal), "tacho")
+
+
+def test_a_channel_without_pulses_is_no_tachometer() -> None:
+    with pytest.raises(DataError, match="0 pulses"):
+        tachometer_speed(tacho(course()), "a")
+    with pytest.raises(InputError, match="no channel 'b'"):
+        tachometer_speed(tacho(course()), "b")
+    with pytest.raises(InputError, match="pulses_per_turn"):
+        tachometer_speed(tacho(course()), "tacho", 0)
+
+
+@pytest.mark.parametrize("swing", [0.0, 0.005, 0.02])
+def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
+    true = course(start=14.2, end=14.4, swing=swing)
+    found = tracked_speed(turning(true, noise=0.3), order=7, near=rpm(860))
+    assert wandering(found, true) < 1.5
+    assert found.quality == 1.0
+
+
+def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
+    true = course(start=12, end=18)
+    found = tracked_speed(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
+    assert wandering(found, true) < 1.5
+
+
+def test_the_stated_error_is_the_error_that_noise_makes() -> None:
+    true = course(start=14, end=14.5)
+    inside = slice(1000, -1000)
+    errors, stated = [], []
+    for seed in range(6):
+        found = tracked_speed(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
+        error = (found.angle - true)[inside]
+        errors.append((error - error.mean()).std())
+        stated.append(found.deviation)
+    assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
+
+
+def test_several_channels_follow_a_line_better_than_the_worst() -> None:
+    true = course(start=14, end=14.5)
+    recording = turning(true, noise=2.0, channels=4)
+    alone = [tracked_speed(recording.picked([name]), order=7, near=rpm(860)).deviation for name in recording.channels]
+    assert tracked_speed(recording, order=7, near=rpm(860)).deviation < min(alone)
+
+
+def test_noise_without_a_line_is_not_followed() -> None:
+    noise = np.random.default_rng(0).standard_normal((2, 80000))
+    with pytest.raises(DataError, match="stands clear of the noise"):
+        tracked_speed(Recording(noise, RATE, "noise", ("a", "b")), order=7, near=rpm(860))
+
+
+def test_a_hump_of_noise_is_no_line() -> None:
+    low, high = 7 * 860 / 60 - 4, 7 * 860 / 60 + 4  # about the piston-pass line, some 0.3 orders to either side
+    sos = scipy.signal.butter(2, [low, high], "bandpass", fs=RATE, output="sos")
+    noise = np.random.default_rng(1).standard_normal(100_000)
+    hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
+    with pytest.raises(DataError, match="stands clear of the noise"):
+        tracked_speed(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
+
+
+def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
+    with pytest.raises(DataError, match=r"as far as the search goes|stands clear"):
+        tracked_speed(turning(course(start=14.9, end=14.9), noise=0.1), order=7, near=rpm(860), search=0.03)
+
+
+def test_what_cannot_be_followed_is_said() -> None:
+    recording = turning(course(seconds=0.8))
+    with pytest.raises(DataError, match="needs 16"):
+        tracked_speed(recording, order=7, near=rpm(860))
+    with pytest.raises(InputError, match="nobody stated its speed"):
+        tracked_speed(recording, order=7)
+    with pytest.raises(InputError, match="less than half the sample rate"):
+        tracked_speed(recording, order=700, near=rpm(860))
+    with pytest.raises(InputError, match="at least one order"):
+        tracked_speed(recording, order=(), near=rpm(860))
+    with pytest.raises(InputError, match="positive speed"):
+        tracked_speed(recording, order=7, near=-1.0)
+
+
+def test_a_recording_with_its_own_speed_needs_no_guess() -> None:
+    true = course(start=10, end=20)
+    speed = np.gradient(true) * RATE
+    recording = replace(turning(true, noise=0.1), speed=speed * 1.003)
+    assert wandering(tracked_speed(recording, order=7), true) < 1.5
+    assert stated_angle(replace(recording, speed=speed)).turns == pytest.approx(true[-1] / 2 / np.pi, rel=1e-6)
+
+
+@settings(max_examples=12, deadline=None)
+@given(order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000]))
+def test_a_line_keeps_its_amplitude_along_the_angle(order: int, swing: float, per_turn: int) -> None:
+    true = course(seconds=4.0, start=13, end=16, swing=swing)
+    recording = Recording(np.cos(order * true + 0.5)[None], RATE, "run")
+    angle = ShaftAngle(true, RATE, math.nan, math.nan, True, "the truth")
+    turned = resampled_by_angle(recording, angle, per_turn)
+    whole = turned.signal[:, 2 * per_turn : 50 * per_turn]
+    lines = np.fft.rfft(whole[0]) * 2 / whole.shape[1]
+    assert abs(lines[48 * order]) == pytest.approx(1, abs=0.01)
+    assert np.angle(lines[48 * order]) == pytest.approx(0.5, abs=0.01)
+
+
+def test_orders_above_the_new_rate_are_cut_off_and_do_not_fold() -> None:
+    true = course(start=13, end=16)
+    recording = Recording(np.cos(200 * true)[None], RATE, "run")
+    turned = resampled_by_angle(recording, ShaftAngle(true, RATE, 0.0, 1.0, True, "truth"), 256)
+    assert np.abs(turned.signal[:, 512:-512]).max() < 0.01
+
+
+def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
+    true = course(start=14, end=14.6)
+    condition = OperatingCondition(rpm(860), MPa(15))
+    recording = replace(turning(true, noise=0.1), condition=condition, label="normal")
+    angle = tracked_speed(recording, order=7)
+    turned = resampled_by_angle(recording, angle, 512)
+    assert turned.attributes["domain"] == "angle"
+    assert turned.attributes["readings_per_turn"] == "512"
+    assert turned.condition == condition
+    assert turned.speed is not None
+    true_speed = 2 * np.pi * np.linspace(14, 14.6, len(turned.speed))
+    assert turned.speed == pytest.approx(true_speed, rel=0.02)
+    assert turned.speed[1024:-1024] == pytest.approx(true_speed[1024:-1024], rel=0.003)
+    frequency, amplitude = amplitude_spectrum(turned.signal, turned.sample_rate)
+    assert frequency[amplitude[0].argmax()] == pytest.approx(7 * (stated_speed(turned) or 0), rel=1e-3)
+    assert not inspect_recording(turned).findings
+    with pytest.raises(InputError, match="already"):
+        resampled_by_angle(turned, angle, 512)
+
+
+def test_recordings_of_two_speeds_share_windows_when_played_at_one() -> None:
+    turned = []
+    for name, speed in (("slow", 10.0), ("fast", 20.0)):
+        true = course(start=speed, end=speed)
+        recording = replace(
+            turning(true), recording_id=name, label=name, condition=OperatingCondition(2 * np.pi * speed, MPa(15))
+        )
+        turned.append(resampled_by_angle(recording, stated_angle(recording), 400, played_at=rpm(600)))
+    windows = cut_windows(turned, length=400)
+    assert windows.sample_rate == pytest.approx(4000)
+    assert sorted(set(windows.speed.tolist())) == pytest.approx([2 * np.pi * 10, 2 * np.pi * 20])
+    with pytest.raises(InputError, match="take length 400"):
+        cut_windows(turned, length=399)
+
+
+def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
+    recording = turning(course())
+    angle = ShaftAngle(course(), RATE, 0.0, 1.0, False, "truth")
+    with pytest.raises(InputError, match="even number"):
+        resampled_by_angle(recording, angle, 255)
+    with pytest.raises(InputError, match="take the angle from this recording"):
+        resampled_by_angle(turning(course(seconds=4)), angle, 256)
+    with pytest.raises(InputError, match="played_at"):
+        resampled_by_angle(recording, angle, 256, played_at=0.0)
+    still = replace(recording, speed=np.zeros(recording.signal.shape[1]))
+    with pytest.raises(InputError, match="stands still"):
+        stated_angle(still)
+
+
+@pytest.fixture(scope="module")
+def rig() -> list[Recording]:
+    """Four recordings of the rig, whose speed wanders by up to 0.5 %."""
+    size = RigSize(specimens=2, repeats=2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+        return [one for one, _ in rig_recordings(2, size, labels=("normal",))]
+
+
+def concentration(recording: Recording, orders: np.ndarray) -> float:
+    """Share of the power within half an order of each of `orders` that lies within a fifteenth of it."""
+    frequency, amplitude = amplitude_spectrum(recording.signal, recording.sample_rate)
+    order = frequency / (stated_speed(recording) or 1)
+    distance = np.abs(order[:, None] - orders).min(axis=1)
+    power = (amplitude**2).sum(axis=0)
+    return float(power[distance < 1 / 15].sum() / power[distance < 0.5].sum())
+
+
+def test_order_lines_of_the_rig_sharpen_along_the_tracked_angle(rig: list[Recording]) -> None:
+    for recording in rig:
+        angle = tracked_speed(recording, order=(7, 14, 21, 28))
+        turned = resampled_by_angle(recording, angle, 1024)
+        high = 7 * np.arange(15, 30)  # 1500 to 2900 Hz
+        before, after = concentration(recording, high), concentration(turned, high)
+        assert after > before + 0.1
+        assert math.degrees(angle.deviation) < 1
+
+
+def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
+    recording = turning(course(start=14.0, end=14.6), noise=0.1)
+    found = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
+    assert found.source == "the line at order 7"
+    with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
+        tracked_speed(recording, order=(700, 400), near=rpm(860))
+
+
+@pytest.mark.parametrize("order", [0, -7, (7, 0)])
+def test_an_order_below_one_is_refused_by_its_number(order: int | tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="is no line of the shaft"):
+        tracked_speed(turning(course(seconds=2.0)), order=order, near=rpm(860))

@@ -1,0 +1,295 @@
+"""Spectra, lines, noise and the paper's errors against what is known of made signals."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swashtwin.foundation import InputError
+from swashtwin.signals import (
+    OrderSpectrum,
+    add_noise,
+    aligned,
+    band_limited,
+    order_spectrum,
+    peak_error,
+    spectrum_value_error,
+    synchronous_signal,
+    waveform_rmse,
+)
+from swashtwin.signals.spectra import amplitude_spectrum
+
+RATE = 12800.0
+SHAFT = 860 / 60
+
+
+def turning(
+    orders: np.ndarray,
+    amplitudes: np.ndarray,
+    revolutions: float,
+    *,
+    jitter: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> np.ndarray:
+    """One channel of lines whose shaft frequency swings by `jitter` (relative) at 0.7 Hz, with white noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(revolutions / SHAFT * RATE)) / RATE
+    swing = np.sin(2 * np.pi * 0.7 * time + rng.uniform(0, 2 * np.pi)).cumsum() / RATE
+    angle = 2 * np.pi * SHAFT * (time + jitter * swing)
+    phases = rng.uniform(0, 2 * np.pi, len(orders))
+    signal = sum(
+        amplitude * np.cos(order * angle + phase)
+        for order, amplitude, phase in zip(orders, amplitudes, phases, strict=True)
+    )
+    return (signal + noise * rng.standard_normal(len(time)))[None]
+
+
+@given(line=st.integers(3, 490), amplitude=st.floats(1e-3, 1e3), phase=st.floats(0, 6.3), offset=st.floats(-10, 10))
+def test_a_sine_reads_its_amplitude_and_no_offset(line: int, amplitude: float, phase: float, offset: float) -> None:
+    time = np.arange(1000) / 1000
+    signal = (offset + amplitude * np.sin(2 * np.pi * line * time + phase))[None]
+    frequency, spectrum = amplitude_spectrum(signal, 1000.0)
+    assert frequency[line] == line
+    assert spectrum[0, line] == pytest.approx(amplitude, rel=1e-6)
+    assert spectrum[0, line + 1] == pytest.approx(amplitude / 2, rel=1e-6)  # Hann's neighbors
+    assert spectrum[0, 0] == pytest.approx(0, abs=1e-9 * (amplitude + abs(offset)))
+
+
+def test_one_segment_is_the_hann_weighted_transform() -> None:
+    signal = np.random.default_rng(0).standard_normal((2, 600))
+    frequency, spectrum = amplitude_spectrum(signal, 50.0)
+    weights = scipy.signal.get_window("hann", 600)
+    centered = signal - signal.mean(axis=-1, keepdims=True)
+    expected = np.abs(np.fft.rfft(centered * weights)) * 2 / weights.sum()
+    np.testing.assert_allclose(frequency, np.fft.rfftfreq(600, 1 / 50))
+    np.testing.assert_allclose(spectrum[:, 1:-1], expected[:, 1:-1], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize(("resolution", "spacing"), [(4.0, 4.0), (0.01, 1.0)])
+def test_lines_are_spaced_as_asked_but_no_finer_than_the_signal_allows(resolution: float, spacing: float) -> None:
+    frequency, spectrum = amplitude_spectrum(np.ones((1, 1000)), 1000.0, resolution)
+    assert frequency[1] - frequency[0] == spacing
+    assert spectrum.shape == (1, len(frequency))
+
+
+@pytest.mark.parametrize("resolution", [0.0, -1.0, 501.0, 1e9, np.nan, np.inf])
+def test_a_spacing_of_lines_that_cannot_be_is_refused(resolution: float) -> None:
+    with pytest.raises(InputError, match="half the sample rate"):
+        amplitude_spectrum(np.ones((1, 1000)), 1000.0, resolution)
+
+
+def test_averaging_over_segments_keeps_the_amplitude_and_calms_the_noise() -> None:
+    time = np.arange(64000) / 1000
+    signal = (3 * np.sin(2 * np.pi * 100 * time) + np.random.default_rng(0).standard_normal(64000))[None]
+    frequency, spectrum = amplitude_spectrum(signal, 1000.0, 1.0)
+    assert spectrum[0, 100] == pytest.approx(3, rel=0.01)
+    away = np.abs(frequency - 100) > 5
+    assert spectrum[0, away].std() < 0.1 * spectrum[0, away].mean()
+
+
+@pytest.mark.parametrize(
+    ("orders", "revolutions"),
+    [([7, 14, 21], 16), ([1, 2, 3, 7, 14, 21, 50], 16), (range(1, 60), 16), (range(1, 60), 33.3), (range(1, 60), 100)],
+)
+def test_every_line_of_a_steady_shaft_reads_its_amplitude(orders: list[int], revolutions: float) -> None:
+    asked = np.array(orders)
+    amplitudes = np.random.default_rng(1).uniform(0.5, 2, len(asked))
+    found = order_spectrum(turning(asked, amplitudes, revolutions + 0.1), RATE, SHAFT, asked)
+    np.testing.assert_allclose(found.amplitude[0], amplitudes, rtol=0.02)
+    np.testing.assert_allclose(found.frequency, asked * SHAFT)
+    np.testing.assert_array_equal(found.orders, asked)
+
+
+@pytest.mark.parametrize("orders", [[7, 14, 21, 28], range(1, 40)])
+@pytest.mark.parametrize("revolutions", [64, 150])
+def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(orders: list[int], revolutions: float) -> None:
+    asked = np.array(orders)
+    amplitudes = np.random.default_rng(2).uniform(0.5, 2, len(asked))
+    signal = turning(asked, amplitudes, revolutions, jitter=0.005)
+    found = order_spectrum(signal, RATE, SHAFT, asked)
+    np.testing.assert_allclose(found.amplitude[0], amplitudes, rtol=0.03)
+    plain = amplitude_spectrum(signal, RATE)
+    highest = np.argmin(np.abs(plain[0] - asked[-1] * SHAFT))
+    assert plain[1][0, highest] < 0.8 * amplitudes[-1]  # a line of the plain spectrum loses what is smeared
+
+
+def test_the_order_of_the_orders_does_not_matter() -> None:
+    asked = np.array([1, 2, 7, 14])
+    signal = turning(asked, np.array([1.0, 2.0, 3.0, 4.0]), 50, noise=0.3)
+    found = order_spectrum(signal, RATE, SHAFT, asked)
+    turned = order_spectrum(signal, RATE, SHAFT, asked[::-1].copy())
+    np.testing.assert_allclose(turned.amplitude[:, ::-1], found.amplitude)
+
+
+def test_the_noise_under_a_line_is_taken_away() -> None:
+    asked = np.array([7, 14, 21])
+    draws = [order_spectrum(turning(asked, np.ones(3), 100, noise=10.0, seed=s), RATE, SHAFT, asked) for s in range(60)]
+    power = np.mean([draw.amplitude**2 for draw in draws], axis=0)
+    np.testing.assert_allclose(power, 1.0, rtol=0.06)
+    width = 0.006 * 21 * SHAFT + 2.5 * SHAFT / 25
+    raised = 1 + 2 * 10.0**2 * 2 * width / (RATE / 2)  # what the band over the last line would read with its noise
+    assert raised > 1.15
+
+
+def test_noise_alone_leaves_little_and_says_how_little() -> None:
+    asked = np.array([7, 14, 21])
+    nothing = np.zeros(3)
+    draws = [order_spectrum(turning(asked, nothing, 100, noise=1.0, seed=s), RATE, SHAFT, asked) for s in range(40)]
+    amplitude = np.array([draw.amplitude[0] for draw in draws])
+    deviation = np.array([draw.deviation[0] for draw in draws])
+    assert np.mean(amplitude <= 3 * deviation) > 0.95
+    assert (amplitude == 0).mean() > 0.2
+    assert np.sqrt((amplitude**2).mean()) < 0.1
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) -> None:
+    asked = np.array([1, 7, 14, 28])
+    amplitudes = np.array([1.0, 2.0, 0.5, 1.0])
+    draws = [order_spectrum(turning(asked, amplitudes, 80, noise=noise, seed=s), RATE, SHAFT, asked) for s in range(60)]
+    scatter = np.std([draw.amplitude[0] for draw in draws], axis=0, ddof=1)
+    claimed = np.sqrt(np.mean([draw.deviation[0] ** 2 for draw in draws], axis=0))
+    assert np.all(claimed > 0.7 * scatter)
+    assert np.all(claimed < 1.8 * scatter)
+
+
+def test_channels_do_not_mix() -> None:
+    asked = np.array([7, 14])
+    one = turning(asked, np.array([1.0, 0.0]), 40)
+    other = turning(asked, np.array([0.0, 2.0]), 40)
+    found = order_spectrum(np.concatenate([one, other]), RATE, SHAFT, asked)
+    np.testing.assert_allclose(found.amplitude, [[1, 0], [0, 2]], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("revolutions", "orders", "message"),
+    [
+        (15.9, [7], r"covers 15.9 revolutions; its orders need at least 16"),
+        (20.0, [7, 446], r"order 446 lies at 6393 Hz, above half the sample rate \(6400 Hz\)"),
+        (20.0, [7, 500], "order 500 lies at 7167 Hz, above half"),
+        (20.0, [0, 7], "order 0 has no amplitude: lines begin at order 1"),
+    ],
+)
+def test_orders_that_cannot_be_read_are_refused(revolutions: float, orders: list[int], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        order_spectrum(turning(np.array([7]), np.ones(1), revolutions), RATE, SHAFT, np.array(orders))
+
+
+def test_an_order_spectrum_knows_its_frequencies() -> None:
+    spectrum = OrderSpectrum(np.array([1, 7]), 14.0, np.ones((1, 2)), np.ones((1, 2)))
+    np.testing.assert_array_equal(spectrum.frequency, [14, 98])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    orders=st.lists(st.integers(0, 300), min_size=1, max_size=12, unique=True),
+    seed=st.integers(0, 2**32),
+    start=st.floats(-20, 20),
+)
+def test_a_synchronous_signal_is_the_sum_of_its_cosines(orders: list[int], seed: int, start: float) -> None:
+    rng = np.random.default_rng(seed)
+    asked = np.array(orders)
+    lines = rng.standard_normal((2, len(asked))) + 1j * rng.standard_normal((2, len(asked)))
+    angle = start + rng.uniform(0, 0.3, 500).cumsum()
+    expected = np.real(lines @ np.exp(1j * asked[:, None] * angle))
+    found = synchronous_signal(lines, asked, angle)
+    assert np.all(np.abs(found - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12)
+
+
+def test_a_mean_line_is_a_mean_wherever_it_stands() -> None:
+    angle = np.linspace(0, 2 * np.pi, 1000)
+    lines = np.array([[2 + 0j, 1 + 0j]])
+    mean_last = synchronous_signal(lines[:, ::-1], np.array([1, 0]), angle)
+    np.testing.assert_allclose(synchronous_signal(lines, np.array([0, 1]), angle), mean_last)
+    np.testing.assert_allclose(mean_last[0], 2 + np.cos(angle), atol=1e-5)
+
+
+@settings(max_examples=25, deadline=None)
+@given(snr=st.floats(-20, 40), seed=st.integers(0, 2**40), offset=st.floats(-100, 100))
+def test_every_channel_gets_the_noise_asked_for(snr: float, seed: int, offset: float) -> None:
+    time = np.arange(20000) / RATE
+    signal = np.array([1e-3, 1.0, 50.0])[:, None] * np.sin(2 * np.pi * 100 * time) + offset
+    noise = add_noise(signal, snr, seed) - signal
+    found = 10 * np.log10(signal.var(axis=-1) / np.mean(noise**2, axis=-1))
+    np.testing.assert_allclose(found, snr, atol=0.3)  # six standard deviations of 20000 draws
+    assert np.all(np.abs(np.corrcoef(noise) - np.eye(3)) < 0.06)
+
+
+def test_noise_is_white_and_gaussian() -> None:
+    signal = np.sin(np.arange(40000.0))[None]
+    noise = (add_noise(signal, 0.0, 1) - signal)[0]
+    assert abs(np.mean(noise[1:] * noise[:-1])) < 6 * noise.var() / math.sqrt(len(noise))
+    assert abs(np.mean((noise / noise.std()) ** 4) - 3) < 0.15
+
+
+def test_noise_depends_on_seed_ratio_and_purpose_only() -> None:
+    signal = np.sin(np.arange(100.0))[None]
+    first = add_noise(signal, 10, 0, "a", 1)
+    np.testing.assert_array_equal(first, add_noise(signal, 10.0, 0, "a", 1))
+    others = [add_noise(signal, 10, 1, "a", 1), add_noise(signal, 10, 0, "a", 2), add_noise(signal, 10, 0, "b", 1)]
+    for one, other in pairwise([first, *others]):
+        assert not np.any(one == other)
+    np.testing.assert_array_equal(add_noise(np.ones((1, 5)), 10, 0), np.ones((1, 5)))  # a constant has no power
+
+
+@pytest.mark.parametrize(("high", "kept"), [(1000.0, False), (6400.0, True)])
+def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float, kept: bool) -> None:
+    time = np.arange(12800) / RATE
+    low, inside, above = (np.sin(2 * np.pi * frequency * time) for frequency in (5, 300, 4000))
+    found = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
+    expected = inside + above if kept else inside
+    np.testing.assert_allclose(found[1000:-1000], expected[1000:-1000], atol=0.01)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 100.0), (-1.0, 100.0), (200.0, 100.0), (6400.0, 9000.0)])
+def test_a_band_that_is_none_is_refused(low: float, high: float) -> None:
+    with pytest.raises(InputError, match="is none at 12800 Hz; it needs 0 < low < high"):
+        band_limited(np.zeros((1, 1000)), RATE, low, high)
+
+
+@given(shift=st.integers(0, 50), seed=st.integers(0, 2**32))
+def test_a_known_shift_is_found(shift: int, seed: int) -> None:
+    turn = np.random.default_rng(seed).standard_normal((2, 50))
+    simulated = np.tile(turn, 4)
+    measured = 3 * simulated[:, shift : shift + 150]
+    np.testing.assert_array_equal(3 * aligned(measured, simulated), measured)
+
+
+def test_all_channels_decide_the_shift_together() -> None:
+    pulse = np.zeros(20)
+    pulse[4] = 1.0
+    faint, strong = np.roll(pulse, 5) * 0.1, pulse * 2
+    simulated = np.stack([pulse, pulse])
+    found = aligned(np.stack([faint, strong])[:, 2:12], simulated)
+    np.testing.assert_array_equal(found, simulated[:, 2:12])
+
+
+def test_a_simulation_shorter_than_the_measurement_is_refused() -> None:
+    with pytest.raises(InputError, match="9 simulated readings are fewer than the 10 measured ones"):
+        aligned(np.ones((1, 10)), np.ones((1, 9)))
+
+
+@given(scale=st.floats(0.1, 10), seed=st.integers(0, 2**32))
+def test_the_papers_errors_have_their_special_values(scale: float, seed: int) -> None:
+    measured = np.random.default_rng(seed).standard_normal((3, 64))
+    lines = np.abs(measured)
+    assert (waveform_rmse(measured, measured), peak_error(measured, measured)) == (0, 0)
+    assert spectrum_value_error(lines, lines) == 0
+    assert waveform_rmse(measured, measured + scale) == pytest.approx(scale)
+    assert waveform_rmse(measured, 0 * measured) == pytest.approx(math.sqrt(np.mean(measured**2)))
+    assert peak_error(measured, -scale * measured) == pytest.approx(abs(scale - 1))
+    assert peak_error(measured, 0 * measured) == 1
+    assert spectrum_value_error(lines, scale * lines) == pytest.approx(abs(scale - 1))
+    assert spectrum_value_error(lines, 0 * lines) == pytest.approx(1)
+
+
+def test_peak_errors_are_averaged_over_channels_and_spectrum_errors_are_not() -> None:
+    measured, simulated = np.array([[1.0, -2.0], [10.0, 0.0]]), np.array([[-3.0, 0.0], [10.0, 0.0]])
+    assert peak_error(measured, simulated) == pytest.approx(0.25)
+    assert spectrum_value_error(np.abs(measured), np.abs(simulated)) == pytest.approx(4 / 13)
+    assert waveform_rmse(measured, simulated) == pytest.approx(math.sqrt(20 / 4))

@@ -25,7 +25,7 @@ from swashtwin.physics.recess import slipper_profile, stages
 from swashtwin.physics.solvers.runge_kutta import rk4_limit, rk4_map, state_matrix
 from swashtwin.physics.solvers.trajectories import Trajectory, rk4_trajectory_with_breaks
 from swashtwin.pump import Interfaces, SwashPlateDefect
-from swashtwin.report import CALIBRATED, MEASURED, name_decades, panels, styled
+from swashtwin.report import CALIBRATED, MEASURED, figure_style, name_decades, panels
 from swashtwin.report.style import NOMINAL
 
 PARTS = 64
@@ -137,7 +137,7 @@ def draw_edges(folder: Path) -> None:
     save(edges_figure({damping: alone(errors, damping) for damping in FILMS}), folder, "simulator_edges")
 
 
-@styled()
+@figure_style()
 def edges_figure(lines: dict[float, list[Line]]) -> tuple[Figure, list[dict[str, object]]]:
     """One panel for each film, and their data."""
     figure, axes = panels(1, len(lines), 4.0, sharey=True)

@@ -12,7 +12,7 @@ from matplotlib.ticker import NullLocator
 from peers import throughput
 from peers.measuring import Entry, alone, times_over_steps
 from peers.problem import STEPS_PER_REVOLUTION
-from swashtwin.report import CALIBRATED, MEASURED, apart, name_decades, panels, styled
+from swashtwin.report import CALIBRATED, MEASURED, figure_style, name_decades, panels, spread_labels
 
 STEPS = (1_000, 3_000, 10_000, 30_000, 72_000, 288_000)
 SETS = (1, 3, 10, 30, 100, 300, 1000)
@@ -85,7 +85,7 @@ def draw_scaling(folder: Path) -> None:
     save(scaling_figure(over_steps(), over_sets()), folder)
 
 
-@styled()
+@figure_style()
 def scaling_figure(steps: Sequence[Line], sets: Sequence[Line]) -> tuple[Figure, list[dict[str, object]]]:
     """The two panels, and their data."""
     figure, axes = panels(1, 2, 4.6, sharey=True, width_ratios=(1.15, 1))
@@ -134,7 +134,7 @@ def label_ends(place: Axes, lines: Sequence[Line], *, gap: float = 0.045) -> Non
     lines = [line for line in lines if line.points[-1][0] == last]
     inverse = place.transAxes.inverted()
     ends = [inverse.transform(place.transData.transform(line.points[-1])) for line in lines]
-    for line, end, height in zip(lines, ends, apart([end[1] for end in ends], gap), strict=True):
+    for line, end, height in zip(lines, ends, spread_labels([end[1] for end in ends], gap), strict=True):
         place.annotate(
             line.name, tuple(end), (end[0] + 0.03, height), "axes fraction", "axes fraction", fontsize=8.5,
             color=line.color, va="center", arrowprops={"arrowstyle": "-", "color": line.color, "linewidth": 0.5},

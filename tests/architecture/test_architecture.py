@@ -50,22 +50,22 @@ def test_a_module_that_breaks_the_floors_is_refused(tmp_path: Path, module: str,
     command = [sys.executable, "-c", "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports("]
     command[-1] += f"{str(ROOT / '.importlinter')!r}, no_cache=True))"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT / "tests" / "support")])}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    broken = [line for line in done.stdout.splitlines() if line.endswith("BROKEN")]
-    assert done.returncode == 1
+    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    broken = [line for line in process.stdout.splitlines() if line.endswith("BROKEN")]
+    assert process.returncode == 1
     assert any(contract in line for line in broken)
 
 
 def test_importing_swashtwin_loads_nothing_heavy() -> None:
     code = "import sys, swashtwin; print(*sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(HEAVY) & set(done.stdout.split())
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(HEAVY) & set(process.stdout.split())
 
 
-@pytest.mark.parametrize("room", ["", *ROOMS])
-def test_every_name_at_a_door_can_be_imported_and_is_listed(room: str) -> None:
-    door = import_module(f"swashtwin.{room}".rstrip("."))
-    stub = ast.parse((PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("package", ["", *ROOMS])
+def test_every_name_at_a_door_can_be_imported_and_is_listed(package: str) -> None:
+    door = import_module(f"swashtwin.{package}".rstrip("."))
+    stub = ast.parse((PACKAGE / package / "__init__.pyi").read_text(encoding="utf-8"))
     names = [alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
     listed = next(ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
     assert sorted(listed) == sorted(names) == sorted(door.__all__)
@@ -73,10 +73,10 @@ def test_every_name_at_a_door_can_be_imported_and_is_listed(room: str) -> None:
         assert getattr(door, name) is not None
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_name_at_a_door_is_also_a_module_of_the_room(room: str) -> None:
-    modules = {path.stem for path in (PACKAGE / room).iterdir()}
-    assert not modules & set(import_module(f"swashtwin.{room}").__all__)
+@pytest.mark.parametrize("package", ROOMS)
+def test_no_name_at_a_door_is_also_a_module_of_the_room(package: str) -> None:
+    modules = {path.stem for path in (PACKAGE / package).iterdir()}
+    assert not modules & set(import_module(f"swashtwin.{package}").__all__)
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -115,6 +115,6 @@ def test_the_walk_runs_from_recordings_to_a_report(tmp_path: Path, monkeypatch: 
 
 def _write_rig(folder: Path) -> None:
     size = RigSize(specimens=2, repeats=2, duration=1.3)
-    recordings = [one for one, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
-    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    recordings = [recording for recording, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
+    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
     write_index(recordings, files, folder)

@@ -99,8 +99,8 @@ def test_every_reference_within_the_page_has_one_target(page):
 def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
     names = json.loads((folder / "results.json").read_text())["figures"]
     assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
-    found = sorted(path.name for path in (folder / "figures").iterdir())
-    assert found == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
+    names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
+    assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
     kinds = {name.rsplit("_", 1)[-1] for name in names}
     expected = {"excitation", "waveforms", "spectra", "estimates", "losses", "paths", "confusion", "tsne", "training"}
     assert kinds == expected | {"scores", "recall"}
@@ -122,20 +122,20 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
     np.testing.assert_allclose(total, each, atol=1e-15)
     bars = columns(folder / "figures" / "study_scores.csv")
     accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
-    assert sorted(accuracy) == sorted(one.scores.accuracy for one in study.outcomes + study.rivals)
+    assert sorted(accuracy) == sorted(outcome.scores.accuracy for outcome in study.outcomes + study.rivals)
 
 
 def test_bars_of_several_classifiers_are_not_pooled():
     sets = ("measured", "nominal", "calibrated", "posterior", "every_class")
     runs = [run(name, seed, 0.9) for name in sets for seed in (0, 1)]
     runs += [run(name, seed, 0.1, "extra_trees") for name in sets for seed in (0, 1)]
-    runs = [replace(one, task=replace(one.task, study="unseen-pressure")) for one in runs]
-    found = assembled(plan_of("unseen-pressure", "quick"), runs)
-    assert found.own == "spectral_bitcn"
-    drawing = accuracy_drawing(replace(found, rival_names=()), "study")
+    runs = [replace(run, task=replace(run.task, study="unseen-pressure")) for run in runs]
+    result = assembled(plan_of("unseen-pressure", "quick"), runs)
+    assert result.own == "spectral_bitcn"
+    drawing = accuracy_drawing(replace(result, rival_names=()), "study")
     assert set(drawing.columns["classifier"]) == {"spectral_bitcn"}
     assert min(value for value in drawing.columns["value"] if value == value) > 0.7
-    assert set(accuracy_drawing(found, "study").columns["classifier"]) == {"spectral_bitcn", "extra_trees"}
+    assert set(accuracy_drawing(result, "study").columns["classifier"]) == {"spectral_bitcn", "extra_trees"}
 
 
 def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
@@ -188,8 +188,8 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
 
 def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
     runs = [
-        replace(one, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in one.outcomes), embedding=None)
-        for one in study.runs
+        replace(r, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in r.outcomes), embedding=None)
+        for r in study.runs
     ]
     without = assembled(plan_of("case1", "quick"), runs)
     page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
@@ -230,7 +230,7 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
 
 
 @pytest.mark.parametrize(
-    ("name", "classifier", "told"),
+    ("name", "classifier", "expected"),
     [
         ("case1", "bitcn_paper", "accuracy 0.812"),
         ("case1", "bitcn", "the paper's BiTCN: accuracy 0.812"),
@@ -242,9 +242,9 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
         ("ablation", "bitcn_forward", "the paper's BiTCN: below the full model"),
     ],
 )
-def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, told):
+def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, expected):
     key = {"classifier": classifier, "training_set": "measured", "level": "L2"}
-    assert paper_words(replace(study, study=name), key) == told
+    assert paper_words(replace(study, study=name), key) == expected
 
 
 def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):

@@ -5,18 +5,14 @@ from .calibration_part import comparison_table as comparison_table
 from .calibration_part import verdict_counts as verdict_counts
 from .confusion import confusion_drawing as confusion_drawing
 from .drawing import Drawing as Drawing
-from .drawing import apart as apart
-from .drawing import drawn as drawn
 from .drawing import name_decades as name_decades
 from .drawing import panels as panels
 from .drawing import ratio_axis as ratio_axis
-from .drawing import table as table
+from .drawing import render_drawing as render_drawing
+from .drawing import spread_labels as spread_labels
+from .drawing import tabulate as tabulate
 from .indicator_figures import spectrum_drawing as spectrum_drawing
 from .indicator_figures import trend_drawing as trend_drawing
-from .page import CALIBRATION as CALIBRATION
-from .page import PROVENANCE as PROVENANCE
-from .page import SCORES as SCORES
-from .page import TRAINING as TRAINING
 from .page import Bullets as Bullets
 from .page import Cell as Cell
 from .page import Group as Group
@@ -24,18 +20,17 @@ from .page import Paragraph as Paragraph
 from .page import Part as Part
 from .page import Picture as Picture
 from .page import Section as Section
+from .page import SectionOrder as SectionOrder
 from .page import Table as Table
 from .scores_part import levels_table as levels_table
 from .style import CALIBRATED as CALIBRATED
-from .style import LEVEL_MARKERS as LEVEL_MARKERS
 from .style import LIGHT as LIGHT
 from .style import MEASURED as MEASURED
 from .style import class_colors as class_colors
+from .style import figure_style as figure_style
 from .style import series_colors as series_colors
-from .style import styled as styled
-from .style import training_set_colors as training_set_colors
-from .wording import facts as facts
-from .wording import flattened as flattened
+from .wording import facts_table as facts_table
+from .wording import flatten_settings as flatten_settings
 from .wording import number as number
 from .wording import plural as plural
 from .wording import score as score
@@ -44,13 +39,8 @@ from .writing import write_report as write_report
 
 __all__ = [
     "CALIBRATED",
-    "CALIBRATION",
-    "LEVEL_MARKERS",
     "LIGHT",
     "MEASURED",
-    "PROVENANCE",
-    "SCORES",
-    "TRAINING",
     "Bullets",
     "Cell",
     "Drawing",
@@ -59,27 +49,27 @@ __all__ = [
     "Part",
     "Picture",
     "Section",
+    "SectionOrder",
     "Table",
-    "apart",
     "calibration_blocks",
     "class_colors",
     "comparison_table",
     "confusion_drawing",
-    "drawn",
-    "facts",
-    "flattened",
+    "facts_table",
+    "figure_style",
+    "flatten_settings",
     "levels_table",
     "name_decades",
     "number",
     "panels",
     "plural",
     "ratio_axis",
+    "render_drawing",
     "score",
     "series_colors",
     "spectrum_drawing",
-    "styled",
-    "table",
-    "training_set_colors",
+    "spread_labels",
+    "tabulate",
     "trend_drawing",
     "verdict_counts",
     "words",

@@ -10,8 +10,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
 from swashtwin.physics import Twin, slipper_displacements
 from swashtwin.pump import PARAMETERS, SwashPlateDefect
-from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, ratio_axis, table
-from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, styled
+from swashtwin.report.drawing import Drawing, name_decades, panels, ratio_axis, render_drawing, spread_labels, tabulate
+from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, figure_style
 from swashtwin.report.wording import parameter_words, words
 
 _POINTS = 701
@@ -25,14 +25,14 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
 
     Parameters
     ----------
-    key : how file names begin.
-    with_excitation : draw the defect's displacement, where the twin has a swash plate defect.
+    key : start of each file name.
+    with_excitation : draw the defect's displacement, if the twin has a swash plate defect.
     """
     figures = [] if not with_excitation else excitation(calibration.nominal, key)
     band = calibration.settings.get("band", (math.nan, math.nan))
     for fit in calibration.fits:
-        place = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
-        figures += [waveforms(fit, place, band), spectra(fit, place)]
+        prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
+        figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
     return [
         *figures,
         estimates(calibration, key),
@@ -41,9 +41,9 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
     ]
 
 
-@styled()
+@figure_style()
 def excitation(twin: Twin, key: str) -> list[Drawing]:
-    """Displacement of each slipper in the recess and their sum, over one revolution; nothing for other faults."""
+    """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
     if not isinstance(twin.fault, SwashPlateDefect):
         return []
     time = np.linspace(0, twin.condition.period, _POINTS)
@@ -66,10 +66,10 @@ def excitation(twin: Twin, key: str) -> list[Drawing]:
         f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
         "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
     )
-    return [drawn(f"{key}_excitation", figure, columns, title="Excitation by the defect", caption=caption)]
+    return [render_drawing(f"{key}_excitation", figure, columns, title="Excitation by the defect", caption=caption)]
 
 
-@styled()
+@figure_style()
 def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
     """One revolution measured, with the twin before (left) and after (right), a row for each sensor."""
     record, channels = fit.waveforms, fit.spectra.channels
@@ -78,28 +78,28 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
     for i, channel in enumerate(channels):
         sides = (("nominal", record.nominal[i], NOMINAL), ("calibrated", record.calibrated[i], CALIBRATED))
         columns |= {f"{channel}_measured": record.measured[i]}
-        for place, (name, simulated, color) in zip(axes[i], sides, strict=True):
+        for panel, (name, simulated, color) in zip(axes[i], sides, strict=True):
             columns |= {f"{channel}_{name}": simulated}
-            place.plot(record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65)
-            place.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
+            panel.plot(record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65)
+            panel.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
         axes[i, 0].set_ylabel(f"{words(channel)} [m/s²]")
-    for place, (name, color) in zip(axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True):
+    for panel, (name, color) in zip(axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True):
         when = "before" if name == "nominal" else "after"
-        place.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
-    for place in axes[-1]:
-        place.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
+        panel.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
+    for panel in axes[-1]:
+        panel.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
     low, high = band
     caption = (
         f"One revolution of recording {fit.recording_ids[0]} (gray) and of the twin (color), both within "
-        f"{low:g} to {high:g} Hz and aligned in time, since the shaft angle at which a recording starts is not known."
+        f"{low:g} to {high:g} Hz and aligned in time, because the shaft angle at the start of a recording is not known."
     )
     title = f"Waveforms before and after calibration, {_pressure(fit)}"
-    return drawn(f"{key}_waveforms", figure, columns, title=title, caption=caption)
+    return render_drawing(f"{key}_waveforms", figure, columns, title=title, caption=caption)
 
 
-@styled()
+@figure_style()
 def spectra(fit: Fit, key: str) -> Drawing:
-    """Line amplitudes measured, before and after, a panel for each sensor, in decibels with m/s^2 beside."""
+    """Line amplitudes measured, before and after, a panel for each sensor, in decibels and m/s^2."""
     record = fit.spectra
     rows = [
         {
@@ -117,27 +117,27 @@ def spectra(fit: Fit, key: str) -> Drawing:
         for k, order in enumerate(record.orders)
     ]
     figure, axes = panels(len(record.channels), 1, 1.1 + 2.0 * len(record.channels), sharex=True)
-    for i, place in enumerate(axes[:, 0]):
-        _spectrum_panel(place, record, i)
-        place.set_title(words(record.channels[i]), loc="left")
+    for i, panel in enumerate(axes[:, 0]):
+        _spectrum_panel(panel, record, i)
+        panel.set_title(words(record.channels[i]), loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
     caption = (
         "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
-        "amplitude, within recordings or between them. Blue band: 90 % of the twins drawn from the posterior, so what "
-        "the calibration leaves open, noise and model error apart. 20 dB are a factor of 10; what lies more than "
-        f"{_RANGE_DB:g} dB below the strongest line stands on the lower edge, as zero does."
+        "amplitude, within recordings or between them. Blue band: 90 % of the twins drawn from the posterior; "
+        "noise and model error are not in it. 20 dB are a factor of 10. Lines more than "
+        f"{_RANGE_DB:g} dB below the strongest are drawn at the lower edge, as zero is."
     )
     title = f"Spectra before and after calibration, {_pressure(fit)}"
-    return drawn(f"{key}_spectra", figure, table(rows), title=title, caption=caption)
+    return render_drawing(f"{key}_spectra", figure, tabulate(rows), title=title, caption=caption)
 
 
 def _pressure(fit: Fit) -> str:
     return f"{fit.condition.discharge_pressure / 1e6:.4g} MPa"
 
 
-def _spectrum_panel(place: Axes, record: Spectra, i: int) -> None:
+def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
     lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
     top = 20 * math.log10(max(lines.max(), 1e-9))
     floor = max(top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4)
@@ -148,8 +148,8 @@ def _spectrum_panel(place: Axes, record: Spectra, i: int) -> None:
     for name, color, marker, style in (("nominal", NOMINAL, "s", "--"), ("calibrated", CALIBRATED, "D", "-")):
         label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
         height = decibel(getattr(record, name)[i])
-        place.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
-    place.fill_between(
+        panel.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
+    panel.fill_between(
         record.frequency,
         decibel(record.low[i]),
         decibel(record.high[i]),
@@ -159,18 +159,18 @@ def _spectrum_panel(place: Axes, record: Spectra, i: int) -> None:
         label="calibrated twin, 90 % of its posterior",
     )
     low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
-    place.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
-    place.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
-    place.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
-    place.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
-    beside = place.twinx()
+    panel.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
+    panel.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
+    panel.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
+    panel.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
+    beside = panel.twinx()
     beside.set(ylim=(floor - 2, top + 5), ylabel="m/s²")
     beside.yaxis.set_major_locator(MultipleLocator(20))
     beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{10 ** (value / 20):g}"))
     beside.grid(False)
 
 
-@styled()
+@figure_style()
 def estimates(calibration: Calibration, key: str) -> Drawing:
     """The six values over their nominal ones, with intervals, bounds and verdicts."""
     rows = [
@@ -190,34 +190,34 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
         for estimate in calibration.estimates
     ]
     figure, axes = panels(1, 1, 3.6)
-    place = axes[0, 0]
+    panel = axes[0, 0]
     for height, estimate in enumerate(reversed(calibration.estimates)):
-        _estimate_row(place, height, estimate)
-    place.axvline(1, color=NOMINAL, linewidth=1.2)
-    place.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
+        _estimate_row(panel, height, estimate)
+    panel.axvline(1, color=NOMINAL, linewidth=1.2)
+    panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
     names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
-    place.set(ylim=(-0.6, 5.6), yticks=range(6), yticklabels=names)
-    place.grid(axis="y", visible=False)
-    ratio_axis(place, "x", "value over nominal value")
+    panel.set(ylim=(-0.6, 5.6), yticks=range(6), yticklabels=names)
+    panel.grid(axis="y", visible=False)
+    ratio_axis(panel, "x", "value over nominal value")
     caption = (
-        "Dot: value found. Line: the range that holds it with a probability of 90 %, if the model is right. Gray: "
-        "bounds of the search. Filled: identified; hollow: not to be trusted as a measurement. Twins with very "
-        "different values can have the same spectrum, so a good fit alone does not make a value right."
+        "Dot: estimate. Line: 90 % interval, if the model is right. Gray: "
+        "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
+        "different values can have the same spectrum, so a good fit does not prove a value."
     )
-    return drawn(f"{key}_estimates", figure, table(rows), title="The six values", caption=caption)
+    return render_drawing(f"{key}_estimates", figure, tabulate(rows), title="The six values", caption=caption)
 
 
-def _estimate_row(place: Axes, height: int, estimate: Estimate) -> None:
+def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
     color = INTERFACE_COLORS[estimate.name.split(".")[0]]
     low, high = (bound / estimate.nominal for bound in estimate.bounds)
-    place.barh(height, high - low, left=low, height=0.5, color="#efefef")
-    place.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
+    panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
+    panel.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
     fill = color if estimate.verdict == "identified" else "white"
-    place.plot(
+    panel.plot(
         estimate.value / estimate.nominal, height, "o", color=color, markerfacecolor=fill, markersize=7, zorder=3
     )
     traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
-    place.annotate(
+    panel.annotate(
         f"{estimate.verdict}{traded}",
         (1.01, height),
         xycoords=("axes fraction", "data"),
@@ -227,9 +227,9 @@ def _estimate_row(place: Axes, height: int, estimate: Estimate) -> None:
     )
 
 
-@styled()
+@figure_style()
 def losses(calibration: Calibration, key: str) -> Drawing:
-    """Total, frequency and boundary loss over the search, with the step that was kept."""
+    """Total, frequency and boundary loss over the search, and the best step."""
     history = calibration.history
     step = np.arange(1, len(history.spectrum_loss) + 1)
     total = history.loss
@@ -237,20 +237,20 @@ def losses(calibration: Calibration, key: str) -> Drawing:
     columns["prior"] = history.prior_loss
     has_gradient = len(history.gradient_norm) == len(step)
     figure, axes = panels(1 + has_gradient, 1, 3.2 + 1.8 * has_gradient, sharex=True)
-    place = axes[0, 0]
-    place.axvline(history.best + 1, color=LIGHT, linewidth=3)
-    place.plot(step, total, color="#000000", label="total", linewidth=2.2)
-    place.plot(step, history.spectrum_loss, "--", color="#56b4e9", label="frequency")
+    panel = axes[0, 0]
+    panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    panel.plot(step, total, color="#000000", label="total", linewidth=2.2)
+    panel.plot(step, history.spectrum_loss, "--", color="#56b4e9", label="frequency")
     outside = np.where(history.boundary_loss > 0, history.boundary_loss, np.nan)
     if np.isfinite(outside).any():
-        place.plot(step, outside, ".-", color="#d55e00", label="boundary", markersize=3)
+        panel.plot(step, outside, ".-", color="#d55e00", label="boundary", markersize=3)
     else:
-        place.plot([], [], " ", label="boundary: 0 at every step")
+        panel.plot([], [], " ", label="boundary: 0 at every step")
     if (history.prior_loss > 0).any():
-        place.plot(step, history.prior_loss, ":", color="#009e73", label="priors")
-    place.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
-    place.set_ylim(bottom=max(place.get_ylim()[0], total.min() / 30))
-    name_decades(place)
+        panel.plot(step, history.prior_loss, ":", color="#009e73", label="priors")
+    panel.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
+    panel.set_ylim(bottom=max(panel.get_ylim()[0], total.min() / 30))
+    name_decades(panel)
     if has_gradient:
         columns["gradient_norm"] = history.gradient_norm
         _gradient_panel(axes[1, 0], calibration)
@@ -259,21 +259,21 @@ def losses(calibration: Calibration, key: str) -> Drawing:
     figure.legend(loc="outside right upper")
     below = " Below: norm of the loss's gradient with respect to what the method moves." if has_gradient else ""
     caption = (
-        f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the step "
-        f"that was kept, {history.best + 1} of {len(step)}.{below}"
+        f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the best "
+        f"step, {history.best + 1} of {len(step)}; its values are the result.{below}"
     )
-    return drawn(f"{key}_losses", figure, columns, title="Loss over the search", caption=caption)
+    return render_drawing(f"{key}_losses", figure, columns, title="Loss over the search", caption=caption)
 
 
-def _gradient_panel(place: Axes, calibration: Calibration) -> None:
+def _gradient_panel(panel: Axes, calibration: Calibration) -> None:
     norm = np.where(calibration.history.gradient_norm > 0, calibration.history.gradient_norm, np.nan)
-    place.axvline(calibration.history.best + 1, color=LIGHT, linewidth=3)
-    place.plot(np.arange(1, len(norm) + 1), norm, color="#000000", linewidth=1.0)
-    place.set(yscale="log", ylabel="gradient [1]")
-    name_decades(place)
+    panel.axvline(calibration.history.best + 1, color=LIGHT, linewidth=3)
+    panel.plot(np.arange(1, len(norm) + 1), norm, color="#000000", linewidth=1.0)
+    panel.set(yscale="log", ylabel="gradient [1]")
+    name_decades(panel)
 
 
-@styled()
+@figure_style()
 def paths(calibration: Calibration, key: str) -> Drawing:
     """The six values over the search, each over its nominal value, named at its end."""
     history = calibration.history
@@ -281,20 +281,20 @@ def paths(calibration: Calibration, key: str) -> Drawing:
     ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
     columns = {"step": step, **{e.letter: history.values[:, i] for i, e in enumerate(calibration.estimates)}}
     figure, axes = panels(1, 1, 3.6)
-    place = axes[0, 0]
-    place.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    panel = axes[0, 0]
+    panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
     for i, name in enumerate(PARAMETERS):
         section, entry = name.split(".")
         style = "-" if entry == "damping" else "--"
-        place.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[section])
+        panel.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[section])
     low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
-    place.set(xlabel=_step_name(calibration), xlim=(0.5, len(step) + 0.5), yscale="log", ylim=(low, high))
-    place.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ratio_axis(place, "y", "value over nominal value")
-    ends = apart(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
+    panel.set(xlabel=_step_name(calibration), xlim=(0.5, len(step) + 0.5), yscale="log", ylim=(low, high))
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ratio_axis(panel, "y", "value over nominal value")
+    ends = spread_labels(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
     for i, (estimate, end) in enumerate(zip(calibration.estimates, ends, strict=True)):
         color = INTERFACE_COLORS[PARAMETERS[i].split(".")[0]]
-        place.annotate(
+        panel.annotate(
             estimate.letter,
             (step[-1], ratio[-1, i]),
             xytext=(1.03, (end - math.log(low)) / math.log(high / low)),
@@ -304,8 +304,8 @@ def paths(calibration: Calibration, key: str) -> Drawing:
             fontsize=9,
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
         )
-    caption = "Solid: damping. Dashed: stiffness. One color for each interface. The gray line marks the step kept."
-    return drawn(f"{key}_paths", figure, columns, title="The six values over the search", caption=caption)
+    caption = "Solid: damping. Dashed: stiffness. One color for each interface. The gray line marks the best step."
+    return render_drawing(f"{key}_paths", figure, columns, title="The six values over the search", caption=caption)
 
 
 def _step_name(calibration: Calibration) -> str:

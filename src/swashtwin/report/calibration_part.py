@@ -1,4 +1,4 @@
-"""What a calibration adds to the page."""
+"""Part of the page about a calibration."""
 
 import math
 from collections import Counter
@@ -7,8 +7,17 @@ from dataclasses import asdict
 
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.report.calibration_figures import calibration_drawings
-from swashtwin.report.page import CALIBRATION, PROVENANCE, Bullets, Cell, Group, Part, Picture, Section, Table
-from swashtwin.report.wording import facts, flattened, number, number_cell, parameter_words, percent, plural, words
+from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.wording import (
+    facts_table,
+    flatten_settings,
+    number,
+    number_cell,
+    parameter_words,
+    percent,
+    plural,
+    words,
+)
 
 _FIGURES = (
     ("rmse", "RMSE of the waveforms [m/s²]"),
@@ -20,14 +29,14 @@ _FIGURES = (
 
 
 def calibration_part(calibration: Calibration, key: str) -> Part:
-    """Part of one calibration that stands alone."""
+    """Part of the page about one calibration."""
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
         answer=calibration_answer(calibration),
         notice="",
         sections=(
-            Section(CALIBRATION, "Calibration", calibration_blocks(calibration, key)),
-            Section(PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
+            Section(SectionOrder.CALIBRATION, "Calibration", calibration_blocks(calibration, key)),
+            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
         ),
         results={"calibrations": [calibration.to_dict()]},
     )
@@ -66,7 +75,7 @@ def condition_words(calibration: Calibration) -> str:
 
 def calibration_blocks(calibration: Calibration, key: str, *, with_excitation: bool = True) -> tuple:
     """Notes, tables and figures of one calibration."""
-    pictures = [Picture(one) for one in calibration_drawings(calibration, key, with_excitation=with_excitation)]
+    pictures = [Picture(drawing) for drawing in calibration_drawings(calibration, key, with_excitation=with_excitation)]
     left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
     return (
         Bullets("Look at this first", calibration.notes),
@@ -90,7 +99,7 @@ def fit_table(calibration: Calibration) -> Table:
         change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
         rows.append((Cell(label), number_cell(before[name]), number_cell(after[name]), Cell(change)))
     return Table(
-        "How near the twin is to the recordings it was calibrated on. Errors: less is nearer, 0 is equal. Correlation: "
+        "Difference between the twin and the recordings it was calibrated on. Errors: smaller is better. Correlation: "
         "1 is a spectrum of the same shape, whatever its level.",
         ("", "before (nominal)", "after (calibrated)", "change"),
         tuple(rows),
@@ -114,7 +123,7 @@ def estimates_table(calibration: Calibration) -> Table:
         )
     return Table(
         "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
-        "says hardly more than the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
+        "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
         "Traded: the two can change together at almost the same spectrum.",
         ("value", "nominal", "calibrated", "90 % interval", "verdict"),
         tuple(rows),
@@ -122,35 +131,40 @@ def estimates_table(calibration: Calibration) -> Table:
 
 
 def interval_words(estimate: Estimate) -> str:
-    """The interval; an end that only the bound sets is said to be none."""
+    """The interval in words; an end set by the bound alone is no limit."""
     low, high = (number(end) for end in estimate.interval)
-    told = {
+    sentences = {
         (False, False): f"{low} to {high}",
         (True, False): f"at most {high}",
         (False, True): f"at least {low}",
         (True, True): "no limits within the bounds",
     }
-    return told[estimate.open_sides]
+    return sentences[estimate.open_sides]
 
 
 def comparison_table(calibrations: Sequence[Calibration]) -> Table:
     """Several calibrations side by side."""
     rows = [
-        (Cell("calibrated at"), *(Cell(condition_words(one)) for one in calibrations)),
-        (Cell("recordings"), *(Cell(str(len(one.recording_ids))) for one in calibrations)),
+        (Cell("calibrated at"), *(Cell(condition_words(calibration)) for calibration in calibrations)),
+        (Cell("recordings"), *(Cell(str(len(calibration.recording_ids))) for calibration in calibrations)),
     ]
-    for place, estimate in enumerate(calibrations[0].estimates):
-        found = [one.estimates[place] for one in calibrations]
+    for index, estimate in enumerate(calibrations[0].estimates):
+        estimates = [calibration.estimates[index] for calibration in calibrations]
         rows.append(
-            (Cell(f"{estimate.letter} over nominal"), *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in found))
+            (
+                Cell(f"{estimate.letter} over nominal"),
+                *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in estimates),
+            )
         )
     for name, label in (_FIGURES[0], *_FIGURES[2:]):
-        pairs = [(asdict(one.fit_before)[name], asdict(one.fit_after)[name]) for one in calibrations]
+        pairs = [
+            (asdict(calibration.fit_before)[name], asdict(calibration.fit_after)[name]) for calibration in calibrations
+        ]
         rows.append((Cell(label), *(Cell(f"{number(before)} → {number(after)}") for before, after in pairs)))
     return Table(
-        "All calibrations under the first seed: value found over nominal value with its verdict, and errors before → "
+        "All calibrations under the first seed: estimate over nominal value with its verdict, and errors before → "
         "after on the recordings used.",
-        ("", *(one.twin.pump.name for one in calibrations)),
+        ("", *(calibration.twin.pump.name for calibration in calibrations)),
         tuple(rows),
     )
 
@@ -160,14 +174,14 @@ def _ratio(ratio: float, verdict: str) -> str:
 
 
 def calibration_provenance(calibration: Calibration) -> tuple:
-    """What it takes to repeat the calibration."""
+    """Settings and recordings needed to repeat the calibration."""
     entries = [
         ("method", calibration.method),
-        *flattened(calibration.settings),
+        *flatten_settings(calibration.settings),
         ("condition", condition_words(calibration)),
         ("simulations", calibration.simulations),
         ("time taken", f"{number(calibration.wall_s)} s"),
         ("swashtwin version", calibration.version),
         ("calibration recordings", list(calibration.recording_ids)),
     ]
-    return (facts("How the calibration was made.", entries),)
+    return (facts_table("How the calibration was made.", entries),)

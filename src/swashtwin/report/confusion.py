@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Int
 from matplotlib.axes import Axes
 
-from swashtwin.report.drawing import Drawing, drawn, panels, table
-from swashtwin.report.style import styled
+from swashtwin.report.drawing import Drawing, panels, render_drawing, tabulate
+from swashtwin.report.style import figure_style
 from swashtwin.report.wording import words
 
 
-@styled()
+@figure_style()
 def confusion_drawing(
     name: str, matrices: Mapping[tuple[str, str], np.ndarray], classes: Sequence[str], *, caption: str
 ) -> Drawing:
@@ -24,16 +24,16 @@ def confusion_drawing(
     down, across = list(dict.fromkeys(key[0] for key in matrices)), list(dict.fromkeys(key[1] for key in matrices))
     figure, axes = panels(len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True)
     for (row, column), confusion in matrices.items():
-        place = axes[down.index(row), across.index(column)]
-        _matrix(place, np.asarray(confusion))
-        place.set_title(", ".join(part for part in (row, column) if part))
+        panel = axes[down.index(row), across.index(column)]
+        _draw_matrix(panel, np.asarray(confusion))
+        panel.set_title(", ".join(part for part in (row, column) if part))
     ticks, names = range(len(classes)), [words(label) for label in classes]
     axes[0, 0].set(xticks=ticks, yticks=ticks, yticklabels=names)
-    for place in axes[:, 0]:
-        place.set_ylabel("actual class")
-    for place in axes[-1]:
-        place.set_xlabel("predicted class")
-        place.set_xticks(ticks, names, rotation=45, ha="right", rotation_mode="anchor")
+    for panel in axes[:, 0]:
+        panel.set_ylabel("actual class")
+    for panel in axes[-1]:
+        panel.set_xlabel("predicted class")
+        panel.set_xticks(ticks, names, rotation=45, ha="right", rotation_mode="anchor")
     rows = [
         {"row": row, "column": column, "actual": actual, "predicted": predicted, "windows": confusion[i][j]}
         for (row, column), confusion in matrices.items()
@@ -41,22 +41,22 @@ def confusion_drawing(
         for j, predicted in enumerate(classes)
     ]
     title = "Confusion matrix" if len(matrices) == 1 else "Confusion matrices"
-    return drawn(name, figure, table(rows), title=title, caption=caption)
+    return render_drawing(name, figure, tabulate(rows), title=title, caption=caption)
 
 
-def _matrix(place: Axes, confusion: Int[np.ndarray, "actual predicted"]) -> None:
+def _draw_matrix(panel: Axes, confusion: Int[np.ndarray, "actual predicted"]) -> None:
     """Shares of each row as shades, and percent written into them."""
     count = confusion.sum(axis=1, keepdims=True)
     share = confusion / np.maximum(count, 1)
     edges = np.arange(len(confusion) + 1) - 0.5
-    place.pcolormesh(edges, edges, share, cmap="Blues", vmin=0, vmax=1.1)
-    place.set(aspect="equal", ylim=(edges[-1], edges[0]))
-    place.grid(False)
+    panel.pcolormesh(edges, edges, share, cmap="Blues", vmin=0, vmax=1.1)
+    panel.set(aspect="equal", ylim=(edges[-1], edges[0]))
+    panel.grid(False)
     for i, row in enumerate(confusion):
         for j, windows in enumerate(row):
             if windows:
                 color = "white" if share[i, j] > 0.6 else "black"
                 text = f"{100 * share[i, j]:.0f}" if share[i, j] >= 0.01 else "<1"
-                place.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
+                panel.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
         if not count[i, 0]:
-            place.text(len(row) / 2 - 0.5, i, "no test window", ha="center", va="center", fontsize=8)
+            panel.text(len(row) / 2 - 0.5, i, "no test window", ha="center", va="center", fontsize=8)

@@ -1,29 +1,29 @@
-"""What the diagnosis of one recording adds to the page."""
+"""Part of the page about the diagnosis of one recording."""
 
 from matplotlib.ticker import PercentFormatter
 
 from swashtwin.diagnosis import Diagnosis
-from swashtwin.report.drawing import Drawing, drawn, panels
-from swashtwin.report.page import VERDICT, Bullets, Part, Picture, Section
-from swashtwin.report.style import class_colors, styled
+from swashtwin.report.drawing import Drawing, panels, render_drawing
+from swashtwin.report.page import Bullets, Part, Picture, Section, SectionOrder
+from swashtwin.report.style import class_colors, figure_style
 from swashtwin.report.wording import percent, words
 
 _NOT_CHECKED = (
     "Whether the pump has a fault of a class that was never trained: the answer is always one of the classes listed.",
     "Whether it has two faults at once.",
-    "Whether pump, sensors and mounting resemble those of the training; scores at L4 say how much that costs.",
-    "Whether the score is a chance: windows of one recording are not independent, so it compares classes only.",
+    "Whether pump, sensors and mounting resemble those of the training; scores at L4 show the cost of another pump.",
+    "Whether the score is a probability: windows of one recording are not independent, so it only ranks the classes.",
 )
 _NOT_CHECKED_BY_TRUST = (
     _NOT_CHECKED[1],
-    "Whether the validation recordings stand for this one: rates and thresholds hold for the pumps, sensors, mountings "
-    "and conditions that they were drawn from, and for no other.",
+    "Whether the validation recordings resemble this one: rates and thresholds hold only for the pumps, sensors, "
+    "mountings and conditions of the validation recordings.",
     "A fault never trained that looks like a known class: only recordings far from all known ones are called unknown.",
 )
 
 
 def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
-    """Part of one diagnosis."""
+    """Part of the page about one diagnosis."""
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     trust = diagnosis.trust
     kind = "score" if trust is None else "probability"
@@ -44,29 +44,29 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         title=f"Diagnosis of {diagnosis.recording_id}",
         answer=answer,
         notice="",
-        sections=(Section(VERDICT, f"Diagnosis of {diagnosis.recording_id}", blocks),),
+        sections=(Section(SectionOrder.VERDICT, f"Diagnosis of {diagnosis.recording_id}", blocks),),
         results={"diagnoses": [diagnosis.to_dict()]},
     )
 
 
-@styled()
+@figure_style()
 def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     """Score of each class."""
     classes, shares = list(diagnosis.probabilities), list(diagnosis.probabilities.values())
     colors = class_colors(classes)
     figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
-    place = axes[0, 0]
-    place.barh(range(len(classes)), shares, color=[colors[name] for name in classes], height=0.7)
+    panel = axes[0, 0]
+    panel.barh(range(len(classes)), shares, color=[colors[name] for name in classes], height=0.7)
     for height, share in enumerate(shares):
-        place.text(share + 0.01, height, percent(share), va="center", fontsize=9)
-    place.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
+        panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
+    panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
     kind = "score" if diagnosis.trust is None else "probability"
-    place.set_xlabel(f"{kind} of the class, all windows together")
-    place.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
-    place.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
-    place.invert_yaxis()
-    place.grid(axis="y", visible=False)
-    caption = "From the mean log-probability over the windows. It compares classes and is no calibrated chance."
+    panel.set_xlabel(f"{kind} of the class, all windows together")
+    panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
+    panel.invert_yaxis()
+    panel.grid(axis="y", visible=False)
+    caption = "From the mean log-probability over the windows. It ranks the classes and is no calibrated probability."
     if diagnosis.trust is not None:
         possible = ", ".join(words(name) for name in diagnosis.trust.prediction_set)
         caption = (
@@ -75,23 +75,23 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
             f"{possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}
-    return drawn(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
+    return render_drawing(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
 
 
-@styled()
+@figure_style()
 def window_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     """Class of each window in order of time."""
     classes, number = list(diagnosis.probabilities), list(range(1, diagnosis.n_windows + 1))
     colors = class_colors(classes)
     figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
-    place = axes[0, 0]
+    panel = axes[0, 0]
     heights = [classes.index(name) for name in diagnosis.window_labels]
-    place.scatter(number, heights, c=[colors[name] for name in diagnosis.window_labels], marker="s", s=22)
-    place.set(
+    panel.scatter(number, heights, c=[colors[name] for name in diagnosis.window_labels], marker="s", s=22)
+    panel.set(
         yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlabel="window, in order of time"
     )
-    place.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7))
-    place.xaxis.get_major_locator().set_params(integer=True)
+    panel.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7))
+    panel.xaxis.get_major_locator().set_params(integer=True)
     caption = "The likeliest class of each window alone."
     columns: dict[str, list] = {"window": number, "class": list(diagnosis.window_labels)}
-    return drawn(f"{key}_windows", figure, columns, title="Class of each window", caption=caption)
+    return render_drawing(f"{key}_windows", figure, columns, title="Class of each window", caption=caption)

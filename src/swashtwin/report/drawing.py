@@ -1,4 +1,4 @@
-"""A figure together with the data it was drawn from."""
+"""Figures together with the data they show."""
 
 import csv
 import io
@@ -53,10 +53,10 @@ class Drawing:
         return re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
 
 
-def drawn(
+def render_drawing(
     name: str, figure: Figure, columns: Mapping[str, Sequence[Any] | np.ndarray], *, title: str, caption: str
 ) -> Drawing:
-    """Figure rendered, with its data; call it within `styled`."""
+    """The figure as SVG, with its data; call it within `figure_style`."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
     return Drawing(name, title, caption, text.getvalue(), columns)
@@ -73,20 +73,22 @@ def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figu
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def table(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Columns of rows that all have the same names."""
     rows = list(rows)
     return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
 
 
-def apart(positions: Sequence[float], gap: float, low: float = -math.inf, high: float = math.inf) -> list[float]:
-    """Positions moved as little as it takes to keep labels `gap` apart, in their order, and between `low` and `high`.
+def spread_labels(
+    positions: Sequence[float], gap: float, low: float = -math.inf, high: float = math.inf
+) -> list[float]:
+    """Positions moved as little as possible so that labels are `gap` apart, in order, and between `low` and `high`.
 
     Examples
     --------
-    >>> apart([0.0, 0.1, 5.0], gap=1.0)
+    >>> spread_labels([0.0, 0.1, 5.0], gap=1.0)
     [-0.45, 0.55, 5.0]
-    >>> apart([0.0, 0.1, 5.0], gap=1.0, low=0.0)
+    >>> spread_labels([0.0, 0.1, 5.0], gap=1.0, low=0.0)
     [0.0, 1.0, 5.0]
     """
     order = np.argsort(positions, kind="stable")
@@ -109,7 +111,7 @@ def _overlap(below: tuple[float, int], above: tuple[float, int], gap: float) -> 
 
 
 def ratio_axis(axes: Axes, along: str, label: str) -> None:
-    """Logarithmic axis of values over a reference, with ticks a reader knows: ÷10, ÷3, 1, ×3."""
+    """Logarithmic axis of values over a reference, with ticks such as 0.1, 0.2, 0.5, 1, 2."""
     axes.set(**{f"{along}scale": "log", f"{along}label": label})
     axis = axes.xaxis if along == "x" else axes.yaxis
     low, high = axes.get_xlim() if along == "x" else axes.get_ylim()
@@ -124,7 +126,7 @@ def ratio_axis(axes: Axes, along: str, label: str) -> None:
 
 
 def name_decades(axes: Axes) -> None:
-    """Name the ticks of a logarithmic vertical axis without formulas: 0.1, 1, 10, and what lies between few of them."""
+    """Label a logarithmic vertical axis 0.1, 1, 10, and between them if it spans few decades."""
     low, high = axes.get_ylim()
     steps = (1,) if high / low > 100 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
     ticks = [step * 10.0**decade for decade in range(-12, 13) for step in steps]

@@ -1,35 +1,35 @@
-"""What the evidence for one verdict adds to the page."""
+"""Part of the page about the evidence for one verdict."""
 
 from typing import Any
 
 import numpy as np
 
 from swashtwin.diagnosis import Evidence, hertz
-from swashtwin.report.drawing import Drawing, drawn, panels
-from swashtwin.report.page import VERDICT, Bullets, Cell, Paragraph, Part, Picture, Section, Table
-from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled
+from swashtwin.report.drawing import Drawing, panels, render_drawing
+from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
 from swashtwin.report.wording import number, number_cell, percent, words
 
 _AGAINST = "#d55e00"
 _LIMITS = (
     "Evidence says what the network looked at, not what causes the vibration: a line can speak for a class because it "
     "happened to differ between the pumps of the training.",
-    "It is against silence and against the next likeliest class only; what is shared by all classes does not show.",
-    "Two lines that matter together share what they add; neither need be enough alone.",
+    "It compares with silence and with the second likeliest class only; lines shared by all classes do not show.",
+    "Two lines that matter only together share their contribution; one alone may add nothing.",
 )
 
 
 def evidence_part(evidence: Evidence, key: str) -> Part:
-    """Part of the evidence for one verdict."""
+    """Part of the page about the evidence for one verdict."""
     span = evidence.moment * evidence.moments.shape[1]
-    looked_at = (
+    introduction = (
         f"From {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that speaks most "
         f"for the verdict. The network's score of {words(evidence.label)} less that of {words(evidence.rival)} "
-        f"changes by {number(evidence.margin)} from silence to these readings; integrated gradients share that out "
-        f"over lines and moments (all but {percent(evidence.gap) if evidence.gap else '0 %'} of it)."
+        f"changes by {number(evidence.margin)} from silence to these samples; integrated gradients divide that "
+        f"between lines and moments (all but {percent(evidence.gap) if evidence.gap else '0 %'} of it)."
     )
     blocks = (
-        Paragraph(looked_at),
+        Paragraph(introduction),
         Picture(line_drawing(evidence, key)),
         _line_table(evidence),
         Picture(moment_drawing(evidence, key)),
@@ -41,25 +41,27 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         title=f"Evidence for {evidence.recording_id}",
         answer=evidence.sentences(),
         notice="",
-        sections=(Section(VERDICT, f"Why {words(evidence.label)}: evidence in {evidence.recording_id}", blocks),),
+        sections=(
+            Section(SectionOrder.VERDICT, f"Why {words(evidence.label)}: evidence in {evidence.recording_id}", blocks),
+        ),
         results={"evidence": [evidence.to_dict()]},
     )
 
 
-@styled()
+@figure_style()
 def line_drawing(evidence: Evidence, key: str) -> Drawing:
-    """What each order and third octave adds, channel by channel."""
-    channels, places = evidence.channels, np.arange(len(evidence.bands))
+    """Contribution of each order and third octave to the score, channel by channel."""
+    channels, positions = evidence.channels, np.arange(len(evidence.bands))
     figure, axes = panels(len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True)
     for channel, name in enumerate(channels):
-        place, adds = axes[channel, 0], evidence.lines[channel]
+        panel, adds = axes[channel, 0], evidence.lines[channel]
         for band in evidence.bands:
             if evidence.pistons and band.order is not None and band.order % evidence.pistons == 0:
-                place.axvline(evidence.bands.index(band), color=LIGHT, linewidth=5, zorder=0)
-        place.bar(places, adds, color=np.where(adds >= 0, CALIBRATED, _AGAINST), width=0.8)
-        place.axhline(0, color=MEASURED, linewidth=0.8)
-        place.set_title(words(name), loc="left")
-        place.grid(axis="x", visible=False)
+                panel.axvline(evidence.bands.index(band), color=LIGHT, linewidth=5, zorder=0)
+        panel.bar(positions, adds, color=np.where(adds >= 0, CALIBRATED, _AGAINST), width=0.8)
+        panel.axhline(0, color=MEASURED, linewidth=0.8)
+        panel.set_title(words(name), loc="left")
+        panel.grid(axis="x", visible=False)
     axes[len(channels) // 2, 0].set_ylabel("adds to the score")
     ticks = [i for i, band in enumerate(evidence.bands) if band.order in (1, *range(5, 100, 5))]
     octaves = [i for i, band in enumerate(evidence.bands) if band.order is None and band.low > 0][::3]
@@ -70,41 +72,41 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
     axes[-1, 0].set_xlabel("order of the shaft, then third octaves" if has_orders else "third octaves")
     marked = " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""
     caption = (
-        f"Blue speaks for {words(evidence.label)}, orange for {words(evidence.rival)}.{marked} A bar is what the lines "
-        "in that order or third octave add to the network's score."
+        f"Blue speaks for {words(evidence.label)}, orange for {words(evidence.rival)}.{marked} A bar is the "
+        "contribution of the lines in that order or third octave to the network's score."
     )
     columns: dict[str, Any] = {
-        "channel": np.repeat(channels, len(places)),
+        "channel": np.repeat(channels, len(positions)),
         "band": [band.name for _ in channels for band in evidence.bands],
         "low_hz": np.tile([band.low for band in evidence.bands], len(channels)),
         "high_hz": np.tile([band.high for band in evidence.bands], len(channels)),
         "adds": evidence.lines.ravel(),
         "rms": evidence.rms.ravel(),
     }
-    return drawn(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
+    return render_drawing(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
 
 
-@styled()
+@figure_style()
 def moment_drawing(evidence: Evidence, key: str) -> Drawing:
-    """What each moment adds, under the readings, channel by channel."""
+    """Contribution of each moment to the score, with the samples' peaks, channel by channel."""
     channels, count = evidence.channels, evidence.moments.shape[1]
     time = evidence.start + (np.arange(count) + 0.5) * evidence.moment
     figure, axes = panels(len(channels), 1, 0.9 + 1.25 * len(channels), sharex=True)
     limit = max(float(np.abs(evidence.moments).max()), 1e-12)
     for channel, name in enumerate(channels):
-        place, peaks = axes[channel, 0], evidence.peaks[channel]
-        place.fill_between(time, -peaks, peaks, step="mid", color=LIGHT, linewidth=0)
-        beside, adds = place.twinx(), evidence.moments[channel]
+        panel, peaks = axes[channel, 0], evidence.peaks[channel]
+        panel.fill_between(time, -peaks, peaks, step="mid", color=LIGHT, linewidth=0)
+        beside, adds = panel.twinx(), evidence.moments[channel]
         beside.bar(time, adds, width=evidence.moment, color=np.where(adds >= 0, CALIBRATED, _AGAINST))
         beside.set_ylim(-1.1 * limit, 1.1 * limit)
         beside.set_yticks([])
         beside.grid(visible=False)
-        place.set_title(words(name), loc="left")
-        place.grid(axis="x", visible=False)
-    axes[len(channels) // 2, 0].set_ylabel(f"readings [{evidence.unit}]")
+        panel.set_title(words(name), loc="left")
+        panel.grid(axis="x", visible=False)
+    axes[len(channels) // 2, 0].set_ylabel(f"samples [{evidence.unit}]")
     axes[-1, 0].set_xlabel("time [s]")
     caption = (
-        f"Gray: peaks of the readings. Blue bars: moments that speak for {words(evidence.label)}, orange for "
+        f"Gray: peaks of the samples. Blue bars: moments that speak for {words(evidence.label)}, orange for "
         f"{words(evidence.rival)}, on one scale for all channels."
     )
     columns = {
@@ -113,7 +115,9 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
         "adds": evidence.moments.ravel(),
         "peak": evidence.peaks.ravel(),
     }
-    return drawn(f"{key}_moments", figure, columns, title="Which moments speak for the verdict", caption=caption)
+    return render_drawing(
+        f"{key}_moments", figure, columns, title="Which moments speak for the verdict", caption=caption
+    )
 
 
 def _line_table(evidence: Evidence) -> Table:
@@ -125,16 +129,19 @@ def _line_table(evidence: Evidence) -> Table:
         )
     header = ("line", "channel", "share", f"RMS [{evidence.unit}]")
     return Table(
-        "What speaks most for the verdict; shares are of all that speaks for or against it.", header, tuple(rows)
+        "The strongest contributions to the verdict; shares are of all contributions, for and against.",
+        header,
+        tuple(rows),
     )
 
 
 def _neighbor_table(evidence: Evidence) -> Table:
     rows = tuple(
-        (Cell(one.recording_id), Cell(words(one.label)), number_cell(one.distance)) for one in evidence.nearest
+        (Cell(recording.recording_id), Cell(words(recording.label)), number_cell(recording.distance))
+        for recording in evidence.nearest
     )
     caption = (
-        "Nearest recordings of the training by their vibration features, whatever the network says; distances in "
-        "standard deviations between known recordings."
+        "The training recordings nearest by their vibration features, independent of the network; distances in "
+        "standard deviations between training recordings."
     )
     return Table(caption, ("recording", "class", "distance"), rows)

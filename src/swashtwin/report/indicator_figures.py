@@ -9,13 +9,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from swashtwin.foundation import InputError
-from swashtwin.report.drawing import Drawing, apart, drawn, name_decades, panels, table
-from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, styled
+from swashtwin.report.drawing import Drawing, name_decades, panels, render_drawing, spread_labels, tabulate
+from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
 from swashtwin.report.wording import plural, words
 from swashtwin.signals import LineSpectrum, Mark, Trend, TrendPoint
 
 MOST_POINTS = 3000
-"""Points drawn of one spectrum at most; each is the greatest of the lines it stands for."""
+"""Most points drawn of one spectrum; each is the greatest line of its group."""
 
 _PISTONS, _SHAFT, _ABOVE, _BELOW = CALIBRATED, "#009e73", "#d55e00", "#aa4499"
 _MARK_KINDS = ((False, _SHAFT, "shaft"), (True, _PISTONS, "piston pass"))
@@ -27,13 +27,13 @@ _TITLES = {
 }
 
 
-@styled()
+@figure_style()
 def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Drawing:
-    """A spectrum of each channel with the places of the shaft's and the pistons' lines.
+    """A spectrum of each channel with the expected lines of the shaft and the pistons.
 
     Parameters
     ----------
-    top : end of the axis, in its unit; by default a little beyond the last line that is marked, or the whole.
+    top : end of the axis, in its unit; by default a little beyond the last marked line, or the whole axis.
 
     Raises
     ------
@@ -42,8 +42,8 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
     """
     end = _end(spectrum, top)
     start = spectrum.place[1] if spectrum.kind != "cepstrum" else end / 50
-    kept = (spectrum.place >= start) & (spectrum.place <= end)
-    if top is not None and not (end > 0 and kept.any()):
+    is_shown = (spectrum.place >= start) & (spectrum.place <= end)
+    if top is not None and not (end > 0 and is_shown.any()):
         raise InputError(
             f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
             f"the {spectrum.axis} has lines from {spectrum.place[1]:.4g} to {spectrum.place[-1]:.4g}."
@@ -52,18 +52,18 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     scale = 1000.0 if spectrum.axis_unit == "s" else 1.0
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
-    for place, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
-        x, y = _thinned(spectrum.place[kept] * scale, row[kept])
-        place.plot(x, y, color=MEASURED, linewidth=0.8)
-        _level_axis(place, spectrum, y)
+    for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
+        x, y = _thin_out(spectrum.place[is_shown] * scale, row[is_shown])
+        panel.plot(x, y, color=MEASURED, linewidth=0.8)
+        _level_axis(panel, spectrum, y)
         title = words(name)
         if spectrum.bands:
             low, high = spectrum.bands[number]
             title += f", envelope of {low:.0f} to {high:.0f} Hz"
-        place.set_title(title, loc="left")
+        panel.set_title(title, loc="left")
         for mark in marks:
             color = _PISTONS if mark.of_pistons else _SHAFT
-            place.axvline(mark.at * scale, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
+            panel.axvline(mark.at * scale, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
     axes[0, 0].set_xlim(0, end * scale)
     _name_marks(axes[0, 0], marks, scale, end * scale)
     unit = "ms" if spectrum.axis_unit == "s" else spectrum.axis_unit or "turns of the shaft"
@@ -78,7 +78,9 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
         },
     }
     title = f"{_TITLES[spectrum.kind]} of {spectrum.recording_id}"
-    return drawn(f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=_spectrum_caption(spectrum, marks))
+    return render_drawing(
+        f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=_spectrum_caption(spectrum, marks)
+    )
 
 
 def _end(spectrum: LineSpectrum, top: float | None) -> float:
@@ -94,7 +96,7 @@ def _unit(unit: str) -> str:
     return unit.replace("^2", "²") or "1"
 
 
-def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Greatest of each group of neighbors, so that no line is lost."""
     size = math.ceil(len(x) / MOST_POINTS)
     if size == 1:
@@ -104,51 +106,51 @@ def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x[best], y[best]
 
 
-def _level_axis(place: Axes, spectrum: LineSpectrum, drawn_values: np.ndarray) -> None:
+def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
     if spectrum.kind == "cepstrum":
-        place.set_ylabel("cepstrum [1]")
+        panel.set_ylabel("cepstrum [1]")
         return
-    place.set_ylabel(f"peak amplitude\n[{_unit(spectrum.unit)}]")
+    panel.set_ylabel(f"peak amplitude\n[{_unit(spectrum.unit)}]")
     if spectrum.kind == "envelope":
-        place.set_ylim(bottom=0)
+        panel.set_ylim(bottom=0)
         return
-    positive = drawn_values[drawn_values > 0]
-    place.set_yscale("log")
+    positive = amplitudes[amplitudes > 0]
+    panel.set_yscale("log")
     if positive.size:
-        place.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
-        name_decades(place)
+        panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
+        name_decades(panel)
 
 
-def _name_marks(place: Axes, marks: Sequence[Mark], scale: float, width: float) -> None:
-    spots = apart([mark.at * scale for mark in marks], gap=0.035 * width)
+def _name_marks(panel: Axes, marks: Sequence[Mark], scale: float, width: float) -> None:
+    spots = spread_labels([mark.at * scale for mark in marks], gap=0.035 * width)
     for mark, spot in zip(marks, spots, strict=True):
         color = _PISTONS if mark.of_pistons else _SHAFT
-        place.annotate(
+        panel.annotate(
             mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
             ha="center", va="bottom", fontsize=8, color=color, annotation_clip=False,
         )  # fmt: skip
     if marks:
-        place.set_title(place.get_title(loc="left"), loc="left", pad=16)
+        panel.set_title(panel.get_title(loc="left"), loc="left", pad=16)
 
 
-def _mark_legend(place: Axes, marks: Sequence[Mark]) -> None:
+def _mark_legend(panel: Axes, marks: Sequence[Mark]) -> None:
     kinds = {mark.of_pistons for mark in marks}
     names = [(color, name) for pistons, color, name in _MARK_KINDS if pistons in kinds]
     if names:
         lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in names]
-        place.figure.legend(lines, [name for _, name in names], loc="outside upper right", ncols=2)
+        panel.figure.legend(lines, [name for _, name in names], loc="outside upper right", ncols=2)
 
 
 def _spectrum_caption(spectrum: LineSpectrum, marks: Sequence[Mark]) -> str:
     if spectrum.kind == "cepstrum":
-        told = "Inverse transform of the log magnitude: a family of equally spaced lines is one peak at its period."
+        caption = "Inverse transform of the log magnitude: a family of equally spaced lines is one peak at its period."
     else:
-        told = "One-sided peak amplitudes, Hann taper corrected."
+        caption = "One-sided peak amplitudes, Hann taper corrected."
     if spectrum.angle_from:
-        told += f" Along the shaft's angle, from {spectrum.angle_from}."
+        caption += f" Along the shaft's angle, from {spectrum.angle_from}."
     if marks:
-        told += " Dashed: where lines of the shaft and of the pistons are expected."
-    return f"{told} The CSV file holds the whole of it."
+        caption += " Dashed: where lines of the shaft and of the pistons are expected."
+    return f"{caption} The CSV file holds every line."
 
 
 _STATUS = {
@@ -159,24 +161,24 @@ _STATUS = {
 }
 
 
-@styled()
+@figure_style()
 def trend_drawing(trend: Trend) -> Drawing:
-    """An indicator over recordings, each with the range of its own baseline."""
+    """An indicator over recordings, each with the range of its baseline."""
     factor, unit = trend.indicator.shown
     figure, axes = panels(1, 1, 4.6)
-    place = axes[0, 0]
+    panel = axes[0, 0]
     for x, point in enumerate(trend.points):
         if math.isfinite(point.median):
             middle, reach = factor * point.median, factor * trend.k * point.spread
-            place.bar(x, 2 * reach, bottom=middle - reach, width=0.8, color=LIGHT, linewidth=0, zorder=1)
-            place.plot([x - 0.4, x + 0.4], [middle, middle], color="#888888", linewidth=1, zorder=2)
+            panel.bar(x, 2 * reach, bottom=middle - reach, width=0.8, color=LIGHT, linewidth=0, zorder=1)
+            panel.plot([x - 0.4, x + 0.4], [middle, middle], color="#888888", linewidth=1, zorder=2)
         marker, color, _ = _STATUS[point.status]
         face = "white" if point.healthy and marker != "x" else color
-        place.plot(x, factor * point.value, marker, color=face, markeredgecolor=color, markersize=5, zorder=3)
-    _name_recordings(place, trend.points)
-    place.grid(axis="x", visible=False)
-    place.set_ylabel(f"{words(trend.indicator.name)} [{_unit(unit)}]")
-    _trend_legend(place, trend)
+        panel.plot(x, factor * point.value, marker, color=face, markeredgecolor=color, markersize=5, zorder=3)
+    _name_recordings(panel, trend.points)
+    panel.grid(axis="x", visible=False)
+    panel.set_ylabel(f"{words(trend.indicator.name)} [{_unit(unit)}]")
+    _trend_legend(panel, trend)
     rows = [
         {
             "recording": point.row.recording_id,
@@ -202,22 +204,22 @@ def trend_drawing(trend: Trend) -> Drawing:
         + ". No limit of a standard is drawn: none is made for axial piston pumps."
     )
     title = f"{words(trend.indicator.name)} of {words(trend.channel)}"
-    return drawn("trend", figure, table(rows), title=title, caption=caption)
+    return render_drawing("trend", figure, tabulate(rows), title=title, caption=caption)
 
 
-def _name_recordings(place: Axes, points: Sequence[TrendPoint]) -> None:
+def _name_recordings(panel: Axes, points: Sequence[TrendPoint]) -> None:
     """Names under the axis, as many as fit, long ones shortened in the middle."""
     every = math.ceil(len(points) / 40)
     names = [_short(point.row.recording_id) for point in points]
-    place.set_xticks(range(0, len(points), every), names[::every], rotation=90, fontsize=7.5)
-    place.set_xlim(-0.8, len(points) - 0.2)
+    panel.set_xticks(range(0, len(points), every), names[::every], rotation=90, fontsize=7.5)
+    panel.set_xlim(-0.8, len(points) - 0.2)
 
 
 def _short(name: str, most: int = 26) -> str:
     return name if len(name) <= most else f"{name[: most // 2]}…{name[-(most // 2 - 1) :]}"
 
 
-def _trend_legend(place: Axes, trend: Trend) -> None:
+def _trend_legend(panel: Axes, trend: Trend) -> None:
     entries: list[tuple[Line2D | Patch, str]] = []
     if any(math.isfinite(point.median) for point in trend.points):
         entries.append((Patch(color=LIGHT), f"baseline ± {trend.k:g} spreads"))
@@ -228,7 +230,7 @@ def _trend_legend(place: Axes, trend: Trend) -> None:
         mark = Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=MEASURED)
         entries.append((mark, "hollow: stated healthy"))
     handles, names = zip(*entries, strict=True)
-    place.figure.legend(handles, names, loc="outside upper center", ncols=len(names))
+    panel.figure.legend(handles, names, loc="outside upper center", ncols=len(names))
 
 
 def _empty(value: float) -> float | None:

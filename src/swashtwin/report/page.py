@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, ClassVar
 
 from swashtwin.report.drawing import Drawing
@@ -12,9 +13,9 @@ class Cell:
     """One entry of a table."""
 
     text: str
-    """What stands there."""
+    """Text of the cell."""
     title: str = ""
-    """What a reader sees who points at it, such as why there is no number."""
+    """Tooltip, such as the reason for a missing number."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Bullets:
     title: str
     """Heading."""
     items: tuple[str, ...]
-    """Remarks; the template draws nothing where there is none."""
+    """Remarks; without any, the template draws nothing."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Table:
 
     kind: ClassVar[str] = "table"
     caption: str
-    """What it shows, and how to read it."""
+    """What the table shows, and how to read it."""
     header: tuple[str, ...]
     """Names of the columns."""
     rows: tuple[tuple[Cell, ...], ...]
@@ -65,43 +66,49 @@ class Group:
 
     kind: ClassVar[str] = "group"
     title: str
-    """What stands there when it is folded."""
+    """Text shown when it is folded."""
     blocks: tuple[Any, ...]
     """Blocks of any other kind."""
     is_open: bool = True
-    """Whether it starts unfolded; print shows it in either case."""
+    """Whether it starts unfolded; print always shows it."""
+
+
+class SectionOrder(IntEnum):
+    """Position of a section on the page, whatever the order of the items."""
+
+    VERDICT = 0
+    SCORES = 1
+    CALIBRATION = 2
+    TRAINING = 3
+    PROVENANCE = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
     """Part of the page under one heading."""
 
-    place: int
-    """Where on the page: `VERDICT` first, `PROVENANCE` last."""
+    position: SectionOrder
+    """Position on the page."""
     title: str
     """Heading."""
     blocks: tuple[Any, ...]
     """Blocks, in order."""
 
 
-VERDICT, SCORES, CALIBRATION, TRAINING, PROVENANCE = range(5)
-"""Order of the sections, whatever the order of the items."""
-
-
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one item adds to the page."""
+    """Content of one item on the page."""
 
     title: str
-    """Title that a page of this item alone has."""
+    """Title of a page with this item alone."""
     answer: tuple[str, ...]
-    """What came out, in plain words: it stands first."""
+    """The result in plain words, shown first."""
     notice: str
-    """What no reader may miss; empty where there is nothing of the kind."""
+    """Warning that no reader may miss, or empty."""
     sections: tuple[Section, ...]
     """Everything else."""
     results: dict[str, list[Any]]
-    """The same for machines, as JSON can hold it, by kind."""
+    """The same as JSON values, by kind."""
 
 
 def drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:

@@ -1,10 +1,10 @@
-"""What the scores of one test set add to the page."""
+"""Part of the page about the scores of one test set."""
 
 from collections.abc import Sequence
 
 from swashtwin.learning import LEVELS, Scores
 from swashtwin.report.confusion import confusion_drawing
-from swashtwin.report.page import SCORES, Bullets, Cell, Part, Picture, Section, Table
+from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, plural, words
 
 _METRICS = {
@@ -22,21 +22,23 @@ _METRICS = {
 
 
 def scores_part(scores: Scores, key: str) -> Part:
-    """Part of one set of scores."""
+    """Part of the page about one set of scores."""
     low, high = scores.accuracy_interval
-    known = number(low) != "—"
-    interval = f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if known else "no interval"
+    has_interval = number(low) != "—"
+    interval = (
+        f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if has_interval else "no interval"
+    )
     level = f"{scores.level} ({LEVELS[scores.level]})" if scores.level else "at a level that the caller did not state"
     answer = (
         f"Of {plural(scores.n_windows, 'measured test window')} from {plural(scores.n_recordings, 'recording')}, "
-        f"{100 * scores.accuracy:.1f} % were told right ({interval}); of the recordings, "
+        f"{100 * scores.accuracy:.1f} % were classified correctly ({interval}); of the recordings, "
         f"{100 * scores.recording_accuracy:.1f} %. Level of generalization: {level}.",
     )
     reasons = tuple(f"{_METRICS.get(name, words(name))}: {why}" for name, why in scores.reasons.items())
     blocks = (
         levels_table([scores.level] if scores.level else []),
         _metrics_table(scores),
-        Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
+        Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
         Picture(
             confusion_drawing(
@@ -47,11 +49,11 @@ def scores_part(scores: Scores, key: str) -> Part:
             )
         ),
     )
-    return Part("Scores", answer, "", (Section(SCORES, "Scores", blocks),), {"scores": [scores.to_dict()]})
+    return Part("Scores", answer, "", (Section(SectionOrder.SCORES, "Scores", blocks),), {"scores": [scores.to_dict()]})
 
 
 def levels_table(levels: Sequence[str]) -> Table:
-    """What the levels of generalization mean that stand on the page."""
+    """Meaning of the levels of generalization on the page."""
     return Table(
         "How far the test data lie from the training data.",
         ("level", "test data are"),
@@ -73,8 +75,8 @@ def _class_table(scores: Scores) -> Table:
         pressure = "unknown" if cell.discharge_pressure is None else f"{cell.discharge_pressure / 1e6:g}"
         rows.append((Cell(words(cell.label)), Cell(pressure), Cell(str(cell.n_windows)), number_cell(cell.recall)))
     rows += [
-        (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[place].sum()))), _recall_cell(scores, label))
-        for place, label in enumerate(scores.classes)
+        (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[index].sum()))), _recall_cell(scores, label))
+        for index, label in enumerate(scores.classes)
         if [cell.label for cell in scores.cells].count(label) != 1
     ]
     return Table(

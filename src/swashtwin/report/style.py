@@ -1,7 +1,7 @@
 """Colors, markers and settings that all figures share, so that a color means the same thing everywhere.
 
 Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind readers can tell apart; each training set
-and each class has its own color, and a marker, a line style or a word tells the same again.
+and each class has its own color, and a marker, a line style or a word repeats it.
 """
 
 import warnings
@@ -15,10 +15,10 @@ MEASURED = "#4d4d4d"
 NOMINAL = "#e69f00"
 CALIBRATED = "#0072b2"
 LIGHT = "#d9d9d9"
-"""Gray of what stands behind the data: bounds, chance, the kept step."""
+"""Gray behind the data: bounds, chance level, the best step."""
 
 TRAINING_SET_COLORS = {"measured": MEASURED, "nominal": NOMINAL, "calibrated": CALIBRATED}
-"""Color of each training set; the twin before and after calibration has that of its training set."""
+"""Color of each training set; the twin before and after calibration has the color of its training set."""
 
 CLASS_COLORS = {
     "normal": "#009e73",
@@ -32,9 +32,6 @@ _MORE_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733"
 
 INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}
 """Color of each interface; its damping is drawn solid, its stiffness dashed."""
-
-LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
-"""Marker of each level of generalization."""
 
 WIDTH = 9.0
 """Width of a figure [inch]; the page scales it down, and lets a phone scroll it."""
@@ -62,8 +59,8 @@ _SETTINGS: dict[Any, Any] = {
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Within it figures look alike, whatever the user's own settings are."""
+def figure_style() -> Iterator[None]:
+    """Context in which figures look alike, whatever the user's own settings are."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -71,23 +68,21 @@ def styled() -> Iterator[None]:
         yield
 
 
-def training_set_colors(names: Sequence[str]) -> dict[str, str]:
-    """Color of each training set, its own where it is known."""
-    return _colors(names, TRAINING_SET_COLORS)
-
-
 def series_colors(names: Sequence[str]) -> dict[str, str]:
-    """Color of each line of a figure; a training set keeps its own, and the study's own network has blue."""
+    """Color of each line of a figure; a training set keeps its own, and the default network is blue."""
     return _colors(names, {**TRAINING_SET_COLORS, "spectral_bitcn": CALIBRATED})
 
 
 def class_colors(classes: Sequence[str]) -> dict[str, str]:
-    """Color of each class, its own where it is known."""
+    """Color of each class: the standard one if it has one."""
     return _colors(classes, CLASS_COLORS)
 
 
-def _colors(names: Sequence[str], known: dict[str, str]) -> dict[str, str]:
-    unknown = [name for name in names if name not in known]
+def _colors(names: Sequence[str], standard_colors: dict[str, str]) -> dict[str, str]:
+    unknown = [name for name in names if name not in standard_colors]
     return {
-        name: known[name] if name in known else _MORE_COLORS[unknown.index(name) % len(_MORE_COLORS)] for name in names
+        name: standard_colors[name]
+        if name in standard_colors
+        else _MORE_COLORS[unknown.index(name) % len(_MORE_COLORS)]
+        for name in names
     }

@@ -13,11 +13,11 @@ INTERFACES = {
     "block_valve": "cylinder block/valve plate",
     "piston_bore": "piston/bore",
 }
-"""What each interface is called on the page."""
+"""Name of each interface on the page."""
 
 
 def number(value: float | None) -> str:
-    """Three significant digits, powers of ten as such, ``—`` for what is no number.
+    """Three significant digits, large and small ones as powers of ten, ``—`` for NaN, infinity and none.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def number(value: float | None) -> str:
 
 
 def score(value: float | None) -> str:
-    """Share between 0 and 1 with three decimals, ``—`` for what is no number.
+    """Share between 0 and 1 with three decimals, ``—`` for NaN, infinity and none.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def percent(share: float) -> str:
 
 
 def number_cell(value: float | None, reason: str = "") -> Cell:
-    """Cell of a number; without one it is ``—``, and the reason shows where a reader points at it."""
+    """Cell of a number; for NaN it is ``—``, with the reason as tooltip."""
     text = number(value)
     if text == "—":
         return Cell(text, reason or "not defined for these data")
@@ -103,17 +103,17 @@ def plural(count: int, singular: str) -> str:
     return f"{count} {singular}" if count == 1 else f"{count} {singular}s"
 
 
-def facts(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
+def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
     """Table of names and values."""
     return Table(caption, ("", ""), tuple((Cell(name), Cell(_plain(value))) for name, value in entries))
 
 
-def flattened(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
+def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
     """Settings within settings as one list of dotted names."""
     entries: list[tuple[str, object]] = []
     for name, value in settings.items():
         if isinstance(value, Mapping):
-            entries += flattened(value, f"{prefix}{name}.")
+            entries += flatten_settings(value, f"{prefix}{name}.")
         else:
             entries.append((f"{prefix}{name}", value))
     return entries

@@ -1,4 +1,4 @@
-"""`write_report`: results in, one page and its data out."""
+"""`write_report` writes results as one page with its data."""
 
 import json
 import math
@@ -28,21 +28,21 @@ from swashtwin.report.scores_part import scores_part
 FORMAT = "swashtwin report 1"
 
 _UNKNOWN_ORIGIN = (
-    "These results do not carry where their recordings come from. If from the virtual rig, a stand-in for a machine, "
-    "no figure here says how well anything works on a real pump."
+    "These results do not carry where their recordings come from. If they come from the virtual rig, a stand-in for a "
+    "machine, no figure here says how well anything works on a real pump."
 )
 
 
 @runtime_checkable
 class Reportable(Protocol):
-    """A result that brings its own part of the page, such as a study's."""
+    """A result that makes its own part of the page, such as a study."""
 
     @property
     def study(self) -> str:
-        """Name, such as ``"calibration"``; the names of its figures begin with it where there are several."""
+        """Name, such as ``"calibration"``; the names of its figures begin with it if the page has several."""
 
     def report_part(self, key: str) -> Part:
-        """What it adds to the page; the names of its figures begin with `key`."""
+        """Its part of the page; the names of its figures begin with `key`."""
 
 
 def write_report(
@@ -57,13 +57,13 @@ def write_report(
 
     Parameters
     ----------
-    items : in the order wanted; each adds its answer at the top and its sections below.
-    folder : made if it does not exist.
+    items : in the order of the page; each adds its answer at the top and its sections below.
+    folder : created if it does not exist.
 
     Raises
     ------
     InputError
-        No item, or one of which no report can be made, or `folder` is a file.
+        No item, an item of an unknown type, or `folder` is a file.
     """
     folder = Path(folder)
     if not items:
@@ -86,16 +86,16 @@ def write_report(
 
 @singledispatch
 def part_of(item: object, key: str) -> Part:
-    """What an item adds to the page.
+    """Part of the page about an item.
 
     Parameters
     ----------
-    key : how the names of its figures begin.
+    key : start of the name of each figure.
 
     Raises
     ------
     InputError
-        There is nothing to report of its kind.
+        No part is registered for its type.
     """
     if isinstance(item, Reportable):
         return item.report_part(key)
@@ -114,10 +114,14 @@ part_of.register(Evidence)(evidence_part)
 
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
-    """Every section, in the order of its place; of several studies each keeps its own together, under its title."""
+    """Every section by its position; several studies each keep their sections together, under their titles."""
     if len(items) > 1 and all(isinstance(item, Reportable) for item in items):
-        return [replace(one, title=f"{_short(part.title)}: {one.title}") for part in parts for one in part.sections]
-    return sorted((section for part in parts for section in part.sections), key=lambda section: section.place)
+        return [
+            replace(section, title=f"{_short(part.title)}: {section.title}")
+            for part in parts
+            for section in part.sections
+        ]
+    return sorted((section for part in parts for section in part.sections), key=lambda section: section.position)
 
 
 def _short(title: str) -> str:
@@ -125,14 +129,14 @@ def _short(title: str) -> str:
 
 
 def _answers(parts: Sequence[Part]) -> list[str]:
-    """Every sentence; of several parts each begins with what it is of."""
+    """Every sentence; with several parts, the first of each begins with its title."""
     if len({part.title for part in parts}) == 1:
         return [sentence for part in parts for sentence in part.answer]
     return [f"{_short(part.title)}. {text}" if i == 0 else text for part in parts for i, text in enumerate(part.answer)]
 
 
 def _keys(items: Sequence[object]) -> list[str]:
-    """Name of each item, numbered where there are several of its kind; of several studies each has its own name."""
+    """Name of each item, numbered if there are several of its kind; several studies go by their own names."""
     several = sum(isinstance(item, Reportable) for item in items) > 1
     kinds = [
         (item.study.replace("-", "_") if several else "study")
@@ -174,7 +178,7 @@ def _results(parts: Sequence[Part], figures: list[str]) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """The same without NaN and infinity, of which JSON knows neither."""
+    """The same with null in place of NaN and infinity, which JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

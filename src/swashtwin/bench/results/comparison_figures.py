@@ -10,7 +10,17 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
-from swashtwin.report import Drawing, apart, drawn, panels, plural, series_colors, styled, table, words
+from swashtwin.report import (
+    Drawing,
+    figure_style,
+    panels,
+    plural,
+    render_drawing,
+    series_colors,
+    spread_labels,
+    tabulate,
+    words,
+)
 
 NAMING = ("classifier", "training_set", "level")
 """Factors that every study has; a further one is what curves run along."""
@@ -52,7 +62,7 @@ def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
     ]
 
 
-@styled()
+@figure_style()
 def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *, title: str) -> Drawing:
     places = list(dict.fromkeys(row[factor] for row in rows))
     levels = sorted({row["level"] for row in rows})
@@ -77,7 +87,7 @@ def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *,
     names = [_series_words(one, series) for one in series]
     across = max(1, min(4, LEGEND_WIDTH // (max(map(len, names)) + 7)))
     figure.legend(marks, names, loc="outside lower center", ncols=across)
-    columns = table(
+    columns = tabulate(
         {**{n: row[n] for n in study.factors}, "metric": metric, "mean": row[metric]["mean"], "std": row[metric]["std"]}
         for row in rows
         for metric in metrics
@@ -85,7 +95,7 @@ def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *,
     caption = (
         f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation. {_alone(series, rows, factor)}"
     )
-    return drawn(name, figure, columns, title=f"{title}scores by {words(factor)}", caption=caption)
+    return render_drawing(name, figure, columns, title=f"{title}scores by {words(factor)}", caption=caption)
 
 
 def _curve(panel: Axes, spreads: Sequence[dict | None], look: dict) -> None:
@@ -125,7 +135,7 @@ def _alone(series: Sequence[tuple[str, str]], rows: Sequence[dict], factor: str)
     return "Dotted: training sets that the factor does not change." if 1 in counts.values() and most > 1 else ""
 
 
-@styled()
+@figure_style()
 def classifier_drawing(study: StudyResult, key: str) -> Drawing:
     """Accuracy of each classifier as a bar, best first at the nearest level, single seeds as points."""
     rows = study.rows()
@@ -144,13 +154,13 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
             panel.plot(values, [line] * len(values), "o", color="white", markeredgecolor="black", markersize=3)
         ticks = {"yticks": range(len(names)), "yticklabels": [_counted(name, study) for name in names]}
         panel.set(title=level, xlabel="accuracy [1]", xlim=(0, 1.02), ylim=(len(names) - 0.4, -0.6), **ticks)
-    columns = table(
+    columns = tabulate(
         {"classifier": trial.factors["classifier"], "level": trial.factors["level"], "seed": trial.seed,
          "accuracy": trial.values["accuracy"]}
         for trial in study.trials
     )  # fmt: skip
     caption = f"Bars: mean over {plural(len(study.seeds), 'seed')}; points: single seeds; whiskers: standard deviation."
-    return drawn(f"{key}_classifiers", figure, columns, title="Accuracy of the classifiers", caption=caption)
+    return render_drawing(f"{key}_classifiers", figure, columns, title="Accuracy of the classifiers", caption=caption)
 
 
 def _counted(classifier: str, study: StudyResult) -> str:
@@ -159,7 +169,7 @@ def _counted(classifier: str, study: StudyResult) -> str:
     return classifier_words(classifier) + (f" (n = {count})" if count < len(study.seeds) else "")
 
 
-@styled()
+@figure_style()
 def time_drawing(study: StudyResult, key: str) -> Drawing:
     """Accuracy of each classifier over the time that training and tests took."""
     rows = [row for row in study.rows() if row["accuracy"]["mean"] is not None and math.isfinite(row["wall_s"]["mean"])]
@@ -170,7 +180,7 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
     for panel, level in zip(axes[0], levels, strict=True):
         shown = [row for row in rows if row["level"] == level]
         places = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
-        heights = apart([accuracy for _, accuracy in places], gap, lowest, highest)
+        heights = spread_labels([accuracy for _, accuracy in places], gap, lowest, highest)
         for row, place, height in zip(shown, places, heights, strict=True):
             color = "#0072b2" if row["classifier"] == study.own else "#5b6470"
             panel.plot(*place, "o", color=color, markersize=5)
@@ -187,10 +197,10 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("accuracy [1]")
-    columns = table(
+    columns = tabulate(
         {"classifier": row["classifier"], "level": row["level"], "wall_s": row["wall_s"]["mean"],
          "accuracy": row["accuracy"]["mean"], "device": study.device}
         for row in rows
     )  # fmt: skip
     caption = "Mean over the seeds. Times are of one machine under whatever load it had: read ratios, not seconds."
-    return drawn(f"{key}_time", figure, columns, title="Accuracy against time", caption=caption)
+    return render_drawing(f"{key}_time", figure, columns, title="Accuracy against time", caption=caption)

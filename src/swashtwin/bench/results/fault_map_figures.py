@@ -4,13 +4,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.bench.results.table import StudyTable
-from swashtwin.report import Drawing, drawn, panels, styled, table, words
+from swashtwin.report import Drawing, figure_style, panels, render_drawing, tabulate, words
 
 FULL = 1.5
 """Move (a logarithm) at which the color is full."""
 
 
-@styled()
+@figure_style()
 def fault_map_drawing(study: StudyTable, key: str) -> Drawing:
     """Mean move of each parameter with each kind of fault, one panel for each model."""
     rows = [row for row in study.rows() if row["parameter"] != "all"]
@@ -27,10 +27,10 @@ def fault_map_drawing(study: StudyTable, key: str) -> Drawing:
         }
         for row in rows
     ]
-    return drawn(
+    return render_drawing(
         f"{key}_map",
         figure,
-        table(told),
+        tabulate(told),
         title="What moves with which fault",
         caption="Mean of ln(value / the pump's healthy value) ± half of its 90 % interval; framed where the interval "
         "excludes no move in at least half of the recordings. Red rises, blue falls.",

@@ -8,10 +8,21 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.bench.results.table import StudyTable
-from swashtwin.report import CALIBRATED, LIGHT, MEASURED, Drawing, drawn, panels, ratio_axis, styled, table, words
+from swashtwin.report import (
+    CALIBRATED,
+    LIGHT,
+    MEASURED,
+    Drawing,
+    figure_style,
+    panels,
+    ratio_axis,
+    render_drawing,
+    tabulate,
+    words,
+)
 
 
-@styled()
+@figure_style()
 def severity_drawing(study: StudyTable, key: str) -> Drawing:
     """Found against true dimensions with their intervals, a panel for each."""
     cases = [one for one in study.details["cases"] if one["truth"] > 0]
@@ -28,10 +39,10 @@ def severity_drawing(study: StudyTable, key: str) -> Drawing:
         ratio_axis(place, "y", f"found{unit}")
     for place in axes.flat[len(kinds) :]:
         place.set_visible(False)
-    return drawn(
+    return render_drawing(
         f"{key}_found",
         figure,
-        table(cases),
+        tabulate(cases),
         title="Found against true severity",
         caption="Each point is one recording, bars are 90 % intervals, gray the truth. Open points may be zero; bars "
         "that begin below the panel hold zero. Both axes logarithmic; in SI in the data.",

@@ -17,20 +17,21 @@ from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Embedding, Outcome
 from swashtwin.learning import LEVELS
 from swashtwin.report import (
-    LEVEL_MARKERS,
     Drawing,
     class_colors,
     confusion_drawing,
-    drawn,
+    figure_style,
     name_decades,
     panels,
     plural,
+    render_drawing,
     series_colors,
-    styled,
-    table,
-    training_set_colors,
+    tabulate,
     words,
 )
+
+_LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
+"""Marker of each level of generalization."""
 
 MOST_MATRICES = 4
 """Confusion matrices drawn beside each other at most."""
@@ -60,7 +61,7 @@ def scarce_drawing(study: StudyResult, key: str) -> Drawing:
     return _bars(study, f"{key}_scarce_recall", metrics, title="Recall of the measured windows of the scarce cell")
 
 
-@styled()
+@figure_style()
 def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], float]], *, title: str) -> Drawing:
     sets = list(dict.fromkeys(one.training_set for one in study.outcomes))
     levels, marks = sorted({one.level for one in study.outcomes}), _marks(study)
@@ -88,7 +89,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
                         for one in own
                     ]
                     position = i + step * (j - (len(sets) - 1) / 2)
-                    color = training_set_colors(sets)[training_set]
+                    color = series_colors(sets)[training_set]
                     _column(place, position, 0.9 * step, own, value, color, marks.get(mark, ""))
         chance = metric == "accuracy"
         _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
@@ -100,7 +101,7 @@ def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], 
     if study.rivals:
         rivals = ", ".join(dict.fromkeys(classifier_words(one.classifier) for one in study.rivals))
         caption += f" Open marks: means of {rivals}, trained on the same windows."
-    return drawn(name, figure, table(rows), title=title, caption=caption)
+    return render_drawing(name, figure, tabulate(rows), title=title, caption=caption)
 
 
 def _marks(study: StudyResult) -> dict[str, str]:
@@ -149,7 +150,7 @@ def _score_axis(place: Axes, metric: str, levels: Sequence[str], chance: float |
 
 
 def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
-    colors = training_set_colors(sets)
+    colors = series_colors(sets)
     entries = [Line2D([], [], marker="s", linestyle="", markersize=9, color=colors[name]) for name in sets]
     names = [training_set_words(name) for name in sets]
     for rival, mark in _marks(study).items():
@@ -160,7 +161,7 @@ def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
     place.figure.legend(entries, names, loc="outside upper center", ncols=across)
 
 
-@styled()
+@figure_style()
 def training_drawing(study: StudyResult, key: str) -> Drawing:
     """Loss and accuracy over the epochs, for each training set or classifier, and seed."""
     by = "training_set" if len({curve.training_set for curve in study.curves}) > 1 else "classifier"
@@ -197,7 +198,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
         f"One line for each of {plural(len(study.seeds), 'seed')}: the training windows, synthetic ones included, "
         "while the weights move. These are no test scores." + (" Dotted: validation windows." if validated else "")
     )
-    return drawn(f"{key}_training", figure, table(rows), title="Training curves", caption=caption)
+    return render_drawing(f"{key}_training", figure, tabulate(rows), title="Training curves", caption=caption)
 
 
 def confusion_of(study: StudyResult, key: str) -> Drawing:
@@ -236,7 +237,7 @@ def _told_apart(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     return {name: ", ".join(told[i] for i in varying) for name, told in shown.items()}
 
 
-@styled()
+@figure_style()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
     titles = _told_apart([tuple(run.task.factors.values()) for run in study.laid_out])
@@ -259,12 +260,12 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         for name in classes:
             for one in levels:
                 own = (label == name) & (level == one)
-                marker = LEVEL_MARKERS.get(one, "o")
+                marker = _LEVEL_MARKERS.get(one, "o")
                 place.plot(*points[own].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
         place.set(title=textwrap.fill(titles[tuple(named.values())], 28), xticks=[], yticks=[])
         rows += [{**named, "level": level[i], "label": label[i], "x": x, "y": y} for i, (x, y) in enumerate(points)]
     marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
-    kinds = [Line2D([], [], marker=LEVEL_MARKERS.get(one, "o"), linestyle="", color="#888888") for one in levels]
+    kinds = [Line2D([], [], marker=_LEVEL_MARKERS.get(one, "o"), linestyle="", color="#888888") for one in levels]
     names = [words(name) for name in classes] + levels
     figure.legend(marks + kinds, names, loc="outside lower center", ncols=len(names))
     caption = (
@@ -275,7 +276,9 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         caption += f" {len(shown)} of {len(titles)} trainings" + (
             "." if len(found) == len(titles) else "; of the others no features were kept, or all are the same."
         )
-    return drawn(f"{key}_tsne", figure, table(rows), title="Features of the test windows (t-SNE)", caption=caption)
+    return render_drawing(
+        f"{key}_tsne", figure, tabulate(rows), title="Features of the test windows (t-SNE)", caption=caption
+    )
 
 
 def can_embed(embedding: Embedding | None) -> TypeGuard[Embedding]:

@@ -20,10 +20,6 @@ from swashtwin.bench.results.study_figures import (
 )
 from swashtwin.learning import LEVELS
 from swashtwin.report import (
-    CALIBRATION,
-    PROVENANCE,
-    SCORES,
-    TRAINING,
     Bullets,
     Cell,
     Drawing,
@@ -32,11 +28,12 @@ from swashtwin.report import (
     Part,
     Picture,
     Section,
+    SectionOrder,
     Table,
     calibration_blocks,
     comparison_table,
-    facts,
-    flattened,
+    facts_table,
+    flatten_settings,
     levels_table,
     number,
     score,
@@ -99,11 +96,13 @@ _METRICS = {
 
 def study_part(study: StudyResult, key: str) -> Part:
     """Part of one study."""
-    sections = [Section(SCORES, "Scores", _score_blocks(study, key))]
+    sections = [Section(SectionOrder.SCORES, "Scores", _score_blocks(study, key))]
     if study.calibrations:
-        sections.append(Section(CALIBRATION, "Calibration of the twins", _calibration_sections(study, key)))
-    sections.append(Section(TRAINING, "Training and features", _training_blocks(study, key)))
-    sections.append(Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
+        sections.append(
+            Section(SectionOrder.CALIBRATION, "Calibration of the twins", _calibration_sections(study, key))
+        )
+    sections.append(Section(SectionOrder.TRAINING, "Training and features", _training_blocks(study, key)))
+    sections.append(Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
     return Part(
         title=study.title,
         answer=study_answer(study) if study.study in ("case1", "case2") else study.answer,
@@ -143,8 +142,8 @@ def with_origin(drawing: Drawing, study: StudyResult) -> Drawing:
     rig = "virtual rig, no real pump" if "virtual rig" in study.origin else "the user's recordings"
     commands = study.commands or ("command not recorded",)
     command = commands[0] if len(commands) == 1 else f"{len(commands)} commands, at the end of the study"
-    facts = f"{command}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
-    return replace(drawing, caption=f"{drawing.caption} [{facts}; {study.device}; {rig}]")
+    source = f"{command}; {'seed' if len(study.seeds) == 1 else 'seeds'} {seeds}"
+    return replace(drawing, caption=f"{drawing.caption} [{source}; {study.device}; {rig}]")
 
 
 def contrast_table(study: StudyResult) -> Table:
@@ -319,7 +318,7 @@ def _provenance(study: StudyResult) -> tuple:
         ("recordings", study.origin),
     ]
     return (
-        facts("The run.", entries),
+        facts_table("The run.", entries),
         Bullets("Recordings that twins were calibrated on (training data, in no test set)", used),
-        Group("Settings", (facts("Settings of the study.", flattened(study.settings)),), is_open=False),
+        Group("Settings", (facts_table("Settings of the study.", flatten_settings(study.settings)),), is_open=False),
     )

@@ -12,8 +12,6 @@ from swashtwin.bench.results.table import StudyTable
 from swashtwin.report import (
     CALIBRATED,
     MEASURED,
-    PROVENANCE,
-    SCORES,
     Bullets,
     Cell,
     Drawing,
@@ -21,15 +19,16 @@ from swashtwin.report import (
     Part,
     Picture,
     Section,
+    SectionOrder,
     Table,
     confusion_drawing,
-    drawn,
-    facts,
-    flattened,
+    facts_table,
+    figure_style,
+    flatten_settings,
     number,
     panels,
     plural,
-    styled,
+    render_drawing,
     words,
 )
 
@@ -44,8 +43,8 @@ def table_part(study: StudyTable, key: str) -> Part:
         answer=study.answer,
         notice=study.origin,
         sections=(
-            Section(SCORES, study.title, _blocks(study, key)),
-            Section(PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)),
+            Section(SectionOrder.SCORES, study.title, _blocks(study, key)),
+            Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)),
         ),
         results={"studies": [study.to_dict()]},
     )
@@ -110,7 +109,7 @@ def _spread_cell(spread: dict) -> Cell:
     return Cell(told, f"{plural(count, 'trial')}: " + ", ".join(number(value) for value in spread["values"][:20]))
 
 
-@styled()
+@figure_style()
 def rows_drawing(study: StudyTable, key: str) -> Drawing:
     """Each metric in a panel, each row on a line of it: trials as points, their mean as a bar across."""
     rows = study.rows()[:MOST_ROWS]
@@ -133,7 +132,7 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
         for metric in study.metrics
     ]
     columns = {name: [row[name] for row in table] for name in table[0]}
-    return drawn(
+    return render_drawing(
         f"{key}_rows",
         figure,
         columns,
@@ -152,5 +151,5 @@ def _provenance(study: StudyTable) -> tuple:
         ("time taken", f"{number(study.wall_s)} s"),
         ("recordings", study.origin),
     ]
-    settings = facts("Settings of the study.", flattened(study.settings))
-    return (facts("The run.", entries), Group("Settings", (settings,), is_open=False))
+    settings = facts_table("Settings of the study.", flatten_settings(study.settings))
+    return (facts_table("The run.", entries), Group("Settings", (settings,), is_open=False))

@@ -3,9 +3,9 @@
 import math
 
 import pytest
-import swashtwin.studies.misspecification as study
 from commandline import run_json
 
+import swashtwin.bench.questions.misspecification as study
 from swashtwin.bench import StudyTable, run_misspecification
 from swashtwin.bench.questions.wrong_twins import wrong_twins
 

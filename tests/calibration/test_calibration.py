@@ -244,7 +244,7 @@ def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp
 
     from swashtwin.pump import load_pump
 
-    original = (resources.files("swashtwin") / "pumps" / "25scy14-1b.toml").read_text()
+    original = (resources.files("swashtwin.pump") / "pumps" / "25scy14-1b.toml").read_text()
     head, rest = original.split("[interfaces.slipper_swash]")
     sensors = rest[rest.index("[[sensors]]") :]
     path = tmp_path / "calibrated.toml"

@@ -29,7 +29,7 @@ from swashtwin.pump import (
     new_pump,
 )
 
-TEXT = (resources.files("swashtwin") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
+TEXT = (resources.files("swashtwin.pump") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
 
 
 def save(folder: Path, text: str) -> Path:

@@ -64,7 +64,7 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
         for pump in pumps:
             own = [r for r in train if r.specimen == pump and r.label == twin.label and r.condition]
             known = [r for r in own if r.condition and r.condition.discharge_pressure == MPa(10)]
-            found.append(calibrate(twin, known, method=GaussNewton(), nuisances=Nuisances.usual()))
+            found.append(calibrate(twin, known, method=GaussNewton(), nuisances=Nuisances.usual(), phases=False))
             machines.append(pump)
     calibrated, posteriors = [one.twin for one in found], [one.posterior for one in found]
     healthy = [
@@ -73,6 +73,7 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
             [one for one in train if one.specimen == pump and one.label == "normal"],
             method=GaussNewton(),
             nuisances=Nuisances.housing(),
+            phases=False,
         ).twin
         for pump in pumps
     ]

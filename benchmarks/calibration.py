@@ -24,7 +24,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swashtwin.calibration import IPINN, GaussNewton, Objective, calibrate, measure, objective_of
+from swashtwin.calibration import (
+    IPINN,
+    PAPER_CALIBRATION,
+    GaussNewton,
+    Objective,
+    calibrate,
+    measure,
+    objective_of,
+)
 from swashtwin.foundation import MPa, mm, rpm
 from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
 from swashtwin.physics.solvers.runge_kutta import rk4_limit, state_matrix
@@ -244,7 +252,10 @@ def recovery(seeds: int) -> None:
     for title, factors in truths.items():
         recordings = [recording_of(twin, factors, seed) for seed in range(seeds)]
         for name, method in methods.items():
-            runs = [calibrate(twin, [r], method=method, seed=seed) for seed, r in enumerate(recordings)]
+            runs = [
+                calibrate(twin, [recording], **{**PAPER_CALIBRATION, "method": method}, seed=seed)
+                for seed, recording in enumerate(recordings)
+            ]
             ratio = np.array([[e.value / e.nominal for e in run.estimates] for run in runs]) / factors
             found = np.abs(ratio[:, [2, 4, 3]] - 1) < (0.1, 0.1, 0.3)
             flagged = sum(run.estimate("K_sw").verdict == "not identified" for run in runs)

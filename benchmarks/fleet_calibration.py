@@ -64,7 +64,7 @@ def of_fleet(seed: int, name: str) -> list[tuple[str, dict[str, list[float]]]]:
         if recording.condition is not None and recording.condition.discharge_pressure == MPa(10):
             pairs.setdefault(run.specimen.name, []).append((recording, run))
     twin = Twin(load_pump("25scy14-1b"), OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
-    options = {"method": GaussNewton(starts=2), "nuisances": NUISANCES[name]}
+    options = {"method": GaussNewton(starts=2), "nuisances": NUISANCES[name], "phases": False}
     fleet = calibrate_fleet(twin, [some[0][0] for some in pairs.values()], **options)
     rows = []
     for pump, ((used, run), (held_out, _)) in pairs.items():

@@ -29,7 +29,7 @@ worn_at_15 = Twin(
     SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)),
 )
 known = select(recordings, label="swash_plate", ids=train.recording_id)  # never the test's
-calibration = calibrate(worn_at_15, known, seed=0)  # method=IPINN() by default
+calibration = calibrate(worn_at_15, known, seed=0)
 synthetic = synthesize(calibration.twin, label="swash_plate", count=150, like=train, seed=0)
 classifier = fit(BiTCN(train.n_channels, len(train.classes)), train + synthetic, seed=0)
 scores = evaluate(classifier, test)

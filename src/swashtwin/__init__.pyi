@@ -9,8 +9,6 @@ from .bench import run_study as run_study
 from .calibration import CMAES as CMAES
 from .calibration import IPINN as IPINN
 from .calibration import LBFGS as LBFGS
-from .calibration import AmortizedIPINN as AmortizedIPINN
-from .calibration import AmortizedTraining as AmortizedTraining
 from .calibration import Calibration as Calibration
 from .calibration import DirectAdam as DirectAdam
 from .calibration import FleetCalibration as FleetCalibration
@@ -27,13 +25,10 @@ from .calibration import choose_learning_rate as choose_learning_rate
 from .calibration import estimate_severity as estimate_severity
 from .calibration import expected_information_gain as expected_information_gain
 from .calibration import identifiability as identifiability
-from .calibration import load_amortized as load_amortized
 from .calibration import load_calibration as load_calibration
 from .calibration import load_population as load_population
-from .calibration import objective_without_recordings as objective_without_recordings
 from .calibration import profile as profile
 from .calibration import sample_posterior as sample_posterior
-from .calibration import save_amortized as save_amortized
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import Evidence as Evidence
 from .diagnosis import Trust as Trust
@@ -184,8 +179,6 @@ __all__ = [
     "RECOMMENDED_TRAINING",
     "RK4",
     "VERSION",
-    "AmortizedIPINN",
-    "AmortizedTraining",
     "ArtifactError",
     "Band",
     "BiTCN",
@@ -286,7 +279,6 @@ __all__ = [
     "inspect_recordings",
     "joined",
     "learn_confidence",
-    "load_amortized",
     "load_calibration",
     "load_classifier",
     "load_population",
@@ -295,7 +287,6 @@ __all__ = [
     "mm",
     "narrow_index",
     "new_pump",
-    "objective_without_recordings",
     "open_recording",
     "open_recordings",
     "open_store",
@@ -313,7 +304,6 @@ __all__ = [
     "rpm",
     "run_study",
     "sample_posterior",
-    "save_amortized",
     "save_classifier",
     "save_index",
     "save_windows",

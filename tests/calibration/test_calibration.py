@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from twin_recordings import DAMPER, recording_of, worn_twin
+from twin_recordings import DAMPER, SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.calibration import (
     IPINN,
+    PAPER_CALIBRATION,
     Calibration,
     Calibrator,
     GaussNewton,
@@ -51,14 +52,14 @@ def recording(twin: Twin) -> Recording:
 @pytest.fixture(scope="module")
 def calibration(twin: Twin, recording: Recording) -> Calibration:
     other = replace(recording, recording_id="other", condition=twin.condition.replaced(discharge_pressure=MPa(10)))
-    return calibrate(twin, [other, recording], method=GaussNewton(starts=2))
+    return calibrate(twin, [other, recording], method=GaussNewton(starts=2), **SIX_VALUES)
 
 
 @pytest.mark.parametrize("factors", [DAMPER, PAPER], ids=["damper", "paper"])
 def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_does_not(
     twin: Twin, factors: np.ndarray
 ) -> None:
-    calibration = calibrate(twin, [recording_of(twin, factors)])
+    calibration = calibrate(twin, [recording_of(twin, factors)], **PAPER_CALIBRATION)
     found = ratios(calibration, factors)
     assert found["C_v"] == pytest.approx(1, abs=0.1)
     assert found["C_Hz"] == pytest.approx(1, abs=0.1)
@@ -71,7 +72,7 @@ def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_doe
 
 @pytest.mark.parametrize("factors", [PAPER, np.array([1.5, 0.5, 0.25, 0.3, 2.7, 3])], ids=["paper", "far"])
 def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: Twin, factors: np.ndarray) -> None:
-    calibration = calibrate(twin, [recording_of(twin, factors)], method=GaussNewton(starts=1))
+    calibration = calibrate(twin, [recording_of(twin, factors)], method=GaussNewton(starts=1), **SIX_VALUES)
     found = ratios(calibration, factors)
     assert found["C_v"] == pytest.approx(1, abs=0.05)
     assert found["C_Hz"] == pytest.approx(1, abs=0.05)
@@ -83,9 +84,9 @@ def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: 
 def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
     wrong = replace(twin, scales=Scales(mount=1.2, bearing=0.85, excitation=1.3, sensor=1.0))
     recording = recording_of(wrong, DAMPER)
-    blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    blind = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
     freed = Nuisances.usual(sensor=0.0)
-    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed)
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed, phases=False)
     assert aware.twin.scales.values() == pytest.approx((1.2, 0.85, 1.3, 1.0), rel=0.05)
     assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.1)
     assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 3
@@ -98,8 +99,8 @@ def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_mor
         replace(recording_of(one, DAMPER, seed=place), label=one.label, condition=one.condition)
         for place, one in enumerate(twins)
     ]
-    together = calibrate(twins, recordings, method=GaussNewton(starts=1))
-    alone = calibrate(twin, recordings, method=GaussNewton(starts=1))
+    together = calibrate(twins, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
+    alone = calibrate(twin, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
     assert together.recording_ids == ("rec-0", "rec-1", "rec-2")
     assert together.left_out == ()
     assert len(alone.left_out) == 2
@@ -112,7 +113,7 @@ def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_mor
 def test_twins_that_differ_in_more_than_condition_are_not_calibrated_together(twin: Twin, recording: Recording) -> None:
     other = replace(twin, topology="T2")
     with pytest.raises(InputError, match="differ in condition only"):
-        calibrate([twin, other], [recording])
+        calibrate([twin, other], [recording], **PAPER_CALIBRATION)
 
 
 def test_the_network_starts_at_the_nominal_values(twin: Twin, recording: Recording) -> None:
@@ -171,7 +172,7 @@ def test_an_interrupt_passes_through_and_leaves_random_numbers_as_they_were(twin
     expected = torch.rand(1)
     torch.manual_seed(1)
     with pytest.raises(KeyboardInterrupt):
-        calibrate(twin, [recording], method=IPINN(epochs=5), progress=stop)
+        calibrate(twin, [recording], method=IPINN(epochs=5), progress=stop, **SIX_VALUES)
     assert torch.rand(1) == expected
 
 
@@ -261,7 +262,7 @@ def test_readings_that_look_like_g_are_noted_even_where_the_unit_says_otherwise(
 ) -> None:
     recording = recording_of(twin, np.ones(6))
     weak = replace(recording, signal=recording.signal / 9.80665)
-    notes = calibrate(twin, [weak], method=GaussNewton(starts=1, most_iterations=2)).notes
+    notes = calibrate(twin, [weak], method=GaussNewton(starts=1, most_iterations=2), **SIX_VALUES).notes
     assert any("readings in g" in note for note in notes)
 
 
@@ -289,8 +290,9 @@ def test_impossible_priors_are_refused(prior: dict[str, float], message: str) ->
 def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin: Twin) -> None:
     path = SensorPath((1.1, 1.0, 0.9), (1150.0, 1900.0), (0.03, 0.025), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
     recording = recording_of(replace(twin, path=path), DAMPER)
-    blind = calibrate(twin, [recording], method=GaussNewton(starts=1))
-    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=Nuisances(gains=0.1, modes=2))
+    blind = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
+    freed = Nuisances(gains=0.1, modes=2)
+    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed, phases=False)
     assert aware.twin.path is not None
     assert aware.twin.path.frequency == pytest.approx(path.frequency, rel=0.02)
     assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 5

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import one_line, run, run_json
-from twin_recordings import worn_twin
+from twin_recordings import SIX_VALUES, worn_twin
 
 from swashtwin.calibration import (
     FleetCalibration,
@@ -155,8 +155,8 @@ def test_what_no_recording_tells_stays_not_identified(fleet: FleetCalibration) -
 def test_a_new_pump_of_the_type_starts_from_what_the_others_taught(twin: Twin, fleet: FleetCalibration) -> None:
     recordings, truth = fleet_of(twin, "G", seed=5)
     recordings = [replace(one, specimen="new") for one in recordings]
-    blind = calibrate(twin, recordings, method=QUICK)
-    taught = calibrate(twin, recordings, method=QUICK, prior=fleet.population)
+    blind = calibrate(twin, recordings, method=QUICK, **SIX_VALUES)
+    taught = calibrate(twin, recordings, method=QUICK, prior=fleet.population, **SIX_VALUES)
     places = [2, 3, 4]
     errors = [
         np.square([np.log(one.estimates[place].value) - truth["G"][place] for place in places]).mean()

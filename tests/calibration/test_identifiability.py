@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twin_recordings import SIX_VALUES
 
 from swashtwin.calibration import (
     GaussNewton,
@@ -307,7 +308,7 @@ def test_what_was_learnt_is_reported_with_figures_and_as_json(
 def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(twin: Twin) -> None:
     true = replace(twin, scales=Scales(mount=1.2))
     recording = true.simulate(1.3, 6400.0, recording_id="rec")
-    calibration = calibrate(twin, [recording], method=GaussNewton(starts=1))
+    calibration = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
     found = solution(objective_of(twin, measure(twin, [recording])))
     np.testing.assert_array_equal(calibration.posterior.point, found)  # the intervals move no value
     assert any("miss the measured ones" in note for note in calibration.notes)

@@ -84,7 +84,10 @@ def test_lines_beyond_half_the_sample_rate_are_not_followed(nominal):
 
 def test_phases_make_the_values_more_certain_and_find_them(nominal, true):
     method = GaussNewton(starts=2)
-    found = [calibrate(nominal, [recorded(true)], method=method, phases=phases) for phases in (False, True)]
+    found = [
+        calibrate(nominal, [recorded(true)], method=method, phases=phases, nuisances=Nuisances())
+        for phases in (False, True)
+    ]
     for name in ("C_v", "K_v", "C_Hz"):
         plain, phased = (one.estimate(name) for one in found)
         assert phased.log_std < plain.log_std

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from twin_recordings import recording_of, worn_twin
+from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.calibration import Calibration, GaussNewton, calibrate, load_calibration
 from swashtwin.foundation import ArtifactError
@@ -28,7 +28,7 @@ def recordings(twin: Twin) -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def calibration(twin: Twin, recordings: list[Recording]) -> Calibration:
-    return calibrate(twin, recordings, method=GaussNewton(starts=1))
+    return calibrate(twin, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
 
 
 def test_the_file_names_each_recording_by_the_hash_of_its_readings(

@@ -56,7 +56,9 @@ def healthy(record: Record) -> list[Recording]:
 @pytest.fixture(scope="module")
 def calibration(pump: Pump, at_15: OperatingCondition, healthy: list[Recording]) -> Calibration:
     method = GaussNewton(starts=1)
-    return calibrate(Twin(pump, at_15), healthy, method=method, nuisances=Nuisances.usual(), band=(0, 1000))
+    return calibrate(
+        Twin(pump, at_15), healthy, method=method, nuisances=Nuisances.usual(), band=(0, 1000), phases=False
+    )
 
 
 def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: Calibration, record: Record) -> None:

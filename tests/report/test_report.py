@@ -18,7 +18,7 @@ from swashtwin.bench.results.study_figures import accuracy_drawing
 from swashtwin.bench.results.study_part import paper_words
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.studies.runner import assembled
-from swashtwin.calibration import Calibration, GaussNewton, calibrate
+from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import InputError, MPa, mm, rpm
 from swashtwin.learning import LEVELS
@@ -33,7 +33,9 @@ from swashtwin.report.writing import part_of
 def calibration(pump, at_15) -> Calibration:
     twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
     recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
-    return calibrate(twin, recordings, method=GaussNewton(starts=1, most_iterations=8))
+    return calibrate(
+        twin, recordings, method=GaussNewton(starts=1, most_iterations=8), nuisances=Nuisances(), phases=False
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,11 @@
 """Recordings of a twin whose values are known."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from swashtwin.calibration import Nuisances
 from swashtwin.foundation import mm
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
@@ -12,6 +14,8 @@ from swashtwin.signals import add_noise
 
 DAMPER = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """Truth over nominal: C_v, K_v and C_Hz are off."""
+SIX_VALUES: dict[str, Any] = {"nuisances": Nuisances(), "phases": False}
+"""Settings of a calibration of the six values alone, from amplitudes, as in the paper."""
 
 
 def worn_twin(pump: Pump, condition: OperatingCondition) -> Twin:

@@ -6,11 +6,6 @@ from .fleet.hierarchy import calibrate_fleet as calibrate_fleet
 from .fleet.population import Population as Population
 from .fleet.population import load_population as load_population
 from .loading import load_calibration as load_calibration
-from .methods.amortized import AmortizedIPINN as AmortizedIPINN
-from .methods.amortized_inputs import objective_without_recordings as objective_without_recordings
-from .methods.amortized_saving import load_amortized as load_amortized
-from .methods.amortized_saving import save_amortized as save_amortized
-from .methods.amortized_training import AmortizedTraining as AmortizedTraining
 from .methods.checkpoint import ResumableCalibrator as ResumableCalibrator
 from .methods.evolution import CMAES as CMAES
 from .methods.gauss_newton import GaussNewton as GaussNewton
@@ -33,8 +28,9 @@ from .objective.measurement import measure as measure
 from .objective.spectrum_objective import Objective as Objective
 from .objective.spectrum_objective import objective_of as objective_of
 from .objective.unknowns import Nuisances as Nuisances
+from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
+from .procedure import build_objective as build_objective
 from .procedure import calibrate as calibrate
-from .procedure import prepared as prepared
 from .result import Calibration as Calibration
 from .severity.dimensions import USUALLY_FREE as USUALLY_FREE
 from .severity.severity import Severity as Severity
@@ -60,13 +56,12 @@ __all__ = [
     "GRAVITY",
     "IPINN",
     "LBFGS",
+    "PAPER_CALIBRATION",
     "PAPER_RATES",
     "QUANTILE",
     "THRESHOLD",
     "USUALLY_FREE",
     "Agreement",
-    "AmortizedIPINN",
-    "AmortizedTraining",
     "Calibration",
     "Calibrator",
     "Difference",
@@ -89,6 +84,7 @@ __all__ = [
     "Spectra",
     "agreement",
     "agreement_of_lines",
+    "build_objective",
     "calibrate",
     "calibrate_fleet",
     "check_coverage",
@@ -98,16 +94,12 @@ __all__ = [
     "expected_information_gain",
     "identifiability",
     "is_warning",
-    "load_amortized",
     "load_calibration",
     "load_population",
     "mean_agreement",
     "measure",
     "objective_of",
-    "objective_without_recordings",
-    "prepared",
     "profile",
     "sample_posterior",
-    "save_amortized",
     "twin_to_dict",
 ]

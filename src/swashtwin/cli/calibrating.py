@@ -201,9 +201,9 @@ class _Job:
 
     def objective(self) -> "Objective":
         """The objective of the search."""
-        from swashtwin.calibration import prepared
+        from swashtwin.calibration import build_objective
 
-        return prepared(self.twins, self.recordings, **self.told)
+        return build_objective(self.twins, self.recordings, **self.told)
 
     def tried(self, method: Any, rates: Sequence[float]) -> "LearningRates":
         """What each learning rate leads to."""

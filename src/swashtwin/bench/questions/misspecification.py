@@ -179,7 +179,7 @@ def _values(case: _Case, wrong: Wrong, nuisances: Nuisances) -> dict[str, float]
     twin = wrong.twin(study_twin())
     used, held_out = wrong.recording(case.used), wrong.recording(case.held_out)
     try:
-        found = calibrate(twin, [used], method=GaussNewton(starts=2), nuisances=nuisances)
+        found = calibrate(twin, [used], method=GaussNewton(starts=2), nuisances=nuisances, phases=False)
     except SwashTwinError as refusal:
         return {"warned": 1.0, "named": _named(wrong, (str(refusal),))}
     measurement = measure(twin, [held_out])

@@ -120,7 +120,12 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
     assert healthy[0].condition is not None
     twin = Twin(load_pump("25scy14-1b"), healthy[0].condition)
     known = calibrate(
-        twin, healthy[:-1], method=GaussNewton(), nuisances=Nuisances.usual(), band=SeveritySettings().band
+        twin,
+        healthy[:-1],
+        method=GaussNewton(),
+        nuisances=Nuisances.usual(),
+        phases=False,
+        band=SeveritySettings().band,
     )
     cases: list[_Case] = []
     for kind, typical in TRENDS.items():

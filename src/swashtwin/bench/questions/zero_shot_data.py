@@ -199,7 +199,7 @@ def _calibrated(
 ) -> Calibration:
     named = replace(settings.pump, name=f"{settings.pump.name} ({pump})")
     twins = [Twin(named, condition) for condition in conditions]
-    return calibrate(twins, known, method=settings.method, nuisances=settings.nuisances, seed=seed)
+    return calibrate(twins, known, method=settings.method, nuisances=settings.nuisances, phases=False, seed=seed)
 
 
 def _twins(kind: str, calibration: Calibration, count: int, seed: int) -> list[Twin]:

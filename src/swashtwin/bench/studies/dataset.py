@@ -48,7 +48,9 @@ class CalibrationTask:
 def carry_out_calibration(task: CalibrationTask) -> Calibration:
     """The calibration."""
     torch.set_num_threads(1)
-    return calibrate(task.twins, task.recordings, method=task.method, nuisances=task.nuisances, seed=task.seed)
+    return calibrate(
+        task.twins, task.recordings, method=task.method, nuisances=task.nuisances, phases=False, seed=task.seed
+    )
 
 
 def kept_calibration(out: Path | None, key: str) -> Calibration | None:

@@ -21,13 +21,15 @@ from swashtwin.calibration.fleet.population import (
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.methods.search import Calibrator, Search, one_thread
 from swashtwin.calibration.objective.measurement import agreeing
+from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective
 from swashtwin.calibration.objective.unknowns import Nuisances
-from swashtwin.calibration.procedure import concluded, prepared, settings_of
+from swashtwin.calibration.procedure import build_objective, build_result, settings_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.identifiability_report import Estimate, estimates_of, posterior_covariance
 from swashtwin.foundation import DataError, InputError
 from swashtwin.physics import Twin
+from swashtwin.pump import Fault, Pump
 from swashtwin.recordings import Recording
 
 MOST_ROUNDS = 12
@@ -133,9 +135,10 @@ class _Member:
 
 
 def calibrate_fleet(
-    twin: Twin | Sequence[Twin],
+    pump: str | Pump | Twin | Sequence[Twin],
     recordings: Iterable[Recording],
     *,
+    fault: Fault | None = None,
     method: Calibrator | None = None,
     seed: int = 0,
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
@@ -155,10 +158,11 @@ def calibrate_fleet(
 
     Parameters
     ----------
-    twin : of any of the pumps; several that differ in condition only are used together, as far as a specimen was
-        measured at their conditions.
+    pump : type of all pumps, or its name; or a twin, or several that differ in condition only. A specimen uses those
+        at whose conditions it was measured.
     recordings : of all specimens, told apart by `Recording.specimen`; those that do not agree with the twin are left
         out, as in `calibrate`.
+    fault : what all pumps had; None is healthy pumps.
     method : of the first search of each specimen; `GaussNewton` by default.
     bounds, band, nuisances, phases : as in `calibrate`. Nuisances are coordinates as the values are: each has a mean
         over the type and a spread.
@@ -175,11 +179,11 @@ def calibrate_fleet(
     if not spread_width > 0:
         raise InputError(f"spread_width ({spread_width:g}) must be positive.")
     method = GaussNewton() if method is None else method
-    twins = [twin] if isinstance(twin, Twin) else list(twin)
-    used, left_out = _by_specimen(twins, recordings)
+    recordings = list(recordings)
+    used, left_out = _by_specimen(starting_twins(pump, recordings, fault), recordings)
     members = {}
     for name, (own, some) in used.items():
-        objective = prepared(own, some, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
+        objective = build_objective(own, some, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
         members[name] = _alone(own, objective, method, seed)
     names_shared([one.objective.unknowns for one in members.values()])
     with one_thread():
@@ -260,4 +264,6 @@ def _concluded(
     known = replace(member.objective, unknowns=population.prior_of(member.objective.unknowns))
     covariance = covariance_within(member.evidence, population, shared, known.unknowns.deviation)
     settings = {**settings_of(method, known, seed), "prior": f"population of {', '.join(population.specimens)}"}
-    return concluded(known, member.twins[0], member.found, covariance, method=method, settings=settings, wall_s=wall_s)
+    return build_result(
+        known, member.twins[0], member.found, covariance, method=method, settings=settings, wall_s=wall_s
+    )

@@ -14,6 +14,7 @@ from swashtwin.calibration.objective.plausibility import refuse_other_speed
 from swashtwin.calibration.objective.usability import clipping_note, level_notes, lines_of
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, refuse_unfit
 from swashtwin.signals import OrderSpectrum
 
@@ -166,13 +167,20 @@ def _disagreement(twin: Twin, recording: Recording) -> str | None:
         return f"the recording's label is {recording.label}, the twin's {twin.label}"
     if recording.condition is None:
         return "the recording has no operating condition"
-    own, wanted = recording.condition, twin.condition
-    if abs(own.speed / wanted.speed - 1) > SPEED_TOLERANCE:
-        return f"the recording is at {_rpm(own.speed)} rev/min, the twin at {_rpm(wanted.speed)} rev/min"
-    if abs(own.discharge_pressure / wanted.discharge_pressure - 1) > PRESSURE_TOLERANCE:
-        pressures = own.discharge_pressure / 1e6, wanted.discharge_pressure / 1e6
-        return f"the recording is at {pressures[0]:.4g} MPa, the twin at {pressures[1]:.4g} MPa"
-    return None
+    measured, simulated = recording.condition, twin.condition
+    if is_same_point(measured, simulated):
+        return None
+    if abs(measured.speed / simulated.speed - 1) > SPEED_TOLERANCE:
+        return f"the recording is at {_rpm(measured.speed)} rev/min, the twin at {_rpm(simulated.speed)} rev/min"
+    pressures = measured.discharge_pressure / 1e6, simulated.discharge_pressure / 1e6
+    return f"the recording is at {pressures[0]:.4g} MPa, the twin at {pressures[1]:.4g} MPa"
+
+
+def is_same_point(condition: OperatingCondition, reference: OperatingCondition) -> bool:
+    """Whether both are so near that lines of one can be compared with those of the other."""
+    speed = condition.speed / reference.speed
+    pressure = condition.discharge_pressure / reference.discharge_pressure
+    return abs(speed - 1) <= SPEED_TOLERANCE and abs(pressure - 1) <= PRESSURE_TOLERANCE
 
 
 def _rpm(speed: float) -> str:

@@ -1,0 +1,104 @@
+"""What `calibrate` makes of a pump's name and of recordings that state their operating points."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from twin_recordings import DAMPER, SIX_VALUES, recording_of
+
+from swashtwin.calibration import PAPER_CALIBRATION, GaussNewton, calibrate, calibrate_fleet
+from swashtwin.foundation import DataError, InputError, MPa, mm, rpm
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.recordings import Recording
+
+QUICK = GaussNewton(starts=1, most_iterations=4)
+
+
+def healthy_recording(pump: Pump, pressure: float, *, speed: float = 860.0, seed: int = 0) -> Recording:
+    """Recording of a pump of other values than the nominal ones at that pressure [MPa] and speed [rev/min]."""
+    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(pressure))
+    recording = recording_of(Twin(pump, condition, bandwidth=2600), DAMPER, seed=seed)
+    return replace(recording, recording_id=f"healthy-{seed}")
+
+
+@pytest.fixture(scope="module")
+def recordings(pump: Pump) -> list[Recording]:
+    """Two recordings near 10 MPa, one at 15 MPa."""
+    points = [(10.0, 860.0), (15.0, 860.0), (10.2, 862.0)]
+    return [healthy_recording(pump, p, speed=n, seed=seed) for seed, (p, n) in enumerate(points)]
+
+
+def test_a_name_and_recordings_are_enough(recordings: list[Recording]) -> None:
+    calibration = calibrate("25scy14-1b", recordings, seed=1)
+    assert calibration.method == "GaussNewton"
+    assert calibration.settings["phases"]
+    assert len(calibration.posterior.unknowns) == 6 + 4 + 3 + 2 + 2 + 6
+    assert calibration.left_out == ()
+    pressures = [fit.condition.discharge_pressure for fit in calibration.fits]
+    assert pressures == pytest.approx([MPa(10.1), MPa(15)])
+    assert calibration.fits[0].condition.speed == pytest.approx(rpm(861))
+    true = calibration.nominal.values.numpy() * DAMPER
+    for estimate, value in zip(calibration.estimates, true, strict=True):
+        assert estimate.interval[0] < value < estimate.interval[1]
+
+
+def test_twins_and_a_pump_at_the_same_conditions_give_the_same_bits(pump: Pump, recordings: list[Recording]) -> None:
+    conditions = [recording.condition for recording in recordings[:2]]
+    twins = [Twin(pump, condition) for condition in conditions if condition is not None]
+    settings = {"method": QUICK, **SIX_VALUES}
+    by_pump, by_twins = (calibrate(start, recordings[:2], **settings) for start in (pump, twins))
+    np.testing.assert_array_equal(by_pump.posterior.point, by_twins.posterior.point)
+
+
+def test_recordings_of_another_class_are_left_out(pump: Pump, recordings: list[Recording]) -> None:
+    worn = replace(recordings[0], recording_id="worn", label="swash_plate")
+    calibration = calibrate(pump, [worn, recordings[1]], method=QUICK, **SIX_VALUES)
+    assert calibration.recording_ids == ("healthy-1",)
+    assert calibration.left_out == (("worn", "the recording's label is swash_plate, the twin's normal"),)
+
+
+def test_recordings_of_a_fault_are_calibrated_with_that_fault(pump: Pump) -> None:
+    fault = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
+    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    recording = recording_of(Twin(pump, condition, fault, bandwidth=2600))
+    calibration = calibrate(pump, [recording], fault=fault, method=QUICK, **SIX_VALUES)
+    assert calibration.twin.fault == fault
+    with pytest.raises(DataError, match=r"no recording is labeled 'normal' \(labels: swash_plate\).* give fault="):
+        calibrate(pump, [recording])
+    with pytest.raises(InputError, match="fault= belongs to a pump"):
+        calibrate(Twin(pump, condition), [recording], fault=fault)
+
+
+def test_recordings_without_a_condition_are_refused_with_the_way_to_give_it(recordings: list[Recording]) -> None:
+    unstated = replace(recordings[0], recording_id="unstated", condition=None)
+    with pytest.raises(DataError, match=r'unstated states no operating condition.* such as "860 rpm" and "10 MPa"'):
+        calibrate("25scy14-1b", [unstated])
+    calibration = calibrate("25scy14-1b", [unstated, recordings[1]], method=QUICK, **SIX_VALUES)
+    assert calibration.left_out == (("unstated", "the recording has no operating condition"),)
+
+
+def test_what_cannot_be_calibrated_is_refused_before_a_recording_is_measured(recordings: list[Recording]) -> None:
+    broken = replace(recordings[0], signal=np.full((3, 9000), np.nan))
+    for options, message in (
+        ({"bounds": 0.5}, "must be a factor above 1"),
+        ({"resume": True}, "needs checkpoint="),
+        ({"checkpoint": "search.safetensors"}, "GaussNewton keeps no checkpoint"),
+    ):
+        with pytest.raises(InputError, match=message):
+            calibrate("25scy14-1b", [broken], **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="there is none"):
+        calibrate([], recordings)
+    with pytest.raises(DataError, match="no recording was given"):
+        calibrate("25scy14-1b", [])
+
+
+def test_the_papers_way_is_one_word_away() -> None:
+    assert dict(PAPER_CALIBRATION).keys() == {"method", "nuisances", "phases"}
+    assert type(PAPER_CALIBRATION["method"]).__name__ == "IPINN"
+
+
+def test_a_fleet_starts_from_a_pumps_name_too(recordings: list[Recording]) -> None:
+    members = [replace(recording, specimen=name) for recording, name in zip(recordings[::2], "AB", strict=True)]
+    fleet = calibrate_fleet("25scy14-1b", members, method=QUICK)
+    assert list(fleet.calibrations) == ["A", "B"]

@@ -2,12 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swashtwin.foundation import InputError, MPa, celsius, rpm
-from swashtwin.pump import OperatingCondition
+from swashtwin.pump import OperatingCondition, group_by_condition, merge_close_values, values_match
 
 
 @given(turns=st.floats(1, 7999))
@@ -51,3 +52,36 @@ def test_no_value_of_a_condition_is_zero_negative_or_infinite(
 ) -> None:
     with pytest.raises(InputError, match=f"{name} .* must be a positive number"):
         at_15.replaced(**{name: value})
+
+
+def test_conditions_match_within_the_tolerances(at_15: OperatingCondition) -> None:
+    assert at_15.matches(at_15.replaced(speed=at_15.speed * 1.019, discharge_pressure=MPa(15.9)))
+    assert not at_15.matches(at_15.replaced(speed=at_15.speed * 1.03))
+    assert not at_15.matches(at_15.replaced(discharge_pressure=MPa(16.1)))
+    assert at_15.matches(at_15.replaced(discharge_pressure=MPa(16.1)), pressure=0.1)
+    assert at_15.matches(at_15.replaced(oil_temperature=celsius(60)))
+
+
+@given(
+    a=st.floats(1e5, 2e8),
+    b=st.floats(1e5, 2e8),
+    tolerance=st.floats(0, 0.2),
+)
+def test_values_match_in_either_order(a: float, b: float, tolerance: float) -> None:
+    assert values_match(a, b, tolerance) == values_match(b, a, tolerance)
+    assert values_match(a, a, tolerance)
+
+
+def test_an_unstated_value_matches_only_an_unstated_one() -> None:
+    assert values_match(math.nan, math.nan, 0.1)
+    assert not values_match(math.nan, 1.0, 0.1)
+    merged = merge_close_values(np.array([2.0, math.nan, 1.0]), 0.1)
+    np.testing.assert_array_equal(merged, [2.0, math.nan, 1.0])
+    assert merge_close_values(np.array([]), 0.1).size == 0
+
+
+def test_conditions_are_grouped_by_pressure_and_speed(at_15: OperatingCondition) -> None:
+    fast = at_15.replaced(speed=2 * at_15.speed)
+    conditions = [fast, at_15, at_15.replaced(discharge_pressure=MPa(10)), at_15.replaced(discharge_pressure=MPa(14.8))]
+    assert group_by_condition(conditions) == [[2], [1, 3], [0]]
+    assert group_by_condition([]) == []

@@ -11,10 +11,11 @@ import numpy as np
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FittedClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording, StoredRecording
 
-CLOSE = 0.05
-"""Relative difference up to which a pressure or speed counts as one that was trained at."""
+_SPEED_TOLERANCE = 0.05
+"""Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
 
@@ -149,12 +150,12 @@ def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording)
     condition = recording.condition
     if condition is None:
         return notes
-    if _is_new(condition.discharge_pressure, classifier.pressures):
+    if _is_new(condition.discharge_pressure, classifier.pressures, PRESSURE_TOLERANCE):
         trained = _listed([pressure / 1e6 for pressure in classifier.pressures])
         notes.append(
             f"Discharge pressure {condition.discharge_pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
         )
-    if _is_new(condition.speed, classifier.speeds):
+    if _is_new(condition.speed, classifier.speeds, _SPEED_TOLERANCE):
         trained = _listed([speed * 30 / math.pi for speed in classifier.speeds])
         notes.append(f"Speed {condition.speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
     if classifier.length / classifier.sample_rate < condition.period * (1 - 1e-9):
@@ -162,8 +163,8 @@ def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording)
     return notes
 
 
-def _is_new(value: float, trained: tuple[float, ...]) -> bool:
-    return bool(trained) and all(not math.isclose(value, known, rel_tol=CLOSE) for known in trained)
+def _is_new(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
+    return bool(trained) and not values_match(value, np.array(trained), tolerance).any()
 
 
 def _listed(values: list[float]) -> str:

@@ -4,7 +4,12 @@ from .catalog import SECTIONS as SECTIONS
 from .catalog import available_pumps as available_pumps
 from .catalog import load_pump as load_pump
 from .catalog import new_pump as new_pump
+from .condition import PRESSURE_TOLERANCE as PRESSURE_TOLERANCE
+from .condition import SPEED_TOLERANCE as SPEED_TOLERANCE
 from .condition import OperatingCondition as OperatingCondition
+from .condition import group_by_condition as group_by_condition
+from .condition import merge_close_values as merge_close_values
+from .condition import values_match as values_match
 from .faults import CLASSES as CLASSES
 from .faults import BoreDefect as BoreDefect
 from .faults import DamScratch as DamScratch
@@ -33,7 +38,9 @@ __all__ = [
     "FAULT_KINDS",
     "LETTERS",
     "PARAMETERS",
+    "PRESSURE_TOLERANCE",
     "SECTIONS",
+    "SPEED_TOLERANCE",
     "Bearings",
     "BoreDefect",
     "DamScratch",
@@ -52,8 +59,11 @@ __all__ = [
     "ValvePlateWear",
     "available_pumps",
     "canonical_label",
+    "group_by_condition",
     "load_pump",
+    "merge_close_values",
     "new_pump",
     "read_condition",
     "read_fault",
+    "values_match",
 ]

@@ -1,9 +1,19 @@
 """Under which speed, pressures and oil temperature a pump runs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from swashtwin.foundation import InputError
+
+SPEED_TOLERANCE = 0.02
+"""Relative difference up to which two speeds belong to the same operating point: the slip of a motor under load."""
+PRESSURE_TOLERANCE = 0.06
+"""Relative difference up to which two discharge pressures belong to the same operating point: a relief valve holds
+what was set within some percent."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +75,82 @@ class OperatingCondition:
         """Time of one revolution [s]."""
         return 1 / self.shaft_frequency
 
+    def matches(
+        self, other: "OperatingCondition", *, speed: float = SPEED_TOLERANCE, pressure: float = PRESSURE_TOLERANCE
+    ) -> bool:
+        """Whether two conditions are the same operating point: their speeds and discharge pressures agree.
+
+        Parameters
+        ----------
+        speed : relative difference of the speeds up to which they agree.
+        pressure : relative difference of the discharge pressures up to which they agree.
+
+        Examples
+        --------
+        >>> from swashtwin.foundation.units import MPa, rpm
+        >>> condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+        >>> condition.matches(condition.replaced(speed=rpm(850), discharge_pressure=MPa(14.5)))
+        True
+        >>> condition.matches(condition.replaced(speed=rpm(850)), speed=0.01)
+        False
+        """
+        return bool(
+            values_match(self.speed, other.speed, speed)
+            and values_match(self.discharge_pressure, other.discharge_pressure, pressure)
+        )
+
     def replaced(self, **changes: float) -> "OperatingCondition":
         """The same condition with some values changed."""
         return replace(self, **changes)
+
+
+def values_match(
+    a: float | Float[np.ndarray, " n"], b: float | Float[np.ndarray, " n"], tolerance: float
+) -> np.bool_ | Bool[np.ndarray, " n"]:
+    """Whether two speeds, or two pressures, differ by at most `tolerance` of the larger; NaN matches NaN only.
+
+    `OperatingCondition.matches` in terms of single values, for callers that hold a part of a condition.
+    """
+    are_close = np.abs(np.subtract(a, b)) <= tolerance * np.maximum(np.abs(a), np.abs(b))
+    return are_close | (np.isnan(a) & np.isnan(b))
+
+
+def merge_close_values(values: Float[np.ndarray, " n"], tolerance: float) -> Float[np.ndarray, " n"]:
+    """Speeds or pressures with one level per operating point: each is replaced by the mean of its run of close values.
+
+    Sorted values that follow each other within `tolerance` of the larger form a run; NaN stays NaN.
+
+    Examples
+    --------
+    >>> merge_close_values(np.array([15e6, 10.1e6, 9.9e6]), 0.06).tolist()
+    [15000000.0, 10000000.0, 10000000.0]
+    """
+    levels = np.full(values.shape, np.nan)
+    stated = ~np.isnan(values)
+    if stated.any():
+        distinct, index = np.unique(values[stated], return_inverse=True)
+        run = np.concatenate(([0], np.cumsum(~values_match(distinct[1:], distinct[:-1], tolerance))))
+        levels[stated] = (np.bincount(run, weights=distinct) / np.bincount(run))[run][index]
+    return levels
+
+
+def group_by_condition(
+    conditions: Sequence[OperatingCondition], *, speed: float = SPEED_TOLERANCE, pressure: float = PRESSURE_TOLERANCE
+) -> list[list[int]]:
+    """Indices of the conditions of each operating point, by ascending discharge pressure, then speed.
+
+    Conditions that follow each other within the tolerances of `OperatingCondition.matches` are the same point.
+
+    Examples
+    --------
+    >>> from swashtwin.foundation.units import MPa, rpm
+    >>> conditions = [OperatingCondition(rpm(860), MPa(value)) for value in (15, 10, 14.9)]
+    >>> group_by_condition(conditions)
+    [[1], [0, 2]]
+    """
+    pressures = merge_close_values(np.array([c.discharge_pressure for c in conditions]), pressure)
+    speeds = merge_close_values(np.array([c.speed for c in conditions]), speed)
+    points: dict[tuple[float, float], list[int]] = {}
+    for index, point in enumerate(zip(pressures.tolist(), speeds.tolist(), strict=True)):
+        points.setdefault(point, []).append(index)
+    return [points[point] for point in sorted(points)]

@@ -8,7 +8,6 @@ from .duplicates import drawn_from as drawn_from
 from .fidelity import copied_share as copied_share
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import spectral_distance as spectral_distance
-from .filler import CELL_WIDTH as CELL_WIDTH
 from .filler import Filler as Filler
 from .filler import filled_cell as filled_cell
 from .filler import in_cell as in_cell
@@ -30,7 +29,6 @@ from .variation import drawn as drawn
 
 __all__ = [
     "ADASYN",
-    "CELL_WIDTH",
     "DEFAULT_VARIATION",
     "SMOTE",
     "Background",

@@ -8,9 +8,7 @@ from jaxtyping import Float, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
-
-CELL_WIDTH = 0.06
-"""How far from a cell's pressure a measured window of it may lie, relative: no plant holds its pressure quite."""
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 
 
 @runtime_checkable
@@ -43,9 +41,8 @@ class Filler(Protocol):
 
 
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
-    """Mask of the measured windows of `label` within 6 % of `pressure` [Pa], or, for NaN, without a known pressure."""
-    found = windows.discharge_pressure
-    near = np.isnan(found) if math.isnan(pressure) else np.abs(found / pressure - 1) < CELL_WIDTH
+    """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known pressure."""
+    near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
     return ~windows.synthetic & (windows.label == label) & near
 
 

@@ -20,7 +20,7 @@ from swashtwin.calibration import Calibration, Calibrator, GaussNewton, Nuisance
 from swashtwin.foundation import DataError, derive_seed, stream
 from swashtwin.learning import TrainingSettings, WindowSet
 from swashtwin.physics import Twin
-from swashtwin.pump import CLASSES, OperatingCondition, Pump, load_pump
+from swashtwin.pump import CLASSES, OperatingCondition, Pump, group_by_condition, load_pump
 from swashtwin.recordings import Recording
 
 NOMINAL, PRIOR, CALIBRATED, POSTERIOR = "nominal", "prior draws", "calibrated", "posterior draws"
@@ -182,12 +182,10 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
 
 
 def _conditions(recordings: Sequence[Recording]) -> list[OperatingCondition]:
-    """One condition for each discharge pressure."""
-    found = {round(r.condition.discharge_pressure, -4): r.condition for r in recordings if r.condition is not None}
-    return [
-        OperatingCondition(speed=found[pressure].speed, discharge_pressure=found[pressure].discharge_pressure)
-        for pressure in sorted(found)
-    ]
+    """Speed and discharge pressure of each operating point."""
+    stated = [recording.condition for recording in recordings if recording.condition is not None]
+    conditions = [stated[group[-1]] for group in group_by_condition(stated)]
+    return [OperatingCondition(condition.speed, condition.discharge_pressure) for condition in conditions]
 
 
 def _calibrated(

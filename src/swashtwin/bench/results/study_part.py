@@ -19,6 +19,7 @@ from swashtwin.bench.results.study_figures import (
     training_drawing,
 )
 from swashtwin.learning import LEVELS
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.report import (
     Bullets,
     Cell,
@@ -270,7 +271,7 @@ def _extrapolated(study: StudyResult) -> tuple[str, ...]:
     return tuple(
         f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {wanted / 1e6:.3g} MPa."
         for name, pressure in found
-        if isinstance(wanted, float) and not math.isclose(pressure, wanted, rel_tol=0.06)
+        if isinstance(wanted, float) and not values_match(pressure, wanted, PRESSURE_TOLERANCE)
     )
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FeatureTable, WindowSet
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.signals import band_limited
 
 Extractor = Callable[[WindowSet], FeatureTable]
@@ -193,7 +194,7 @@ class AgainstHealthy:
             windows.specimen.tolist(), windows.cell_pressure.tolist(), windows.recording_id.tolist(), strict=True
         )
         for index, (specimen, pressure, recording) in enumerate(places):
-            own = self.reference.get((specimen, pressure))
+            own = self._healthy(specimen, pressure)
             if own is None:
                 raise DataError(
                     f"{recording}: no healthy recording of {specimen or 'its machine'} at {pressure / 1e6:g} MPa to "
@@ -205,6 +206,12 @@ class AgainstHealthy:
                 medians[key] = own.median(known)
             values[index] -= medians[key]
         return FeatureTable(values, table.names)
+
+    def _healthy(self, specimen: str, pressure: float) -> _Healthy | None:
+        for (other, stated), healthy in self.reference.items():
+            if other == specimen and values_match(pressure, stated, PRESSURE_TOLERANCE):
+                return healthy
+        return None
 
 
 def against_healthy(extract: Extractor, healthy: WindowSet) -> AgainstHealthy:

@@ -1,13 +1,13 @@
 """Recordings in the cells of a study's plan, and as many windows of each as it asks for."""
 
-import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from swashtwin.foundation import DataError
 from swashtwin.learning import WindowSet, cut_windows
-from swashtwin.pump import CLASSES
+from swashtwin.pump import CLASSES, PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings import Recording
-from swashtwin.synthesis import CELL_WIDTH
 
 
 def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list[Recording]]:
@@ -22,31 +22,18 @@ def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list
     DataError
         A recording does not say what it is of.
     """
-    pressure = _set_pressures(recordings)
+    recordings = sorted(recordings, key=lambda r: r.recording_id)
     cells: dict[tuple[str, str, float], list[Recording]] = {}
-    for recording in sorted(recordings, key=lambda r: r.recording_id):
+    for recording in recordings:
         if recording.label is None or recording.specimen is None or recording.condition is None:
             raise DataError(
                 f"{recording.recording_id}: {study} needs label, specimen, speed and discharge_pressure of every "
                 "recording; write them into the index."
             )
-        cells.setdefault((recording.specimen, recording.label, pressure[recording.recording_id]), []).append(recording)
+    stated = np.array([r.condition.discharge_pressure for r in recordings if r.condition is not None])
+    for recording, pressure in zip(recordings, merge_close_values(stated, PRESSURE_TOLERANCE), strict=True):
+        cells.setdefault((str(recording.specimen), str(recording.label), float(pressure)), []).append(recording)
     return list(cells.values())
-
-
-def _set_pressures(recordings: Sequence[Recording]) -> dict[str, float]:
-    """Pressure that each recording is counted at [Pa], by its id: the lowest of those that follow one another closely.
-
-    A plant holds what was set to some percent, and an index may say what was measured.
-    """
-    stated = {r.recording_id: r.condition.discharge_pressure for r in recordings if r.condition is not None}
-    found: dict[str, float] = {}
-    lowest = before = -math.inf
-    for name, pressure in sorted(stated.items(), key=lambda entry: entry[1]):
-        if pressure > before * (1 + CELL_WIDTH):
-            lowest = pressure
-        found[name], before = lowest, pressure
-    return found
 
 
 def classes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate,
 from swashtwin.foundation import DataError
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
-from swashtwin.pump import OperatingCondition
+from swashtwin.pump import OperatingCondition, group_by_condition
 from swashtwin.recordings import Recording
 
 
@@ -252,11 +252,12 @@ def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> W
 def _calibration_task(
     specimen: str, label: str, known: Sequence[Recording], scenario: Scenario, seed: int
 ) -> CalibrationTask:
-    conditions = {round(r.condition.discharge_pressure, -4): r.condition for r in known if r.condition is not None}
+    stated = [recording.condition for recording in known if recording.condition is not None]
+    conditions = [stated[group[-1]] for group in group_by_condition(stated)]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
     if label == "normal":
-        twins = tuple(Twin(pump, conditions[pressure]) for pressure in sorted(conditions))
+        twins = tuple(Twin(pump, condition) for condition in conditions)
     else:
-        nearest = min(conditions.values(), key=lambda c: abs(c.discharge_pressure - scenario.pressure))
+        nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
         twins = (Twin(pump, nearest, scenario.faults[label][0]),)
     return CalibrationTask(specimen, label, twins, tuple(known), scenario.method, scenario.nuisances, seed)

@@ -18,9 +18,9 @@ from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.bench.studies.training_sets import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import CELL_WIDTH
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
         for cell in scores.cells
         if cell.label in scenario.scarce
         and cell.discharge_pressure is not None
-        and abs(cell.discharge_pressure / scenario.pressure - 1) < CELL_WIDTH
+        and values_match(cell.discharge_pressure, scenario.pressure, PRESSURE_TOLERANCE)
     ]
     return float(np.mean(cells)) if cells else math.nan
 

@@ -18,10 +18,9 @@ from swashtwin.bench.studies.cells import recordings_by_cell
 from swashtwin.bench.studies.twin_draws import RIG_FAULTS
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
 from swashtwin.foundation import DataError, InputError, MPa, mm, stream
-from swashtwin.pump import Fault, Pump, SwashPlateDefect, load_pump
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, Pump, SwashPlateDefect, load_pump, values_match
 from swashtwin.recordings import Recording
 from swashtwin.signals import piston_pass_angle, resampled_by_angle
-from swashtwin.synthesis import CELL_WIDTH
 
 MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
     {**RIG_FAULTS, "swash_plate": (SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),)}
@@ -108,7 +107,9 @@ class Scenario:
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
         condition = recording.condition
-        return condition is not None and abs(condition.discharge_pressure / self.pressure - 1) < CELL_WIDTH
+        return condition is not None and bool(
+            values_match(condition.discharge_pressure, self.pressure, PRESSURE_TOLERANCE)
+        )
 
     def is_scarce(self, recording: Recording) -> bool:
         """Whether a recording lies in a scarce cell."""

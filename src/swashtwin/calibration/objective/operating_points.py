@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from swashtwin.calibration.objective.measurement import is_same_point
+from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE
 from swashtwin.foundation import DataError, InputError
 from swashtwin.physics import Twin
-from swashtwin.pump import Fault, OperatingCondition, Pump, load_pump
+from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, load_pump
 from swashtwin.recordings import Recording
 
 
@@ -56,14 +56,8 @@ def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> l
             f"{labeled[0].recording_id} states no operating condition, nor does any other {label} recording; add speed "
             'and discharge pressure, such as "860 rpm" and "10 MPa", to the index file.'
         )
-    groups: list[list[OperatingCondition]] = []
-    for condition in sorted(conditions, key=lambda condition: (condition.speed, condition.discharge_pressure)):
-        group = next((group for group in groups if is_same_point(condition, group[0])), None)
-        if group is None:
-            groups.append([condition])
-        else:
-            group.append(condition)
-    return [_mean(group) for group in groups]
+    groups = group_by_condition(conditions, speed=LINE_SPEED_TOLERANCE)
+    return [_mean([conditions[index] for index in group]) for group in groups]
 
 
 def _mean(conditions: Sequence[OperatingCondition]) -> OperatingCondition:

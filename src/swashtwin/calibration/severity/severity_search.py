@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.calibration.methods.search import one_thread
-from swashtwin.calibration.objective.measurement import PRESSURE_TOLERANCE, Lines, Measurement, agreeing, measure
+from swashtwin.calibration.objective.measurement import Lines, Measurement, agreeing, measure
 from swashtwin.calibration.objective.search_space import search_space
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, unknowns_of
@@ -21,7 +21,7 @@ from swashtwin.calibration.uncertainty.identifiability_report import IDENTIFIED_
 from swashtwin.calibration.uncertainty.profile_likelihood import interval_of, walk
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin, carry_over
-from swashtwin.pump import Fault, OperatingCondition
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording
 
 TRADED = 0.7
@@ -357,7 +357,7 @@ def _recording_notes(known: Calibration | Twin, recording: Recording, misfit: fl
     if isinstance(known, Calibration):
         pressure = recording.condition.discharge_pressure
         calibrated = [fit.condition.discharge_pressure for fit in known.fits]
-        if all(abs(pressure / one - 1) > PRESSURE_TOLERANCE for one in calibrated):
+        if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
             at = ", ".join(f"{one / 1e6:.4g}" for one in calibrated)
             yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
     if misfit > 2:

@@ -38,7 +38,7 @@ class CellScore:
     label: str
     """Class."""
     discharge_pressure: float | None
-    """Discharge pressure [Pa], rounded to 0.01 MPa; None where it is not known."""
+    """Discharge pressure [Pa], of the operating point; None where none is stated."""
     n_windows: int
     """Test windows in the cell."""
     recall: float

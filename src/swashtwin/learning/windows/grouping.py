@@ -10,13 +10,14 @@ from jaxtyping import Float, Shaped
 
 from swashtwin.foundation import DataError, InputError, LeakError, UnitError, parse
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings import Recording, StoredRecording, stated_speed
 
 GROUPS = ("recording", "specimen", "condition")
 """What every set can be grouped by: each is a level of generalization (L2, L4, L3)."""
-SAME_CONDITION = 0.03
-"""Speeds, and pressures, that lie no further apart than this share of themselves are one: joined wrongly they make a
-test harder, parted wrongly they make it leak."""
+_SPEED_TOLERANCE = 0.03
+"""Relative difference of speeds of the same condition: more than elsewhere, since conditions that are joined wrongly
+make a test harder, and conditions that are separated wrongly make it leak."""
 
 
 def require_measured(windows: WindowSet) -> None:
@@ -107,7 +108,7 @@ def stated_pressure(recording: Recording | StoredRecording) -> float:
 
 
 def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]) -> list[str]:
-    """Name of each condition; values that follow each other within `SAME_CONDITION` are one.
+    """Name of each condition; speeds, and pressures, that follow each other closely are the same.
 
     Parameters
     ----------
@@ -116,7 +117,10 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
     pressure : discharge pressure [Pa], NaN where not stated.
     """
     parts = []
-    for fact, values, scale, unit in (("speed", speed, 30 / math.pi, "rev/min"), ("pressure", pressure, 1e-6, "MPa")):
+    for fact, values, tolerance, scale, unit in (
+        ("speed", speed, _SPEED_TOLERANCE, 30 / math.pi, "rev/min"),
+        ("pressure", pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
+    ):
         unknown = np.isnan(values)
         if unknown.all():
             continue
@@ -125,21 +129,13 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
                 f"{ids[int(np.flatnonzero(unknown)[0])]} states no {fact} and {ids[int(np.flatnonzero(~unknown)[0])]} "
                 f"does, so nobody can say whether their conditions are one; complete the index."
             )
-        parts.append([f"{level * scale:.4g} {unit}" for level in _levels(values)])
+        parts.append([f"{level * scale:.4g} {unit}" for level in merge_close_values(values, tolerance)])
     if not parts:
         raise DataError(
             f"{ids[0]} has no condition written down (no speed, no discharge_pressure), nor has any other, so they "
             "cannot be split by it; add speed to the index."
         )
     return [", ".join(part) for part in zip(*parts, strict=True)]
-
-
-def _levels(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Middle of the run of neighboring values that each belongs to."""
-    known, place = np.unique(values, return_inverse=True)
-    run = np.concatenate(([0], np.cumsum(np.diff(known) > SAME_CONDITION * np.abs(known[1:]))))
-    middle = np.bincount(run, weights=known) / np.bincount(run)
-    return middle[run][place]
 
 
 def _unknown_group(recordings: Sequence[Recording | StoredRecording], group: str) -> str:

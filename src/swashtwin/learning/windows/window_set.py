@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,8 @@ class WindowSet:
     def counts(self) -> dict[tuple[str, float | None], int]:
         """Number of windows in each cell (class, discharge pressure [Pa]), empty cells included.
 
-        The pressure is rounded to 0.01 MPa, and None where it is not known. An empty cell is a missing condition.
+        Pressures of the same operating point share a cell; None stands where none is stated. An empty cell is a
+        missing condition.
         """
         cells = {(name, pressure): 0 for name in self.classes for pressure in sorted_pressures(self.cell_pressure)}
         known = self.target >= 0
@@ -146,8 +148,8 @@ class WindowSet:
 
     @property
     def cell_pressure(self) -> Float[np.ndarray, " window"]:
-        """Discharge pressure rounded to 0.01 MPa [Pa], by which cells are counted; NaN where not known."""
-        return np.round(self.discharge_pressure / 1e4) * 1e4
+        """Discharge pressure [Pa] of each window's operating point, the key of its cell; NaN where not stated."""
+        return merge_close_values(self.discharge_pressure, PRESSURE_TOLERANCE)
 
     def require_labels(self, purpose: str) -> None:
         """Raise a `DataError` that names a recording without a class, if there is one."""

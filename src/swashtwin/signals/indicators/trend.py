@@ -13,11 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
 from swashtwin.signals.indicators.registry import Indicator
 from swashtwin.signals.indicators.table import IndicatorTable, Row
-
-SPEED_TOLERANCE, PRESSURE_TOLERANCE = 0.02, 0.05
-"""How far, relative, a recording's speed and pressure may lie from another's at the same operating point."""
 
 LEAST_HEALTHY = 5
 """Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie 5 spreads off."""
@@ -191,12 +189,6 @@ def _point(
 def _same_point(a: Row, b: Row) -> bool:
     return (
         a.specimen == b.specimen
-        and _near(a.speed, b.speed, SPEED_TOLERANCE)
-        and _near(a.pressure, b.pressure, PRESSURE_TOLERANCE)
+        and bool(values_match(a.speed, b.speed, SPEED_TOLERANCE))
+        and bool(values_match(a.pressure, b.pressure, PRESSURE_TOLERANCE))
     )
-
-
-def _near(a: float, b: float, tolerance: float) -> bool:
-    if math.isnan(a) or math.isnan(b):
-        return math.isnan(a) and math.isnan(b)
-    return abs(a - b) <= tolerance * max(abs(a), abs(b))

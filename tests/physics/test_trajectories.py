@@ -104,7 +104,7 @@ def test_a_batch_of_recursions_gives_the_bits_of_its_members() -> None:
 @pytest.mark.parametrize("single", [False, True], ids=["compiled", "blocks"])
 def test_a_recursion_has_exact_derivatives_of_both_orders(single: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if single:  # the way of other devices and precisions, in double so that differences resolve it
-        import swashtwin.integrators.recursion as module
+        import swashtwin.physics.solvers.recursion as module
 
         monkeypatch.setattr(module, "COMPILED", torch.float16)
     arguments = tuple(

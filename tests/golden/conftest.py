@@ -1,0 +1,25 @@
+"""Fixtures of the golden tests: the recordings of the rig, and a workspace of its files."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from golden_commands import Workspace
+from golden_rig import plant_recordings
+
+from swashtwin import Recording
+
+
+@pytest.fixture(scope="session")
+def plant() -> list[Recording]:
+    """Recordings of the small rig."""
+    return plant_recordings()
+
+
+@pytest.fixture(scope="session")
+def workspace(plant: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+    """Folder with the files of the small rig, in which commands run."""
+    return Workspace(plant, tmp_path_factory.mktemp("golden"))

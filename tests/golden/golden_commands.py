@@ -1,0 +1,143 @@
+"""Commands whose ``--json`` answers are golden, and what of an answer is compared."""
+
+import contextlib
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from commandline import run_json
+from golden_rig import rig_at_15, write_workspace
+
+from swashtwin import Recording
+
+AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
+RECESS = "--fault swash_plate --length '30 mm' --width '24 mm' --depth '0.07 mm'"
+GAUSS_NEWTON = "--method gauss-newton --starts 1"
+NETWORK = "--epochs 12 --batch-size 16 --channels 8,8 --dilations 1,2 --setting hidden=16"
+WORN = "recordings/A_swash_plate_15MPa_1.h5"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the command line."""
+
+    words: str
+    """What is typed after ``swashtwin``, quoted as in a shell, without ``--json``; paths are those in the workspace."""
+    after: tuple[str, ...] = ()
+    """Commands whose files it reads, by name in `COMMANDS`."""
+    rtol: float = 1e-6
+    """Relative tolerance of its numbers."""
+    atol: float = 0.0
+    """Absolute tolerance of its numbers."""
+
+
+SEARCHED: dict[str, float] = {"rtol": 1e-4, "atol": 1e-9}
+"""Tolerances of what a search ends at."""
+LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
+"""Tolerances of what a network learned: they are probabilities and losses."""
+
+COMMANDS: dict[str, Command] = {
+    "index": Command("index csv --sample-rate '25.6 kHz' --unit m/s^2"),
+    "inspect": Command("inspect pair.toml"),
+    "split": Command("split pair.toml --out split --test-fraction 0.5"),
+    "split_folds": Command("split plant.toml --out folds --folds 2 --group specimen"),
+    "convert": Command("convert pair.toml --out store.h5"),
+    "convert_by_angle": Command(f"convert {WORN} --out angle.h5 --readings-per-turn 512 --played-at '860 rpm'"),
+    "guard": Command("guard pair.toml"),
+    "audit": Command("audit split", after=("split",)),
+    "features": Command(f"features {WORN} --pistons 7 --out features.csv", atol=1e-12),
+    "spectrum": Command(f"spectrum {WORN} --pistons 7 --out amplitude.svg"),
+    "spectrum_envelope": Command(f"spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),
+    "spectrum_order": Command(f"spectrum {WORN} --kind order --pistons 7 --out order.svg"),
+    "trend": Command("trend specimen.toml --healthy 'A_[npv]*' --out trend.svg"),
+    "simulate": Command(f"simulate --duration '0.3 s' --out worn.h5 {AT_15} {RECESS}"),
+    "simulate_run_up": Command(f"simulate --duration '0.3 s' --to-speed '900 rpm' --out run-up.h5 {AT_15}"),
+    "simulate_series": Command(f"simulate --duration '0.2 s' --n 2 --out series {AT_15}"),
+    "pump_show": Command("pump show 25scy14-1b"),
+    "pump_new": Command("pump new mine --folder ."),
+    "rig": Command("rig rig --seed 0 --format csv"),
+    "inspect_rig": Command("inspect rig", after=("rig",)),
+    "calibrate": Command(
+        f"calibrate split/train.toml {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json", after=("split",), **SEARCHED
+    ),
+    "calibrate_healthy": Command(
+        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0 Hz' '1 kHz' --out healthy.json", **SEARCHED
+    ),
+    "calibrate_ipinn": Command(
+        f"calibrate split/train.toml {AT_15} {RECESS} --method ipinn --epochs 1 --out ipinn.json",
+        after=("split",),
+        **SEARCHED,
+    ),
+    "compare": Command("compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
+    "severity": Command(f"severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
+    "synthesize": Command(
+        "synthesize worn.json --like split/train.toml --count 3 --out synthetic.safetensors", after=("calibrate",)
+    ),
+    "augment": Command(
+        "augment split/train.toml --method jitter --label swash_plate --pressure '15 MPa' --count 8 "
+        "--out jitter.safetensors",
+        after=("split",),
+    ),
+    "train": Command(
+        f"train split/train.toml --add synthetic.safetensors --test-fraction 0 --out model.safetensors {NETWORK}",
+        after=("synthesize",),
+        **LEARNED,
+    ),
+    "evaluate": Command("evaluate model.safetensors pair.toml --level L2", after=("train",), **LEARNED),
+    "diagnose": Command(f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED),
+    "export": Command("export model.safetensors --out model.onnx", after=("train",)),
+    "study_leakage": Command("study leakage pair.toml --seeds 0 --folds 2 --trees 5"),
+    "study_case1": Command("study case1 plant.toml --models extra_trees --training-sets measured --jobs 1 --out runs"),
+    "report": Command("report runs --out page", after=("study_case1",)),
+}
+"""Commands by a name that stays, whatever they are called: that of their golden file."""
+
+VOLATILE = frozenset(
+    {"wall_s", "cpu_s", "simulations", "device", "version", "rig_version", "command", "bytes", "key"}
+    | {"sha256", "recording_hashes", "fingerprints", "estimator", "settings"}
+)
+"""Keys of what differs from machine to machine or from version to version, and of settings that are only shown."""
+
+PROSE = frozenset(
+    {"notes", "answer", "message", "sentences", "found", "skipped", "meaning", "level_meaning", "origin", "source"}
+    | {"title", "compared_with", "what", "why"}
+)
+"""Keys of sentences, whose number is compared and not their wording."""
+
+
+class Workspace:
+    """A folder in which commands run, each once."""
+
+    def __init__(self, plant: Sequence[Recording], folder: Path) -> None:
+        self.folder = folder
+        self._answers: dict[str, Any] = {}
+        write_workspace(plant, folder)
+
+    def answer(self, name: str) -> Any:
+        """What the command `name` of `COMMANDS` answers, as far as it is compared."""
+        if name not in self._answers:
+            command = COMMANDS[name]
+            for earlier in command.after:
+                self.answer(earlier)
+            with contextlib.chdir(self.folder), rig_at_15():
+                self._answers[name] = self._compared(run_json(*shlex.split(command.words)))
+        return self._answers[name]
+
+    def _compared(self, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {
+                key: count_of(item) if key in PROSE else self._compared(item)
+                for key, item in value.items()
+                if key not in VOLATILE
+            }
+        if isinstance(value, list):
+            return [self._compared(item) for item in value]
+        is_path = isinstance(value, str) and "/" in value and Path(value).exists()
+        return Path(value).name if is_path else value
+
+
+def count_of(sentences: Any) -> Any:
+    """How many sentences there are: of a list its length, of a text whether there is one."""
+    return len(sentences) if isinstance(sentences, list) else bool(sentences)

@@ -1,0 +1,48 @@
+"""Write the golden files anew: ``python tests/golden/regenerate.py [NAME ...]``, all of them without a name.
+
+Only where a change of numbers or of the interface is meant, and is named in CHANGELOG.md. A golden test that fails
+after anything else has seen a mistake: mend that instead. Look over what changed (git diff) before it is committed.
+
+A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``.
+"""
+
+import os
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+FOLDER = Path(__file__).parent
+
+
+def regenerate(names: list[str]) -> None:
+    """Write the golden files of these names, or all of them."""
+    import torch
+    from golden_commands import COMMANDS, Workspace
+    from golden_files import save_golden
+    from golden_rig import plant_recordings
+    from golden_values import VALUES
+
+    torch.set_num_threads(1)
+    answers = {f"answer_{name}": name for name in COMMANDS}
+    unknown = sorted({*names} - {*VALUES, *answers})
+    if unknown:
+        sys.exit(f"{', '.join(unknown)}: no golden file; there are {', '.join([*VALUES, *answers])}.")
+    plant = plant_recordings()
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary).resolve()
+        (folder / "values").mkdir()
+        (folder / "workspace").mkdir()
+        workspace = Workspace(plant, folder / "workspace")
+        for name, value in VALUES.items():
+            if not names or name in names:
+                save_golden(name, value(plant, folder / "values"))
+        for name, command in answers.items():
+            if not names or name in names:
+                save_golden(name, workspace.answer(command))
+
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(FOLDER), str(FOLDER.parent / "support")]
+    regenerate(sys.argv[1:])

@@ -1,0 +1,17 @@
+"""Commands answer with `--json` what the golden files say: the same keys, words and numbers."""
+
+import pytest
+from golden_commands import COMMANDS, Workspace
+from golden_files import FOLDER, differences, load_golden
+from golden_values import VALUES
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_answers_what_its_golden_file_says(name: str, workspace: Workspace) -> None:
+    command, golden = COMMANDS[name], load_golden(f"answer_{name}")
+    assert list(differences(workspace.answer(name), golden, rtol=command.rtol, atol=command.atol)) == []
+
+
+def test_every_golden_file_is_compared_with_something() -> None:
+    names = {*VALUES, *(f"answer_{name}" for name in COMMANDS)}
+    assert {path.stem for path in FOLDER.glob("*.json")} == names

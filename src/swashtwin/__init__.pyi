@@ -1,5 +1,6 @@
 """Public names, and where each lives."""
 
+from . import presets as presets
 from .bench import FILLERS as FILLERS
 from .bench import StudyResult as StudyResult
 from .bench import build_rig as build_rig
@@ -31,6 +32,7 @@ from .calibration import profile as profile
 from .calibration import sample_posterior as sample_posterior
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import Evidence as Evidence
+from .diagnosis import FaultClassifier as FaultClassifier
 from .diagnosis import Trust as Trust
 from .diagnosis import diagnose as diagnose
 from .diagnosis import explain as explain
@@ -192,6 +194,7 @@ __all__ = [
     "Diagnosis",
     "DirectAdam",
     "Evidence",
+    "FaultClassifier",
     "Filler",
     "FittedBaseline",
     "FittedClassifier",
@@ -291,6 +294,7 @@ __all__ = [
     "open_recordings",
     "open_store",
     "parse",
+    "presets",
     "profile",
     "propose_index",
     "read_condition",

@@ -165,7 +165,7 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
             raise OSError(28, "No space left on device")
         save(tensors, target, metadata=metadata)
 
-    import swashtwin.run_files as checkpoint
+    import swashtwin.foundation.artifacts as checkpoint
 
     save = checkpoint.save_file
     monkeypatch.setattr(checkpoint, "save_file", full)

@@ -3,6 +3,7 @@
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .evidence import hertz as hertz
+from .fault_classifier import FaultClassifier as FaultClassifier
 from .onnx_export import export_onnx as export_onnx
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
@@ -13,6 +14,7 @@ from .verdict import diagnose as diagnose
 __all__ = [
     "Diagnosis",
     "Evidence",
+    "FaultClassifier",
     "Trust",
     "diagnose",
     "explain",

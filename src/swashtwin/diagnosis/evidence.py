@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis.attribution import line_shares, mean_gradients
 from swashtwin.diagnosis.next_checks import Check, next_checks
-from swashtwin.diagnosis.verdict import Diagnosis, settled_on
+from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FittedClassifier, cut_windows
 from swashtwin.recordings import Recording, StoredRecording, opened, stated_speed
@@ -170,7 +170,7 @@ def explain(
         raise InputError(f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one.")
     if len(classifier.classes) < 2:
         raise InputError("a classifier of one class has nothing to decide.")
-    settled, parts = settled_on(classifier, recording)
+    settled, parts = fit_to_recording(classifier, recording)
     answers = [settled.answer(windows) for windows in parts()]
     probability, features = (np.concatenate(one) for one in zip(*answers, strict=True))
     ranked = sorted(diagnosis.probabilities, key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.learning import Confidence, FittedClassifier
+from swashtwin.learning import Confidence, SureClassifier
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Trust:
 
 
 def trust_in(
-    classifier: FittedClassifier,
+    classifier: SureClassifier,
     probability: Float[np.ndarray, " class"],
     features: Float[np.ndarray, "window feature"],
     error_rate: float | None,

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import FittedClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
+from swashtwin.learning import DiagnosingClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording, StoredRecording
 
@@ -62,7 +62,7 @@ class Diagnosis:
 
 
 def diagnose(
-    classifier: FittedClassifier, recording: Recording | StoredRecording, *, error_rate: float | None = None
+    classifier: DiagnosingClassifier, recording: Recording | StoredRecording, *, error_rate: float | None = None
 ) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
 
@@ -84,7 +84,7 @@ def diagnose(
             f"error_rate ({error_rate:g}) needs a classifier that was taught how far to trust itself; train it with "
             "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
-    settled, parts = settled_on(classifier, recording)
+    settled, parts = fit_to_recording(classifier, recording)
     answers = [settled.answer(windows) for windows in parts()]
     probability, features = (np.concatenate(one) for one in zip(*answers, strict=True))
     pooled = pooled_probabilities(probability)
@@ -104,9 +104,12 @@ def diagnose(
     )
 
 
-def settled_on(
-    classifier: FittedClassifier, recording: Recording | StoredRecording
-) -> tuple[FittedClassifier, Callable[[], Iterator[WindowSet]]]:
+C = TypeVar("C", bound=DiagnosingClassifier)
+
+
+def fit_to_recording(
+    classifier: C, recording: Recording | StoredRecording
+) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
     """(the classifier with the scaling of this recording, what gives the recording's windows in parts).
 
     Raises
@@ -114,7 +117,7 @@ def settled_on(
     DataError
         The recording does not fit the classifier.
     """
-    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.length)
+    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.layout.length)
     if difference := classifier.layout.difference(layout):
         raise DataError(
             f"{recording.recording_id} does not fit the classifier (what that was taught against what this has): "
@@ -123,12 +126,12 @@ def settled_on(
     parts = partial(
         window_batches,
         recording.relabeled(None),
-        length=classifier.length,
+        length=classifier.layout.length,
         classes=classifier.classes,
         allow_partial_revolution=True,
         batch=_TOGETHER,
     )
-    return replace(classifier, normalization=classifier.normalization.settled(parts)), parts
+    return classifier.scaled_for(parts), parts
 
 
 def _advice(difference: str) -> str:
@@ -143,7 +146,7 @@ def _advice(difference: str) -> str:
     )
 
 
-def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording) -> list[str]:
+def _notes(classifier: DiagnosingClassifier, recording: Recording | StoredRecording) -> list[str]:
     notes = []
     if recording.recording_id in classifier.manifest:
         notes.append("The classifier was made with this very recording; the answer proves nothing about new ones.")
@@ -158,7 +161,7 @@ def _notes(classifier: FittedClassifier, recording: Recording | StoredRecording)
     if _is_new(condition.speed, classifier.speeds, _SPEED_TOLERANCE):
         trained = _listed([speed * 30 / math.pi for speed in classifier.speeds])
         notes.append(f"Speed {condition.speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
-    if classifier.length / classifier.sample_rate < condition.period * (1 - 1e-9):
+    if classifier.layout.length / classifier.layout.sample_rate < condition.period * (1 - 1e-9):
         notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
     return notes
 

@@ -7,17 +7,18 @@ from .estimators.kernels import KERNELS as KERNELS
 from .estimators.kernels import PYTHON as PYTHON
 from .estimators.registry import BASELINES as BASELINES
 from .evaluation.confidence import ConfidenceScores as ConfidenceScores
-from .evaluation.confidence import SureClassifier as SureClassifier
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
 from .evaluation.confidence import score_confidence as score_confidence
 from .evaluation.levels import LEVELS as LEVELS
 from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
-from .evaluation.scores import Classifier as Classifier
+from .evaluation.pooling import pooled_probabilities as pooled_probabilities
+from .evaluation.protocols import Classifier as Classifier
+from .evaluation.protocols import DiagnosingClassifier as DiagnosingClassifier
+from .evaluation.protocols import SureClassifier as SureClassifier
 from .evaluation.scores import Scores as Scores
 from .evaluation.scores import evaluate as evaluate
-from .evaluation.scores import pooled_probabilities as pooled_probabilities
 from .evaluation.unseen import unseen_recordings as unseen_recordings
 from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
@@ -76,6 +77,7 @@ __all__ = [
     "Classifier",
     "Confidence",
     "ConfidenceScores",
+    "DiagnosingClassifier",
     "Epoch",
     "FeatureTable",
     "FittedBaseline",

@@ -15,7 +15,7 @@ from swashtwin.learning.estimators.registry import BASELINES, N_TREES
 from swashtwin.learning.features import FeatureTable, extract_features
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import KnownRecordings, known_recordings
-from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+from swashtwin.learning.windows.window_set import WindowLayout, WindowSet, distinct_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,20 @@ class FittedBaseline:
     """Sample rate, channels, unit and length that windows must have."""
     manifest: tuple[str, ...]
     """Every recording that had a part in it, sorted; none may be tested on."""
+    pressures: tuple[float, ...] = ()
+    """Discharge pressures it was fitted at [Pa], ascending; empty where they were not known."""
+    speeds: tuple[float, ...] = ()
+    """Shaft speeds it was fitted at [rad/s], ascending; empty where they were not known."""
     features: Callable[[WindowSet], FeatureTable] = extract_features
     """What gives the estimator its columns."""
     known: KnownRecordings | None = None
     """The measured recordings it was fitted on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
     """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
+
+    def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedBaseline":
+        """The same classifier: its columns depend on each window alone."""
+        return self
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1."""
@@ -130,9 +138,17 @@ def _fitted(
 ) -> FittedBaseline:
     _require_every_class(windows)
     estimator.fit(features(windows).values, windows.target)
-    used = {*windows.recording_id.tolist(), *(str(name) for name in manifest)}
-    known = known_recordings(windows)
-    return FittedBaseline(estimator, windows.classes, windows.layout, tuple(sorted(used)), features, known)
+    used = {*windows.recording_id.tolist(), *windows.manifest, *(str(name) for name in manifest)}
+    return FittedBaseline(
+        estimator=estimator,
+        classes=windows.classes,
+        layout=windows.layout,
+        manifest=tuple(sorted(used)),
+        pressures=distinct_values(windows.cell_pressure),
+        speeds=distinct_values(windows.speed),
+        features=features,
+        known=known_recordings(windows),
+    )
 
 
 def _require_every_class(windows: WindowSet) -> None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -12,29 +12,13 @@ from sklearn.metrics import roc_auc_score
 
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
-from swashtwin.learning.evaluation.scores import Classifier, pooled_probabilities
+from swashtwin.learning.evaluation.pooling import pooled_probabilities
+from swashtwin.learning.evaluation.protocols import SureClassifier
 from swashtwin.learning.training.confidence import Confidence, softened, surprise_of
-from swashtwin.learning.training.training_reference import KnownRecordings
 from swashtwin.learning.windows.window_set import WindowSet
 
 _TEMPERATURES = (0.05, 100.0)
 """Bounds of the temperature."""
-
-
-@runtime_checkable
-class SureClassifier(Classifier, Protocol):
-    """A classifier that can be taught how far to trust itself: a fitted network, or fitted trees."""
-
-    @property
-    def known(self) -> KnownRecordings | None:
-        """The recordings it was trained on."""
-
-    @property
-    def confidence(self) -> Confidence | None:
-        """What it was taught."""
-
-    def answer(self, windows: WindowSet) -> tuple[np.ndarray, np.ndarray]:
-        """Probability of each class, and features, of each window."""
 
 
 C = TypeVar("C", bound=SureClassifier)

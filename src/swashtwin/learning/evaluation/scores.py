@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,23 +12,9 @@ from sklearn.metrics import confusion_matrix, f1_score
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.levels import LEVELS
+from swashtwin.learning.evaluation.pooling import pooled_probabilities
+from swashtwin.learning.evaluation.protocols import Classifier
 from swashtwin.learning.windows.window_set import WindowSet
-
-
-@runtime_checkable
-class Classifier(Protocol):
-    """What can be evaluated: a fitted network, a fitted baseline, or anything that answers like one."""
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        """Class names, in the order of the probabilities."""
-
-    @property
-    def manifest(self) -> tuple[str, ...]:
-        """Every recording that had a part in it."""
-
-    def predict_proba(self, windows: WindowSet) -> np.ndarray:
-        """Probability of each class for each window."""
 
 
 @dataclass(frozen=True)
@@ -163,13 +149,6 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         reasons=_reasons(classes, confusion, values, interval),
         **values,
     )
-
-
-def pooled_probabilities(probability: Float[np.ndarray, "window class"]) -> Float[np.ndarray, " class"]:
-    """Probability of each class for a whole recording: the mean log-probability of its windows, made to sum to 1."""
-    logarithm = np.log(np.maximum(probability, 1e-12)).mean(axis=0)
-    share = np.exp(logarithm - logarithm.max())
-    return share / share.sum()
 
 
 def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) -> None:

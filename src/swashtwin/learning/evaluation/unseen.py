@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from swashtwin.foundation import DataError
-from swashtwin.learning.evaluation.scores import Classifier
+from swashtwin.learning.evaluation.protocols import Classifier
 from swashtwin.recordings import Recording
 
 

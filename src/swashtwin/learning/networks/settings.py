@@ -11,7 +11,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning.networks.network import Network
 
 
-def settings_taken(kind: type[Network]) -> dict[str, Any]:
+def default_settings(kind: type[Network]) -> dict[str, Any]:
     """Default of every setting of a network by name; an ablation has those of the network that it takes a part from."""
     found: dict[str, Any] = {}
     for owner in kind.__mro__:
@@ -31,7 +31,7 @@ def checked_settings(kind: type[Network], settings: dict[str, Any]) -> dict[str,
         The network has no setting of that name (the nearest is offered), or its value is of another kind than the
         default: a share or a word where a whole number is due, several numbers for one.
     """
-    taken = settings_taken(kind)
+    taken = default_settings(kind)
     checked = {}
     for word, value in settings.items():
         if word not in taken:

@@ -1,7 +1,7 @@
 """A trained network together with everything needed to use it honestly."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -63,6 +63,10 @@ class FittedClassifier:
     def length(self) -> int:
         """Readings per window and channel."""
         return self.layout.length
+
+    def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedClassifier":
+        """The same classifier with the scaling of one recording, whose windows `parts` gives in parts."""
+        return replace(self, normalization=self.normalization.settled(parts))
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1.

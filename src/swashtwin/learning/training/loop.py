@@ -22,7 +22,7 @@ from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, Training
 from swashtwin.learning.training.train_transforms import disturbed
 from swashtwin.learning.training.training_reference import known_recordings
 from swashtwin.learning.windows.splitting import check_disjoint
-from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 
 _BATCH = 256
 """Windows that pass the network together where nothing is learnt; memory only, no result depends on it."""
@@ -71,8 +71,9 @@ def fit(
     """
     _require_fitting(network, windows, validation)
     _require_device(device)
-    used = {*windows.recording_id.tolist(), *([] if validation is None else validation.recording_id.tolist())}
-    used |= {str(name) for name in manifest}
+    used = {*windows.recording_id.tolist(), *windows.manifest, *(str(name) for name in manifest)}
+    if validation is not None:
+        used |= {*validation.recording_id.tolist(), *validation.manifest}
     run = _description(network, windows, settings, seed, validation, sorted(used), device)
     normalization = Normalization.fitted(settings.normalization, windows)
     with _random_state_kept(device), _deterministic(settings.deterministic), _one_thread():
@@ -108,8 +109,8 @@ def fit(
         seed=seed,
         history=history,
         manifest=tuple(sorted(used)),
-        pressures=_known(windows.cell_pressure),
-        speeds=_known(windows.speed),
+        pressures=distinct_values(windows.cell_pressure),
+        speeds=distinct_values(windows.speed),
         known=known_recordings(windows),
     )
 
@@ -298,7 +299,3 @@ def _validated(network: Network, held: tuple[Tensor, Tensor] | None) -> tuple[fl
         scores = torch.cat([network.head(network.encode(batch)) for batch in held[0].split(_BATCH)])
     loss = functional.cross_entropy(scores, held[1])
     return float(loss), float((scores.argmax(dim=1) == held[1]).float().mean())
-
-
-def _known(values: np.ndarray) -> tuple[float, ...]:
-    return tuple(float(value) for value in np.unique(values[~np.isnan(values)]))

@@ -75,9 +75,10 @@ def load_windows(path: Path | str) -> tuple[WindowSet, tuple[str, ...]]:
 
 
 def _windows(arrays: dict[str, Any], card: dict[str, Any]) -> WindowSet:
+    texts: dict[str, Any] = {name: np.array(card[name], dtype=np.str_) for name in _TEXTS}
     return WindowSet(
         **{name: arrays[name] for name in _ARRAYS},
-        **{name: np.array(card[name], dtype=np.str_) for name in _TEXTS},
+        **texts,
         classes=tuple(card["classes"]),
         sample_rate=float(card["sample_rate"]),
         channels=tuple(card["channels"]),

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -72,6 +73,9 @@ class WindowSet:
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
     """Unit of every channel."""
+    manifest: tuple[str, ...] = ()
+    """Recordings that had a part in the windows without standing in them, sorted: those that a twin was calibrated on,
+    and those that lent a synthetic window its noise. Training on the windows is training on these."""
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or self.signal.shape[1] != len(self.channels):
@@ -98,12 +102,21 @@ class WindowSet:
             )
         if difference := self.layout.difference(other.layout):
             raise InputError(f"windows cannot be joined: {difference}; cut the second with like= the first.")
-        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
-        return self._with(joined)
+        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
+        return self._with(arrays | {"manifest": tuple(sorted({*self.manifest, *other.manifest}))})
 
-    def _with(self, arrays: dict[str, Any]) -> "WindowSet":
-        kept = {item.name: getattr(self, item.name) for item in fields(self)}
-        return WindowSet(**{**kept, **arrays})
+    def _with(self, changes: dict[str, Any]) -> "WindowSet":
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return WindowSet(**{**values, **changes})
+
+    def __repr__(self) -> str:
+        synthetic = int(self.synthetic.sum())
+        part = f", {synthetic} of them synthetic" if synthetic else ""
+        return (
+            f"<WindowSet: {len(self)} windows{part}, {np.unique(self.recording_id).size} recordings, "
+            f"{self.n_channels} channel(s), {self.length} samples at {self.sample_rate:g} Hz, "
+            f"classes {', '.join(self.classes)}>"
+        )
 
     @property
     def n_channels(self) -> int:
@@ -133,6 +146,22 @@ class WindowSet:
     def subset(self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]) -> "WindowSet":
         """The windows that a mask keeps, or that indices name, in that order."""
         return self._with({name: getattr(self, name)[chosen] for name in _PER_WINDOW})
+
+    def with_classes(self, classes: Sequence[str]) -> "WindowSet":
+        """The same windows with their classes among `classes`, in that order.
+
+        Raises
+        ------
+        InputError
+            A class that has windows is missing.
+        """
+        order = {name: index for index, name in enumerate(classes)}
+        present = [self.classes[index] for index in np.unique(self.target) if index >= 0]
+        missing = [name for name in present if name not in order]
+        if missing:
+            raise InputError(f"{missing[0]!r} has windows and is none of the classes {', '.join(classes)}.")
+        lookup = np.array([*(order.get(name, -1) for name in self.classes), -1], dtype=np.int64)
+        return self._with({"classes": tuple(classes), "target": lookup[self.target]})
 
     def counts(self) -> dict[tuple[str, float | None], int]:
         """Number of windows in each cell (class, discharge pressure [Pa]), empty cells included.
@@ -173,6 +202,11 @@ def sorted_pressures(pressure: Float[np.ndarray, " window"]) -> list[float | Non
     """Each pressure that occurs once, ascending [Pa]; None, last, stands for NaN."""
     known: list[float | None] = [float(value) for value in np.unique(pressure[~np.isnan(pressure)])]
     return [*known, None] if np.isnan(pressure).any() else known
+
+
+def distinct_values(values: Float[np.ndarray, " window"]) -> tuple[float, ...]:
+    """Each value that occurs, ascending, without NaN."""
+    return tuple(float(value) for value in np.unique(values[~np.isnan(values)]))
 
 
 _PER_WINDOW = (

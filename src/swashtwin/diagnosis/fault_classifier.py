@@ -1,0 +1,397 @@
+"""`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from swashtwin.diagnosis.saving import load_classifier, save_classifier
+from swashtwin.diagnosis.verdict import Diagnosis, diagnose, fit_to_recording
+from swashtwin.foundation import ArtifactError, DataError, InputError
+from swashtwin.learning import (
+    BASELINES,
+    NETWORKS,
+    RECOMMENDED_TRAINING,
+    Epoch,
+    FittedBaseline,
+    FittedClassifier,
+    Scores,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    cut_windows,
+    evaluate,
+    fit,
+    fit_baseline,
+    learn_confidence,
+    pooled_probabilities,
+    split_by_recording,
+    without_overlap,
+)
+from swashtwin.recordings import Recording, StoredRecording
+
+_OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
+"""Settings of the training that the constructor names."""
+
+
+class FaultClassifier(ClassifierMixin, BaseEstimator):
+    """Classifier of pump faults from vibration, an estimator of scikit-learn.
+
+    `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array. Each recording gets one
+    answer, pooled over its windows; each window of a set or an array gets one. An array is
+    ``(window, channel, sample)``, or ``(window, sample)`` for one channel.
+
+    A recording that had a part in the training is never scored: `score` and `evaluate` raise a `LeakError`. An array
+    does not say which recording its windows are of, so cross-validation of arrays needs `groups`
+    (``StratifiedGroupKFold``).
+
+    Parameters
+    ----------
+    network : name of a network (`NETWORKS`; `register_network` adds one), or of a classifier on vibration features
+        (`BASELINES`, such as ``"extra_trees"``).
+    window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own.
+    stride : samples from one window of a training recording to the next; None lets none overlap.
+    allow_partial_revolution : accept windows shorter than one turn of the shaft.
+    epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; no effect on classifiers on
+        features.
+    training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
+    network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
+    validation_fraction : share of the training recordings from which the classifier learns how reliable its answers
+        are (`learn_confidence`) instead of training on them; 0 for none.
+    error_rate : share of recordings whose prediction set may miss the true class; used with `validation_fraction`.
+    sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
+    device : ``"cpu"``, or a GPU such as ``"cuda"``.
+    seed : seed of everything random. The same seed, data and machine give the same bits.
+
+    Attributes
+    ----------
+    classes_ : classes, in the order of the probabilities.
+    fitted_ : the `FittedClassifier`, or `FittedBaseline`, with its manifest and history.
+    n_features_in_ : second dimension of the array that it was fitted on; absent after other data.
+
+    Examples
+    --------
+    >>> time = np.arange(64) / 1000
+    >>> X = np.stack([np.sin(2 * np.pi * f * time) for f in (100, 101, 102, 200, 201, 202)])[:, None]
+    >>> y = ["normal"] * 3 + ["piston"] * 3
+    >>> FaultClassifier("extra_trees", sample_rate=1000.0).fit(X, y).predict(X[:4:3]).tolist()
+    ['normal', 'piston']
+    """
+
+    def __init__(
+        self,
+        network: str = "spectral_bitcn",
+        *,
+        window: int = 2048,
+        stride: int | None = None,
+        allow_partial_revolution: bool = False,
+        epochs: int = RECOMMENDED_TRAINING.epochs,
+        batch_size: int = RECOMMENDED_TRAINING.batch_size,
+        learning_rate: float = RECOMMENDED_TRAINING.learning_rate,
+        decay: str = RECOMMENDED_TRAINING.decay,
+        normalization: str = RECOMMENDED_TRAINING.normalization,
+        training_settings: Mapping[str, Any] | None = None,
+        network_settings: Mapping[str, Any] | None = None,
+        validation_fraction: float = 0.0,
+        error_rate: float = 0.1,
+        sample_rate: float = 1.0,
+        device: str = "cpu",
+        seed: int = 0,
+    ) -> None:
+        self.network = network
+        self.window = window
+        self.stride = stride
+        self.allow_partial_revolution = allow_partial_revolution
+        self.epochs = epochs
+        self.batch_size = batch_size
+        self.learning_rate = learning_rate
+        self.decay = decay
+        self.normalization = normalization
+        self.training_settings = training_settings
+        self.network_settings = network_settings
+        self.validation_fraction = validation_fraction
+        self.error_rate = error_rate
+        self.sample_rate = sample_rate
+        self.device = device
+        self.seed = seed
+
+    def fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        groups: Any = None,
+        synthetic: WindowSet | Iterable[WindowSet] | None = None,
+        progress: Callable[[Epoch], None] | None = None,
+    ) -> "FaultClassifier":
+        """The same classifier, trained.
+
+        Parameters
+        ----------
+        X : recordings, a window set, or an array.
+        y : class of each recording, or of each window of an array. Without it recordings have their own labels; a
+            window set always has its own.
+        groups : recording of each window of an array.
+        synthetic : further training windows that nobody measured (`synthesize`), one set or several.
+        progress : called after each epoch.
+
+        Raises
+        ------
+        InputError
+            A parameter, or data that do not fit together.
+        DataError
+            A recording is unfit or too short, a label is missing, or a class has no window.
+        """
+        settings = self._settings()
+        measured = self._training_windows(X, y, groups)
+        validation = None
+        if self.validation_fraction:
+            measured, validation = split_by_recording(measured, test_fraction=self.validation_fraction, seed=self.seed)
+        windows = _with_synthetic(measured, synthetic)
+        fitted: FittedClassifier | FittedBaseline
+        if self.network in BASELINES:
+            fitted = fit_baseline(self.network, windows, seed=self.seed)
+        else:
+            network = self._network(windows.n_channels, len(windows.classes))
+            fitted = fit(network, windows, settings=settings, seed=self.seed, device=self.device, progress=progress)
+        if validation is not None:
+            validation = without_overlap(validation).with_classes(windows.classes)
+            fitted = learn_confidence(fitted, validation, error_rate=self.error_rate)
+        self.fitted_ = fitted
+        if windows.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
+            self.classes_ = np.array(windows.classes, dtype=np.str_)
+        return self
+
+    def predict_proba(self, X: Any) -> np.ndarray:
+        """Probability of each class, for each recording, or for each window of a window set or an array."""
+        check_is_fitted(self, "fitted_")
+        if (recordings := _as_recordings(X)) is not None:
+            return np.stack([self._recording_probability(recording) for recording in recordings])
+        windows = X if isinstance(X, WindowSet) else self._array_windows(X)
+        return np.asarray(self.fitted_.predict_proba(windows))
+
+    def predict(self, X: Any) -> np.ndarray:
+        """Likeliest class of each recording, or of each window of a window set or an array."""
+        probability = self.predict_proba(X)
+        return np.asarray(self.classes_[probability.argmax(axis=1)])
+
+    def score(self, X: Any, y: Any = None, sample_weight: Any = None) -> float:
+        """Share of the recordings, or of the windows, whose class is right.
+
+        Raises
+        ------
+        LeakError
+            A recording had a part in the training, or a window is synthetic. Arrays are not checked.
+        """
+        if isinstance(X, WindowSet):
+            return self.evaluate(X).accuracy
+        if _as_recordings(X) is not None:
+            return self.evaluate(X, y).recording_accuracy
+        return float(super().score(X, y, sample_weight))
+
+    def evaluate(self, X: Any, y: Any = None, *, level: str | None = None, seed: int = 0) -> Scores:
+        """All scores on recordings, or on a window set, that had no part in the training.
+
+        Parameters
+        ----------
+        X : recordings with labels, or a window set.
+        y : class of each recording; its own label by default.
+        level : level of generalization of the test, ``"L0"`` to ``"L5"`` (`LEVELS`); only the caller knows it.
+        seed : seed of the bootstrap of the interval.
+
+        Raises
+        ------
+        LeakError
+            A recording had a part in the training, or a window is synthetic.
+        InputError
+            An array, which does not say which recordings it is of; or a class that was not trained.
+        """
+        check_is_fitted(self, "fitted_")
+        if isinstance(X, WindowSet):
+            return evaluate(self.fitted_, X, level=level, seed=seed)
+        recordings = _as_recordings(X)
+        if recordings is None:
+            raise InputError("evaluate takes recordings or a window set; an array is scored with score(X, y).")
+        windows = cut_windows(
+            _relabeled(recordings, y),
+            length=self.fitted_.layout.length,
+            classes=self.fitted_.classes,
+            allow_partial_revolution=True,
+        )
+        return evaluate(self.fitted_, windows, level=level, seed=seed)
+
+    def diagnose(self, recording: Recording | StoredRecording, *, error_rate: float | None = None) -> Diagnosis:
+        """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`."""
+        check_is_fitted(self, "fitted_")
+        return diagnose(self.fitted_, recording, error_rate=error_rate)
+
+    def save(self, path: Path | str) -> Path:
+        """`path`, after the trained network was written to it; classes are saved as text.
+
+        Raises
+        ------
+        ArtifactError
+            It is a classifier on features, which has no file format, or its network is not registered.
+        """
+        check_is_fitted(self, "fitted_")
+        if isinstance(self.fitted_, FittedBaseline):
+            raise ArtifactError(
+                f"a classifier {self.network!r} cannot be saved, only a network; train it again instead."
+            )
+        return save_classifier(self.fitted_, path)
+
+    @classmethod
+    def load(cls, path: Path | str) -> "FaultClassifier":
+        """The classifier that `save` wrote; its answers are those of the one saved.
+
+        Raises
+        ------
+        MissingFileError
+            There is no such file.
+        ArtifactError
+            It is damaged, no classifier, of another version, or its network is not registered here.
+        """
+        fitted = load_classifier(path)
+        training = asdict(fitted.settings)
+        usual = asdict(RECOMMENDED_TRAINING)
+        other = {
+            name: training[name] for name in usual if name not in _OWN_PARAMETERS and training[name] != usual[name]
+        }
+        settings = fitted.network.settings
+        plain = build_network(fitted.network.name, settings["n_channels"], settings["n_classes"]).settings
+        network = {name: value for name, value in settings.items() if value != plain[name]}
+        classifier = cls(
+            fitted.network.name,
+            window=fitted.length,
+            **{name: training[name] for name in _OWN_PARAMETERS},
+            training_settings=other or None,
+            network_settings=network or None,
+            sample_rate=fitted.sample_rate,
+            seed=fitted.seed,
+        )
+        classifier.fitted_ = fitted
+        classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
+        return classifier
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.three_d_array = True
+        tags.classifier_tags.poor_score = True  # a table of a few columns is no vibration
+        return tags
+
+    def _settings(self) -> TrainingSettings:
+        values = {name: getattr(self, name) for name in _OWN_PARAMETERS}
+        other = dict(self.training_settings or {})
+        unknown = [name for name in other if name not in asdict(RECOMMENDED_TRAINING) or name in values]
+        if unknown:
+            raise InputError(
+                f"training_settings has no field {unknown[0]!r}; it takes fields of TrainingSettings other than "
+                f"{', '.join(values)}, which are parameters of FaultClassifier."
+            )
+        return TrainingSettings(**values, **other)
+
+    def _network(self, n_channels: int, n_classes: int) -> Any:
+        if self.network not in NETWORKS:
+            raise InputError(
+                f"unknown network {self.network!r}; there are {', '.join(sorted(NETWORKS))}, and on vibration features "
+                f"{', '.join(sorted(BASELINES))}. An own one is added with register_network."
+            )
+        return build_network(self.network, n_channels, n_classes, **(self.network_settings or {}))
+
+    def _training_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
+        """Labeled windows, with `classes_` set where `X` is an array."""
+        if isinstance(X, WindowSet):
+            _require_none(y, groups, "a window set has its own labels and recordings")
+            return X
+        recordings = _as_recordings(X)
+        if recordings is None:
+            return self._array_windows(X, y, groups, training=True)
+        _require_none(None, groups, "each recording is a group")
+        return cut_windows(
+            _relabeled(recordings, y),
+            length=self.window,
+            stride=self.stride,
+            allow_partial_revolution=self.allow_partial_revolution,
+        )
+
+    def _array_windows(self, X: Any, y: Any = None, groups: Any = None, *, training: bool = False) -> WindowSet:
+        if training:
+            X, y = validate_data(self, X, y, dtype=[np.float32, np.float64], allow_nd=True, ensure_min_samples=2)
+            check_classification_targets(y)
+            self.classes_, target = np.unique(y, return_inverse=True)
+        else:
+            X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
+            target = np.full(len(X), -1)
+        signal = X[:, None] if X.ndim == 2 else X
+        if signal.ndim != 3:
+            raise InputError(f"X has {X.ndim} dimensions; an array is (window, channel, sample) or (window, sample).")
+        if signal.shape[2] < 2:
+            raise InputError(f"X has n_features = {signal.shape[2]}: a window of one sample cannot be learned from.")
+        names = np.arange(len(signal)) if groups is None else np.asarray(groups)
+        if names.shape != (len(signal),):
+            raise InputError(f"groups has shape {names.shape} for {len(signal)} windows; name the recording of each.")
+        nan = np.full(len(signal), np.nan)
+        return WindowSet(
+            signal=signal.astype(np.float32),
+            target=target.astype(np.int64),
+            classes=tuple(str(name) for name in self.classes_),
+            recording_id=np.array([f"window {name}" if groups is None else str(name) for name in names], dtype=np.str_),
+            specimen=np.full(len(signal), "", dtype=np.str_),
+            discharge_pressure=nan,
+            speed=nan,
+            start=np.arange(len(signal), dtype=np.int64) * signal.shape[2],
+            synthetic=np.zeros(len(signal), dtype=np.bool_),
+            sample_rate=float(self.sample_rate),
+            channels=tuple(f"channel {index + 1}" for index in range(signal.shape[1])),
+            unit="1",
+        )
+
+    def _recording_probability(self, recording: Recording | StoredRecording) -> np.ndarray:
+        classifier, parts = fit_to_recording(self.fitted_, recording)
+        pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
+        return pooled if classifier.confidence is None else classifier.confidence.softened(pooled)
+
+
+def _as_recordings(X: Any) -> list[Recording | StoredRecording] | None:
+    """Recordings in a list, or None where `X` is something else."""
+    if isinstance(X, (Recording, StoredRecording)):
+        return [X]
+    if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
+        return None
+    entries = list(X)
+    return entries if entries and all(isinstance(entry, (Recording, StoredRecording)) for entry in entries) else None
+
+
+def _relabeled(recordings: Sequence[Recording | StoredRecording], y: Any) -> Sequence[Recording | StoredRecording]:
+    if y is None:
+        return recordings
+    if len(y) != len(recordings):
+        raise InputError(f"y has {len(y)} labels for {len(recordings)} recordings; give one for each.")
+    return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
+
+
+def _require_none(y: Any, groups: Any, reason: str) -> None:
+    for name, value in (("y", y), ("groups", groups)):
+        if value is not None:
+            raise InputError(f"{name} belongs to arrays: {reason}. Synthetic windows are given as synthetic=.")
+
+
+def _with_synthetic(measured: WindowSet, synthetic: WindowSet | Iterable[WindowSet] | None) -> WindowSet:
+    """Measured and synthetic windows together, with the classes of both."""
+    sets = [] if synthetic is None else [synthetic] if isinstance(synthetic, WindowSet) else list(synthetic)
+    for windows in sets:
+        if not isinstance(windows, WindowSet):
+            raise InputError(f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize.")
+        if not windows.synthetic.all():
+            raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
+    further = sorted({name for windows in sets for name in windows.classes} - set(measured.classes))
+    classes = (*measured.classes, *further)
+    together = measured.with_classes(classes)
+    for windows in sets:
+        together = together + windows.with_classes(classes)
+    return together

@@ -1,0 +1,64 @@
+"""What a classifier must offer to be evaluated, to learn its confidence, and to diagnose recordings."""
+
+from collections.abc import Callable, Iterable
+from typing import Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from swashtwin.learning.training.confidence import Confidence
+from swashtwin.learning.training.training_reference import KnownRecordings
+from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+
+_Self = TypeVar("_Self", bound="DiagnosingClassifier")
+
+
+@runtime_checkable
+class Classifier(Protocol):
+    """What can be evaluated: a fitted network, a fitted baseline, or anything that answers like one."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Every recording that had a part in it."""
+
+    def predict_proba(self, windows: WindowSet) -> np.ndarray:
+        """Probability of each class for each window."""
+
+
+@runtime_checkable
+class SureClassifier(Classifier, Protocol):
+    """A classifier that can be taught how far to trust itself: a fitted network, or fitted trees."""
+
+    @property
+    def known(self) -> KnownRecordings | None:
+        """The recordings it was trained on."""
+
+    @property
+    def confidence(self) -> Confidence | None:
+        """What it was taught."""
+
+    def answer(self, windows: WindowSet) -> tuple[np.ndarray, np.ndarray]:
+        """Probability of each class, and features, of each window."""
+
+
+@runtime_checkable
+class DiagnosingClassifier(SureClassifier, Protocol):
+    """A classifier that can say of a recording whether it fits, and answer its windows in parts."""
+
+    @property
+    def layout(self) -> WindowLayout:
+        """Sample rate, channels, unit and length that windows must have."""
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Discharge pressures it was trained at [Pa]."""
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """Shaft speeds it was trained at [rad/s]."""
+
+    def scaled_for(self: _Self, parts: Callable[[], Iterable[WindowSet]]) -> _Self:
+        """The same classifier with the scaling of one recording."""

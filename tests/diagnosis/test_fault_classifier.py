@@ -1,0 +1,209 @@
+"""`FaultClassifier` keeps scikit-learn's conventions, answers per recording, and scores no training recording."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.model_selection import StratifiedGroupKFold, cross_validate
+from sklearn.utils.estimator_checks import check_estimator
+
+from swashtwin import presets
+from swashtwin.diagnosis import FaultClassifier, diagnose
+from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError
+from swashtwin.learning import (
+    PAPER_TRAINING,
+    RECOMMENDED_TRAINING,
+    SpectralBiTCN,
+    WindowSet,
+    cut_windows,
+    evaluate,
+    fit,
+)
+from swashtwin.recordings import Recording
+
+CLASSES = ("normal", "piston")
+SMALL = {"window": 128, "epochs": 4, "batch_size": 8}
+
+
+def recordings(tag: str, per_class: int = 3) -> list[Recording]:
+    measured = []
+    for index, label in enumerate(CLASSES):
+        for number in range(per_class):
+            draw = np.random.default_rng([index, number, *tag.encode()])
+            phase = 2 * np.pi * (0.05 + 0.1 * index) * np.arange(640) + draw.uniform(0, 6)
+            signal = np.sin(phase) + 0.3 * draw.normal(size=640)
+            measured.append(Recording(signal[None], 1000.0, f"{tag} {label} {number}", label=label))
+    return measured
+
+
+def synthetic_windows(label: str, manifest: tuple[str, ...] = ()) -> WindowSet:
+    draw = np.random.default_rng(5)
+    signal = draw.normal(size=(6, 1, 128)).astype(np.float32)
+    nan = np.full(6, np.nan)
+    return WindowSet(
+        signal=signal, target=np.zeros(6, dtype=np.int64), classes=(label,),
+        recording_id=np.array([f"made {index}" for index in range(6)]), specimen=np.full(6, ""),
+        discharge_pressure=nan, speed=nan, start=np.zeros(6, dtype=np.int64), synthetic=np.ones(6, dtype=np.bool_),
+        sample_rate=1000.0, channels=("acceleration",), manifest=manifest,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def classifier() -> FaultClassifier:
+    return FaultClassifier(**SMALL).fit(recordings("train"))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_checks_of_scikit_learn_pass():
+    expected = {
+        "check_do_not_raise_errors_in_init_or_set_params": "the type checker of these tests refuses -1 for a text"
+    }
+    results = check_estimator(
+        FaultClassifier("mlp", epochs=1), expected_failed_checks=expected, on_fail=None, on_skip=None
+    )
+    failed = {result["check_name"]: result["exception"] for result in results if result["status"] == "failed"}
+    skipped = {result["check_name"] for result in results if result["status"] == "skipped"}
+    assert failed == {}
+    assert skipped <= {"check_array_api_input"}  # needs SCIPY_ARRAY_API in the environment
+    assert len(results) > 40
+
+
+def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers():
+    assert FaultClassifier()._settings() == RECOMMENDED_TRAINING
+    assert FaultClassifier(**presets.recommended.classifier)._settings() == RECOMMENDED_TRAINING
+    assert FaultClassifier(**presets.recommended.classifier).get_params() == FaultClassifier().get_params()
+    paper = FaultClassifier(**presets.paper.classifier)
+    assert (paper.network, paper._settings()) == ("bitcn", PAPER_TRAINING)
+
+
+def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifier):
+    windows = cut_windows(recordings("train"), length=128)
+    settings = classifier._settings()
+    fitted = fit(SpectralBiTCN(1, 2), windows, settings=settings)
+    new = cut_windows(recordings("new"), length=128)
+    np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))
+    again = clone(classifier).fit(windows)
+    np.testing.assert_array_equal(again.predict_proba(new), fitted.predict_proba(new))
+
+
+def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifier):
+    new = recordings("new")
+    labels = classifier.predict(new)
+    assert labels.tolist() == [recording.label for recording in new]
+    for row, recording in zip(classifier.predict_proba(new), new, strict=True):
+        assert dict(zip(CLASSES, row, strict=True)) == pytest.approx(classifier.diagnose(recording).probabilities)
+    assert classifier.diagnose(new[0]) == diagnose(classifier.fitted_, new[0])
+    assert classifier.predict(cut_windows(new, length=128)).shape == (30,)
+
+
+def test_the_score_is_the_accuracy_of_the_predictions(classifier):
+    new = recordings("new")
+    windows = cut_windows(new, length=128)
+    assert classifier.score(new) == np.mean(classifier.predict(new) == [recording.label for recording in new])
+    assert classifier.score(windows) == np.mean(classifier.predict(windows) == windows.label)
+    assert classifier.score(new, ["piston"] * 6) == 0.5
+    scores = classifier.evaluate(new, level="L2")
+    assert scores.to_dict() == evaluate(classifier.fitted_, windows, level="L2").to_dict()
+
+
+def test_a_recording_with_a_part_in_the_training_is_not_scored(classifier):
+    train = recordings("train")
+    for test in (train, cut_windows(train, length=128)):
+        with pytest.raises(LeakError, match="had a part in the classifier"):
+            classifier.score(test)
+    synthetic = synthetic_windows("valve_plate", manifest=("new normal 1",))
+    twinned = FaultClassifier(**SMALL).fit(train, synthetic=synthetic)
+    with pytest.raises(LeakError, match="new normal 1 had a part"):
+        twinned.score(recordings("new"))
+
+
+def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
+    classifier = FaultClassifier("extra_trees", window=128)
+    classifier.fit(recordings("train"), synthetic=[synthetic_windows("valve_plate"), synthetic_windows("normal")])
+    assert classifier.classes_.tolist() == ["normal", "piston", "valve_plate"]
+    assert classifier.predict(recordings("new")).shape == (6,)
+    with pytest.raises(DataError, match="train normal 0 is measured; give it in X"):
+        classifier.fit(recordings("train"), synthetic=cut_windows(recordings("train"), length=128))
+
+
+def test_validation_recordings_give_the_diagnosis_a_prediction_set():
+    classifier = FaultClassifier("extra_trees", window=128, validation_fraction=0.5, error_rate=0.25)
+    classifier.fit(recordings("train", per_class=4))
+    trust = classifier.diagnose(recordings("new")[0]).trust
+    assert trust is not None
+    assert trust.n_validation == 4
+    with pytest.raises(LeakError):
+        classifier.score(recordings("train", per_class=4))
+
+
+def test_arrays_are_cross_validated_by_recording():
+    windows = cut_windows(recordings("all"), length=128)
+    labels = np.array(["sound", "worn"])[windows.target]
+    result = cross_validate(
+        FaultClassifier("extra_trees", sample_rate=1000.0), windows.signal, labels,
+        groups=windows.recording_id, cv=StratifiedGroupKFold(3), error_score="raise",
+    )  # fmt: skip
+    assert result["test_score"].min() > 0.9
+    result = cross_validate(
+        FaultClassifier("extra_trees", window=128), recordings("all"), ["sound"] * 3 + ["worn"] * 3,
+        cv=3, error_score="raise",
+    )  # fmt: skip
+    assert result["test_score"].tolist() == [1, 1, 1]
+
+
+def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
+    windows = cut_windows(recordings("all"), length=128)
+    classifier = FaultClassifier("extra_trees").fit(windows.signal, windows.target, groups=windows.recording_id)
+    assert classifier.classes_.dtype.kind == "i"
+    assert set(classifier.predict(windows.signal)) == {0, 1}
+    assert classifier.fitted_.manifest == tuple(np.unique(windows.recording_id))
+
+
+def test_what_is_saved_comes_back_with_its_parameters_and_answers(tmp_path):
+    settings = {"network_settings": {"dropout": 0.2}, "training_settings": {"noise_snr": 0.0}}
+    classifier = FaultClassifier(**SMALL, **settings, seed=3).fit(recordings("train"))
+    loaded = FaultClassifier.load(classifier.save(tmp_path / "pump.safetensors"))
+    new = recordings("new")
+    np.testing.assert_array_equal(loaded.predict_proba(new), classifier.predict_proba(new))
+    assert loaded.get_params() == classifier.get_params() | {"sample_rate": 1000.0}
+    assert clone(loaded).get_params() == loaded.get_params()
+    with pytest.raises(ArtifactError, match="'extra_trees' cannot be saved, only a network"):
+        FaultClassifier("extra_trees", window=128).fit(recordings("train")).save(tmp_path / "x.safetensors")
+
+
+def test_its_repr_shows_what_differs_from_the_defaults():
+    assert repr(FaultClassifier(epochs=3)) == "FaultClassifier(epochs=3)"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"network": "spectral"}, "unknown network 'spectral'; there are .*spectral_bitcn.*extra_trees"),
+        ({"training_settings": {"epochs": 3}}, "training_settings has no field 'epochs'"),
+        ({"training_settings": {"noise": 3}}, "training_settings has no field 'noise'"),
+        ({"network_settings": {"width": 3}}, "has no setting 'width'"),
+        ({"epochs": 0}, "epochs .0. must be at least 1"),
+    ],
+)
+def test_a_wrong_parameter_is_named_in_one_line(parameters, words):
+    with pytest.raises(InputError, match=words) as caught:
+        FaultClassifier(**{**SMALL, **parameters}).fit(recordings("train"))
+    assert "\n" not in str(caught.value)
+
+
+def test_data_that_do_not_belong_are_refused(classifier):
+    windows = cut_windows(recordings("train"), length=128)
+    with pytest.raises(InputError, match="y belongs to arrays"):
+        FaultClassifier(**SMALL).fit(windows, windows.label)
+    with pytest.raises(InputError, match="groups belongs to arrays"):
+        FaultClassifier(**SMALL).fit(recordings("train"), groups=["a"] * 6)
+    with pytest.raises(InputError, match="y has 1 labels for 6 recordings"):
+        FaultClassifier(**SMALL).fit(recordings("train"), ["normal"])
+    with pytest.raises(InputError, match=r"groups has shape .2,. for 30 windows"):
+        FaultClassifier(**SMALL).fit(windows.signal, windows.target, groups=["a", "b"])
+    with pytest.raises(InputError, match="an array is scored with score"):
+        classifier.evaluate(windows.signal)
+    with pytest.raises(InputError, match="X has 4 dimensions"):
+        FaultClassifier(**SMALL).fit(windows.signal[None].repeat(30, 0)[:, 0:1], windows.target)
+    with pytest.raises(NotFittedError):
+        FaultClassifier().predict(recordings("new"))

@@ -129,8 +129,8 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
 
 def test_bars_of_several_classifiers_are_not_pooled():
     sets = ("measured", "nominal", "calibrated", "posterior", "every_class")
-    runs = [run(name, seed, 0.9) for name in sets for seed in (0, 1)]
-    runs += [run(name, seed, 0.1, "extra_trees") for name in sets for seed in (0, 1)]
+    runs = [run(name, 0, 0.9) for name in sets]
+    runs += [run(name, 0, 0.1, "extra_trees") for name in sets]
     runs = [replace(run, task=replace(run.task, study="unseen-pressure")) for run in runs]
     result = assembled(plan_of("unseen-pressure", "quick"), runs)
     assert result.own == "spectral_bitcn"
@@ -151,10 +151,11 @@ def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
     assert sorted(shown) == sorted(f"{share:.0f}" for share in shares.ravel() if share)
 
 
-def test_the_same_results_give_the_same_bytes(folder, study, tmp_path):
-    write_report(study, folder=tmp_path)
-    for path in folder.rglob("*.*"):
-        assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
+def test_the_same_results_give_the_same_figures_bit_for_bit(folder, study, tmp_path):
+    write_report(replace(study, calibrations=study.calibrations[:1]), folder=tmp_path)
+    for path in (tmp_path / "figures").iterdir():
+        earlier = folder / "figures" / path.name.replace("study_calibration_", "study_calibration_1_")
+        assert path.read_bytes() == earlier.read_bytes(), path.name
 
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
@@ -191,7 +192,7 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
 def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
     runs = [
         replace(r, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in r.outcomes), embedding=None)
-        for r in study.runs
+        for r in study.runs[:4]
     ]
     without = assembled(plan_of("case1", "quick"), runs)
     page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
@@ -219,7 +220,7 @@ def test_the_meaning_of_each_level_stands_beside_its_scores(page):
     assert LEVELS["L0"] not in page
 
 
-def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, tmp_path):
+def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
     beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
     assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
@@ -227,8 +228,6 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
     assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
     assert len(rows) == 9
     assert "G-means are of another definition" in page
-    other = replace(study, study="case9", calibrations=())
-    assert "accuracy 0.812" not in write_report(other, folder=tmp_path).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -242,6 +241,7 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page, study, 
         ("algorithms", "tcn", "more than 8 points below BiTCN"),
         ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
         ("ablation", "bitcn_forward", "the paper's BiTCN: below the full model"),
+        ("case9", "bitcn_paper", ""),
     ],
 )
 def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, expected):

@@ -1,4 +1,4 @@
-"""The house as it was drawn: floors, light imports, short modules, and a walk through it that runs."""
+"""The architecture: floors, front doors, light imports, short modules, and examples that run as printed."""
 
 import ast
 import os
@@ -79,9 +79,24 @@ def test_no_name_at_a_door_is_also_a_module_of_the_room(package: str) -> None:
     assert not modules & set(import_module(f"swashtwin.{package}").__all__)
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_no_module_is_longer_than_400_lines(module: str) -> None:
-    assert len((PACKAGE / module).read_text(encoding="utf-8").splitlines()) <= 400
+def test_no_module_is_longer_than_400_lines() -> None:
+    lengths = {module: len((PACKAGE / module).read_text(encoding="utf-8").splitlines()) for module in MODULES}
+    assert {module: length for module, length in lengths.items() if length > 400} == {}
+
+
+def test_no_module_but_a_door_only_imports() -> None:
+    for module in MODULES:
+        body = ast.parse((PACKAGE / module).read_text(encoding="utf-8")).body
+        is_empty = all(isinstance(node, ast.Import | ast.ImportFrom | ast.Expr) for node in body)
+        assert module.endswith(("__init__.py", "__main__.py")) or not is_empty, module
+
+
+def test_the_house_has_at_most_14_rooms_on_12_floors() -> None:
+    law = (ROOT / ".importlinter").read_text(encoding="utf-8")
+    floors = re.search(r"layers =\n((?: {4}.+\n)+)", law)
+    assert floors is not None
+    assert len(floors[1].splitlines()) <= 12
+    assert len(ROOMS) <= 14
 
 
 def test_no_module_evaluates_its_annotations_late_or_has_a_name_that_says_nothing() -> None:

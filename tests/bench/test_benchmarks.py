@@ -10,9 +10,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from tiny_case import tiny, tiny_recordings
 
-from swashtwin.bench import run_plan
+from swashtwin.bench import StudyResult
 from swashtwin.bench.results.naming import training_set_words
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -31,7 +30,7 @@ def module(name: str) -> ModuleType:
     return importlib.import_module(f"peers.{name}")
 
 
-def result(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
+def gradient_of(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
     made = getattr(module(name), of_class)
     contender = made(module("problem").Problem(STEPS, per_step=made.per_step))
     values = contender.problem.nominal
@@ -42,7 +41,7 @@ def result(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
-    return result("eager", "Eager")
+    return gradient_of("eager", "Eager")
 
 
 @pytest.mark.parametrize(
@@ -63,7 +62,7 @@ def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
 ) -> None:
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
-    loss, slopes, velocities = result(name, of_class)
+    loss, slopes, velocities = gradient_of(name, of_class)
     assert loss == pytest.approx(eager[0], rel=1e-10)
     np.testing.assert_allclose(slopes, eager[1], rtol=0, atol=1e-9 * np.abs(eager[1]).max())
     np.testing.assert_allclose(velocities, eager[2], rtol=0, atol=1e-10 * np.abs(eager[2]).max())
@@ -107,19 +106,18 @@ def test_every_benchmark_finds_what_it_imports(path: Path) -> None:
 
 
 def test_the_printed_tables_hold_what_the_study_does(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    result: StudyResult, out: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     printing = importlib.import_module("results_tables")
-    study = run_plan(tiny(), tiny_recordings(), seeds=(0, 1), out=tmp_path)
-    monkeypatch.setattr(sys, "argv", ["results_tables.py", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", ["results_tables.py", str(out)])
     printing.main()
     printed = capsys.readouterr().out
-    for row in study.rows():
+    for row in result.rows():
         numbers = f"{row['accuracy']['mean']:.3f} ± {row['accuracy']['std']:.3f}"
         assert re.search(rf"\| {row['level']} \| .* \| {training_set_words(row['training_set'])} \| {numbers}", printed)
-    rows = [{name: row[name] for name in study.factors} for row in study.rows() if row["level"] == "L2"]
+    rows = [{name: row[name] for name in result.factors} for row in result.rows() if row["level"] == "L2"]
     first, second = (next(row for row in rows if row["training_set"] == name) for name in ("calibrated", "measured"))
-    points = 100 * study.contrast(first, second, metric="scarce_recall").mean
+    points = 100 * result.contrast(first, second, metric="scarce_recall").mean
     assert f"with calibrated twin less measured only, recall in the scarce cell: {points:+.1f}" in printed.replace(
         "**", ""
     )

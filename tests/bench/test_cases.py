@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_case import TINY, tiny, tiny_recordings
+from tiny_case import TINY, tiny
 
 from swashtwin.bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
 from swashtwin.bench.results.runs import Embedding, load_run, load_runs
@@ -32,21 +32,6 @@ def confusions(study: StudyResult, seed: int) -> list[Any]:
     """Confusion matrices of the classifiers that learnt from measured windows alone."""
     own = [one for one in (*study.outcomes, *study.rivals) if (one.seed, one.training_set) == (seed, "measured")]
     return [(one.factors, one.scores.confusion.tolist()) for one in own]
-
-
-@pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    return tiny_recordings()
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("out")
-
-
-@pytest.fixture(scope="module")
-def result(recordings: list[Recording], out: Path) -> StudyResult:
-    return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin study case1 rig")
 
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:

@@ -5,25 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tiny_case import tiny, tiny_recordings
 
-from swashtwin.bench import StudyResult, gathered, plan_of, run_plan
+from swashtwin.bench import StudyResult, gathered, plan_of
 from swashtwin.bench.results.comparison_figures import time_drawing
 from swashtwin.bench.results.runs import Run, save_run
 from swashtwin.bench.results.study_part import contrast_table, metrics_table
 from swashtwin.bench.studies.runner import assembled
 from swashtwin.foundation import DataError
 from swashtwin.report import write_report
-
-
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("out")
-
-
-@pytest.fixture(scope="module")
-def result(out: Path) -> StudyResult:
-    return run_plan(tiny(), tiny_recordings(), seeds=(0, 1), out=out, command="swashtwin study case1 rig")
 
 
 def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:

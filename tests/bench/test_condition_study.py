@@ -3,26 +3,26 @@
 import numpy as np
 import pytest
 
-from swashtwin.bench import StudyTable, rig_recordings, run_conditions
+from swashtwin.bench import StudyTable, run_conditions
 from swashtwin.bench.questions.conditions import REMEDIES, TREES, ConditionStudySettings
-from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.foundation import DataError
 from swashtwin.learning import TrainingSettings
 
 
 @pytest.fixture(scope="module")
-def recordings():
-    return [one for one, _ in rig_recordings(7, RigSize(1, 2, 1.0), labels=("normal", "piston"))]
+def of_one_pump(recordings):
+    labels = ("normal", "piston")
+    return [recording for recording in recordings if recording.specimen == "A" and recording.label in labels]
 
 
 @pytest.fixture(scope="module")
-def study(recordings) -> StudyTable:
+def study(of_one_pump) -> StudyTable:
     small = ConditionStudySettings(
         windows=2,
         training=TrainingSettings(epochs=1, normalization="set"),
         network={"stride": 32, "channels": (4,), "dilations": (1,)},
     )
-    return run_conditions(recordings, settings=small)
+    return run_conditions(of_one_pump, settings=small)
 
 
 def test_every_condition_is_held_out_once_for_every_classifier(study):
@@ -38,7 +38,7 @@ def test_known_conditions_are_scored_beside_new_ones(study):
     assert "never trained on" in study.answer[0]
 
 
-def test_one_condition_alone_cannot_be_held_out(recordings):
-    same = [one for one in recordings if one.condition == recordings[0].condition]
+def test_one_condition_alone_cannot_be_held_out(of_one_pump):
+    same = [recording for recording in of_one_pump if recording.condition == of_one_pump[0].condition]
     with pytest.raises(DataError, match="one condition"):
         run_conditions(same, settings=ConditionStudySettings(windows=2))

@@ -38,11 +38,6 @@ def small(study: str, **changes: Any) -> Plan:
 
 
 @pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    return [recording for recording, _ in rig_recordings(1, RigSize(specimens=3, repeats=2, duration=0.9))]
-
-
-@pytest.fixture(scope="module")
 def material(recordings: list[Recording]) -> Material:
     return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
 

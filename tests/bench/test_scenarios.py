@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tiny_case import TINY, tiny, tiny_recordings
+from tiny_case import TINY, tiny
 
 from swashtwin.bench import Workers, plan_of, run_plan
 from swashtwin.bench.studies.cells import recordings_by_cell
@@ -13,11 +13,6 @@ from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
-
-
-@pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    return tiny_recordings()
 
 
 @pytest.mark.parametrize("seed", range(5))

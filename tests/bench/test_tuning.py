@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin.bench import rig_recordings, run_tuning
+from swashtwin.bench import run_tuning
 from swashtwin.bench.questions import tuning
 from swashtwin.bench.questions.tuning import _space, validation_folds
-from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import MODELS
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.scenario import split_scenario
@@ -18,12 +17,6 @@ from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 
 pytest.importorskip("optuna", reason="optuna is not installed")
-
-
-@pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    size = RigSize(specimens=3, repeats=2, duration=0.9)
-    return [one for one, _ in rig_recordings(3, size)]
 
 
 @pytest.fixture

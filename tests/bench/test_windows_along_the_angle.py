@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_case import TINY, tiny, tiny_recordings
+from tiny_case import TINY, tiny
 
 from swashtwin.bench import plan_of, run_plan
 from swashtwin.bench.studies.dataset import prepare, read_for
@@ -41,8 +41,14 @@ def highest_line(recording: Recording) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    return tiny_recordings()
+def two_classes(recordings: list[Recording]) -> list[Recording]:
+    return [recording for recording in recordings if recording.label in ("normal", "swash_plate")]
+
+
+@pytest.fixture(scope="module")
+def along_angle(two_classes: list[Recording]) -> dict[str, Recording]:
+    """The recordings that train, test or lend under seed 0, along the shaft's angle."""
+    return read_for(two_classes, ANGLE, 0)
 
 
 @pytest.mark.parametrize("shaft", [14.9, 15.0, 15.1])
@@ -61,8 +67,8 @@ def test_windows_stay_as_long_as_they_are_along_time(recordings: list[Recording]
     assert TINY.as_read(recordings[0], rpm(860)) is recordings[0]
 
 
-def test_roles_and_counts_are_those_along_time(recordings: list[Recording]) -> None:
-    time, angle = prepare(recordings, TINY, 0, ()), prepare(recordings, ANGLE, 0, ())
+def test_roles_and_counts_are_those_along_time(two_classes: list[Recording], along_angle: dict[str, Recording]) -> None:
+    time, angle = prepare(two_classes, TINY, 0, ()), prepare(two_classes, ANGLE, 0, (), read=along_angle)
     assert angle.roles() == time.roles()
     assert angle.measured.counts() == time.measured.counts()
     assert {level: test.counts() for level, test in angle.tests.items()} == {
@@ -76,9 +82,9 @@ def test_settings_along_time_are_told_as_ever() -> None:
     assert replace(Scenario(), along_angle=True).described() == {**Scenario().described(), "along_angle": True}
 
 
-def test_the_study_compares_the_angle_with_time(recordings: list[Recording]) -> None:
+def test_the_study_compares_the_angle_with_time(two_classes: list[Recording]) -> None:
     plan = tiny("shaft-angle", fillings={"nominal": PAPER_FILLINGS["nominal"]})
-    result = run_plan(plan, recordings)
+    result = run_plan(plan, two_classes)
     assert {row["domain"] for row in result.rows()} == {"time", "angle"}
     compared = {(dict(one.first)["domain"], dict(one.second)["domain"]) for one in result.contrasts}
     assert compared == {("angle", "time")}
@@ -94,21 +100,24 @@ def test_noise_along_the_angle_is_refused(noisy: dict[str, Any]) -> None:
         replace(plan_of("shaft-angle", "quick"), **noisy)
 
 
-def test_speeds_that_differ_a_little_are_played_back_at_one(recordings: list[Recording]) -> None:
+def test_speeds_that_differ_a_little_are_played_back_at_one(two_classes: list[Recording]) -> None:
     stated = [
-        replace(one, condition=replace(one.condition, speed=rpm(860) * (1 + 1e-3 * (i % 3 - 1))))
-        for i, one in enumerate(recordings)
-        if one.condition is not None
+        replace(recording, condition=replace(recording.condition, speed=rpm(860) * (1 + 1e-3 * (i % 3 - 1))))
+        for i, recording in enumerate(two_classes)
+        if recording.condition is not None and ANGLE.is_near(recording)
     ]
     read = read_for(stated, ANGLE, 0)
-    assert len({one.sample_rate for one in read.values()}) == 1
+    assert len({recording.condition.speed for recording in stated if recording.recording_id in read}) > 1
+    assert len({recording.sample_rate for recording in read.values()}) == 1
 
 
-def test_the_same_recordings_lend_to_the_scarce_cell(recordings: list[Recording]) -> None:
-    full = replace(ANGLE, scarce_windows=recordings[0].signal.shape[1] // ANGLE.length)
+def test_the_same_recordings_lend_to_the_scarce_cell(
+    two_classes: list[Recording], along_angle: dict[str, Recording]
+) -> None:
+    full = replace(ANGLE, scarce_windows=two_classes[0].signal.shape[1] // ANGLE.length)
     lenders = {}
-    for name, scenario in (("time", replace(full, along_angle=False)), ("angle", full)):
-        windows = prepare(recordings, scenario, 0, ()).measured
+    for name, scenario, read in (("time", replace(full, along_angle=False), None), ("angle", full, along_angle)):
+        windows = prepare(two_classes, scenario, 0, (), read=read).measured
         lent = windows.subset((windows.label == "swash_plate") & (windows.discharge_pressure > 12e6))
         lenders[name] = (set(lent.recording_id.tolist()), len(lent), len(set(lent.start.tolist())))
     assert lenders["time"] == (lenders["angle"][0], full.scarce_windows, full.scarce_windows)

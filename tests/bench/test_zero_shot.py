@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from swashtwin.bench import StudyTable, rig_recordings, run_zero_shot
+from swashtwin.bench import StudyTable, run_zero_shot
 from swashtwin.bench.questions.zero_shot import ZERO_SHOT_SIZES
 from swashtwin.bench.questions.zero_shot_data import (
     BOTH_NORMALS,
@@ -16,11 +16,11 @@ from swashtwin.bench.questions.zero_shot_data import (
     POSTERIOR,
     SAME,
     UNSEEN,
+    ZeroShotData,
     prepare_zero_shot,
     split_zero_shot,
 )
 from swashtwin.bench.questions.zero_shot_table import chosen_zero_shot
-from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.studies.twin_draws import any_fault, rig_fault, wide_fault
 from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin.cli.app import app
@@ -47,26 +47,28 @@ TINY = replace(
 
 
 @pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
-    every = [recording for recording, _ in rig_recordings(0, RigSize(specimens=3, repeats=2, duration=1.2))]
-    return [one for one in every if "_10MPa_" not in one.recording_id]
+def two_pressures(recordings: list[Recording]) -> list[Recording]:
+    return [recording for recording in recordings if "_10MPa_" not in recording.recording_id]
 
 
 @pytest.fixture(scope="module")
-def data(recordings: list[Recording]):
-    return prepare_zero_shot(recordings, TINY, 0)
+def data(two_pressures: list[Recording]) -> ZeroShotData:
+    return prepare_zero_shot(two_pressures, TINY, 0)
 
 
 @pytest.fixture(scope="module")
-def study(recordings: list[Recording]) -> StudyTable:
-    return run_zero_shot(recordings, size=TINY, seeds=(0,), command="swashtwin study zero-shot rig")
+def study(two_pressures: list[Recording], data: ZeroShotData) -> StudyTable:
+    """The study of `data`, which is not prepared again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swashtwin.bench.questions.zero_shot.prepare_zero_shot", lambda *_: data)
+        return run_zero_shot(two_pressures, size=TINY, seeds=(0,), command="swashtwin study zero-shot rig")
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> None:
-    split = split_zero_shot(recordings, 1, seed)
+def test_no_recording_has_two_roles(two_pressures: list[Recording], seed: int) -> None:
+    split = split_zero_shot(two_pressures, 1, seed)
     roles = [split.healthy, split.faulty, split.tests[SAME], split.tests[UNSEEN]]
-    assert sum(map(len, roles)) == len(frozenset().union(*roles)) == len(recordings)
+    assert sum(map(len, roles)) == len(frozenset().union(*roles)) == len(two_pressures)
     assert not any("normal" in name for name in split.faulty)
     assert all("normal" in name for name in split.healthy)
     assert {name[0] for name in split.tests[UNSEEN]}.isdisjoint(split.pumps)
@@ -149,15 +151,15 @@ def test_the_page_shows_the_confusion_matrices(study: StudyTable, tmp_path) -> N
     assert (tmp_path / "figures" / "study_confusion_2.svg").is_file()
 
 
-def test_a_single_healthy_recording_is_refused_by_name(recordings: list[Recording]) -> None:
-    few = [one for one in recordings if one.recording_id != "A_normal_5MPa_1"]
+def test_a_single_healthy_recording_is_refused_by_name(two_pressures: list[Recording]) -> None:
+    few = [recording for recording in two_pressures if recording.recording_id != "A_normal_5MPa_1"]
     with pytest.raises(DataError, match="A_normal_5MPa_2 is the only healthy recording"):
         split_zero_shot(few, 1, 0)
 
 
-def test_two_pumps_without_a_twin_need_three_pumps(recordings: list[Recording]) -> None:
+def test_two_pumps_without_a_twin_need_three_pumps(two_pressures: list[Recording]) -> None:
     with pytest.raises(DataError, match="at least 4 specimens"):
-        split_zero_shot(recordings, 3, 0)
+        split_zero_shot(two_pressures, 3, 0)
 
 
 def test_the_command_takes_recordings_or_fleets_and_not_neither() -> None:

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.bench import StudyResult, gathered, plan_of
+from swashtwin.bench import StudyResult, gathered, plan_of, write_study_report
 from swashtwin.bench.results.comparison_figures import time_drawing
 from swashtwin.bench.results.runs import Run, save_run
 from swashtwin.bench.results.study_part import contrast_table, metrics_table
 from swashtwin.bench.studies.runner import assembled
 from swashtwin.foundation import DataError
-from swashtwin.report import write_report
 
 
 def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:
@@ -29,7 +28,7 @@ def test_a_study_put_together_from_several_commands_names_each(result: StudyResu
     (study,) = gathered(tmp_path)
     assert study.commands == ("swashtwin study case1 rig --seeds 0", "swashtwin study case1 rig --seeds 1")
     assert study.to_dict()["command"] == " && ".join(study.commands)
-    page = Path(write_report(study, folder=tmp_path / "page")).read_text()
+    page = Path(write_study_report(study, folder=tmp_path / "page")).read_text()
     assert all(command in page for command in study.commands)
     assert "2 commands, at the end of the study" in page
 
@@ -111,7 +110,7 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
             noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
     for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
         save_run(run, tmp_path)
-    page = write_report(*gathered(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
+    page = write_study_report(*gathered(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
     assert "Algorithms on Case I" in page
     assert "accuracy 0.910" in page
     assert "swashtwin study case1 rig; seeds 0, 1; cpu; virtual rig" in page

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin.bench import StudyTable, run_fault_map, run_severity
+from swashtwin.bench import StudyTable, run_fault_map, run_severity, write_study_report
 from swashtwin.bench.questions.severity import _Case, _values
 from swashtwin.bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
-from swashtwin.report import write_report
 
 CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
 
@@ -40,7 +39,7 @@ def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTabl
     assert 0 <= rows[0]["coverage"]["mean"] <= 1
     assert rows[0]["error"]["mean"] < 1
     assert "stand-in for a machine" in severity.origin
-    page = write_report(severity, folder=tmp_path).read_text(encoding="utf-8")
+    page = write_study_report(severity, folder=tmp_path).read_text(encoding="utf-8")
     assert "Found against true severity" in page
 
 
@@ -71,4 +70,4 @@ def test_the_map_tells_moves_of_each_kind_and_recalls_of_held_out_pumps(
     sound = [row for row in rows if row["fault"] == "normal" and row["model"] == "healthy"]
     assert {row["parameter"] for row in sound} >= {"C_sw", "K_Hz", "mount", "all"}
     assert "held-out pumps" in study.answer[0]
-    assert "What moves with which fault" in write_report(study, folder=tmp_path).read_text(encoding="utf-8")
+    assert "What moves with which fault" in write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")

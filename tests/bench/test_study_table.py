@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin.bench import StudyTable
+from swashtwin.bench import StudyTable, write_study_report
 from swashtwin.bench.results.table import Trial, origin_of, spread
 from swashtwin.recordings import Recording
-from swashtwin.report import write_report
 
 
 @pytest.fixture
@@ -53,7 +52,7 @@ def test_a_metric_without_a_number_is_none_in_json(study):
 
 
 def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
-    page = write_report(study, folder=tmp_path).read_text(encoding="utf-8")
+    page = write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")
     assert "The calibrated twin is nearer." in page
     assert "stand-in for a machine" in page
     assert "0.750 ± 0.0707" in page
@@ -71,7 +70,7 @@ def test_recordings_of_the_rig_are_called_a_stand_in():
 
 def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
     alone = replace(study, trials=tuple(replace(one, factors={"twin": one.factors["twin"]}) for one in study.trials))
-    assert "nominal" in write_report(alone, folder=tmp_path).read_text(encoding="utf-8")
+    assert "nominal" in write_study_report(alone, folder=tmp_path).read_text(encoding="utf-8")
 
 
 def test_a_spread_of_one_value_has_no_deviation():

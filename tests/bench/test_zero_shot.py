@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from swashtwin.bench import StudyTable, run_zero_shot
+from swashtwin.bench import StudyTable, run_zero_shot, write_study_report
 from swashtwin.bench.questions.zero_shot import ZERO_SHOT_SIZES
 from swashtwin.bench.questions.zero_shot_data import (
     BOTH_NORMALS,
@@ -28,7 +28,6 @@ from swashtwin.foundation import DataError
 from swashtwin.learning import TrainingSettings
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
-from swashtwin.report import write_report
 
 TINY = replace(
     ZERO_SHOT_SIZES["quick"],
@@ -146,7 +145,7 @@ def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fau
 
 
 def test_the_page_shows_the_confusion_matrices(study: StudyTable, tmp_path) -> None:
-    page = write_report(study, folder=tmp_path).read_text(encoding="utf-8")
+    page = write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")
     assert "Confusion matrices" in page
     assert (tmp_path / "figures" / "study_confusion_2.svg").is_file()
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from made_runs import ORIGIN, run, scored
 
-from swashtwin.bench import StudyResult, plan_of, rig_recordings
+from swashtwin.bench import StudyResult, plan_of, rig_recordings, write_study_report
 from swashtwin.bench.results.study_figures import accuracy_drawing
 from swashtwin.bench.results.study_part import paper_words
 from swashtwin.bench.rigs.writing import RigSize
@@ -63,7 +63,7 @@ def diagnosis() -> Diagnosis:
 
 @pytest.fixture(scope="module")
 def folder(study, tmp_path_factory) -> Path:
-    return write_report(study, folder=tmp_path_factory.mktemp("report")).parent
+    return write_study_report(study, folder=tmp_path_factory.mktemp("report")).parent
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +152,7 @@ def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
 
 
 def test_the_same_results_give_the_same_figures_bit_for_bit(folder, study, tmp_path):
-    write_report(replace(study, calibrations=study.calibrations[:1]), folder=tmp_path)
+    write_study_report(replace(study, calibrations=study.calibrations[:1]), folder=tmp_path)
     for path in (tmp_path / "figures").iterdir():
         earlier = folder / "figures" / path.name.replace("study_calibration_", "study_calibration_1_")
         assert path.read_bytes() == earlier.read_bytes(), path.name
@@ -195,7 +195,7 @@ def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
         for r in study.runs[:4]
     ]
     without = assembled(plan_of("case1", "quick"), runs)
-    page = write_report(without, folder=tmp_path).read_text(encoding="utf-8")
+    page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
 

@@ -18,9 +18,8 @@ from .questions.severity import run_severity as run_severity
 from .questions.tuning import run_tuning as run_tuning
 from .questions.zero_shot import run_zero_shot as run_zero_shot
 from .results.result import StudyResult as StudyResult
-from .results.study_part import study_part as study_part
+from .results.study_report import write_study_report as write_study_report
 from .results.table import StudyTable as StudyTable
-from .results.table_part import table_part as table_part
 from .rigs.writing import RIG_VERSION as RIG_VERSION
 from .rigs.writing import SIZES as SIZES
 from .rigs.writing import build_rig as build_rig
@@ -70,6 +69,5 @@ __all__ = [
     "run_study",
     "run_tuning",
     "run_zero_shot",
-    "study_part",
-    "table_part",
+    "write_study_report",
 ]

@@ -15,11 +15,10 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Gather every finished run of a folder into one page: tables and figures, the paper's figures beside ours."""
-    from swashtwin.bench import gathered
-    from swashtwin.report import write_report
+    from swashtwin.bench import gathered, write_study_report
 
     found = gathered(folder)
-    page = write_report(*found, folder=out)
+    page = write_study_report(*found, folder=out)
     studies = [
         {
             "study": one.study,

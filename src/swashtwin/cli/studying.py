@@ -59,9 +59,9 @@ def demo(
 
 def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
     """Write the report where one is asked for, and print the study as one JSON object or as a table."""
-    from swashtwin.report import write_report
+    from swashtwin.bench import write_study_report
 
-    page = None if folder is None else write_report(study, folder=folder)
+    page = None if folder is None else write_study_report(study, folder=folder)
     result = {**study.to_dict(), "report": page}
     tell(result, as_json, lambda: _show_table(study, result))
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache, singledispatch
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 
@@ -33,20 +33,8 @@ _UNKNOWN_ORIGIN = (
 )
 
 
-@runtime_checkable
-class Reportable(Protocol):
-    """A result that makes its own part of the page, such as a study."""
-
-    @property
-    def study(self) -> str:
-        """Name, such as ``"calibration"``; the names of its figures begin with it if the page has several."""
-
-    def report_part(self, key: str) -> Part:
-        """Its part of the page; the names of its figures begin with `key`."""
-
-
 def write_report(
-    *items: Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence | Reportable,
+    *items: Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence | Part,
     folder: Path | str,
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -97,14 +85,13 @@ def part_of(item: object, key: str) -> Part:
     InputError
         No part is registered for its type.
     """
-    if isinstance(item, Reportable):
-        return item.report_part(key)
     raise InputError(
         f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
         "diagnosis."
     )
 
 
+part_of.register(Part)(lambda part, key: part)
 part_of.register(Calibration)(calibration_part)
 part_of.register(Difference)(difference_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
@@ -115,7 +102,7 @@ part_of.register(Evidence)(evidence_part)
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
     """Every section by its position; several studies each keep their sections together, under their titles."""
-    if len(items) > 1 and all(isinstance(item, Reportable) for item in items):
+    if len(items) > 1 and all(isinstance(item, Part) for item in items):
         return [
             replace(section, title=f"{_short(part.title)}: {section.title}")
             for part in parts
@@ -137,13 +124,7 @@ def _answers(parts: Sequence[Part]) -> list[str]:
 
 def _keys(items: Sequence[object]) -> list[str]:
     """Name of each item, numbered if there are several of its kind; several studies go by their own names."""
-    several = sum(isinstance(item, Reportable) for item in items) > 1
-    kinds = [
-        (item.study.replace("-", "_") if several else "study")
-        if isinstance(item, Reportable)
-        else type(item).__name__.lower()
-        for item in items
-    ]
+    kinds = [type(item).__name__.lower() for item in items]
     total, seen, keys = Counter(kinds), Counter[str](), []
     for kind in kinds:
         seen[kind] += 1

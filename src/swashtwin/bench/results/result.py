@@ -8,7 +8,7 @@ Its JSON is a `StudyTable`'s with ``size``, ``rivals``, ``contrasts``, ``cells``
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from swashtwin.bench.results.runs import Outcome, Run
 from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.calibration import Calibration
 from swashtwin.learning import Epoch
-
-if TYPE_CHECKING:
-    from swashtwin.report import Part
 
 METRICS = {
     "accuracy": "accuracy",
@@ -87,12 +84,6 @@ class StudyResult(StudyTable):
     def rivals(self) -> tuple[Outcome, ...]:
         """Every score of the rivals beside them."""
         return tuple(one for run in self.runs for one in run.outcomes if one.classifier in self.rival_names)
-
-    def report_part(self, key: str) -> "Part":
-        """What it adds to a page (`write_report`); the names of its figures begin with `key`."""
-        from swashtwin.bench.results.study_part import study_part
-
-        return study_part(self, key)
 
     @property
     def classes(self) -> tuple[str, ...]:

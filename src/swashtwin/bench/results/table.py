@@ -8,14 +8,11 @@ The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "se
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from swashtwin.recordings import Recording
-
-if TYPE_CHECKING:
-    from swashtwin.report import Part
 
 
 @dataclass(frozen=True)
@@ -106,12 +103,6 @@ class StudyTable:
             "command": self.command,
             "details": dict(self.details),
         }
-
-    def report_part(self, key: str) -> "Part":
-        """What it adds to a page (`write_report`); the names of its figures begin with `key`."""
-        from swashtwin.bench.results.table_part import table_part
-
-        return table_part(self, key)
 
 
 def spread(values: Sequence[float]) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
         "nominal twin": TwinFiller(nominal),
         "calibrated, bare": TwinFiller(calibrated, background="none"),
         "calibrated": TwinFiller(calibrated),
-        "calibrated, residual": TwinFiller(calibrated, background="residual", machines=machines),
+        "calibrated, residual": TwinFiller(calibrated, background="residual", specimens=machines),
         "calibrated, posterior": TwinFiller(calibrated, posterior=posteriors),
         "calibrated on healthy": TwinFiller([one.with_fault(twin.fault) for twin in nominal for one in healthy]),
     }

@@ -30,7 +30,7 @@ worn_at_15 = Twin(
 )
 known = select(recordings, label="swash_plate", ids=train.recording_id)  # never the test's
 calibration = calibrate(worn_at_15, known, seed=0)
-synthetic = synthesize(calibration.twin, label="swash_plate", count=150, like=train, seed=0)
+synthetic = synthesize(calibration, worn_at_15.fault, count=150, like=train, seed=0)
 classifier = fit(BiTCN(train.n_channels, len(train.classes)), train + synthetic, seed=0)
 scores = evaluate(classifier, test)
 diagnosis = diagnose(classifier, recordings[0])

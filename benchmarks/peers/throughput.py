@@ -13,7 +13,7 @@ from peers.measuring import seconds, settle
 from peers.problem import Problem, pump_twin
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import synthesize
+from swashtwin.synthesis import simulate_windows
 
 WINDOW, SAMPLE_RATE = 2048, 25600.0
 CORES = 2
@@ -116,11 +116,11 @@ def windows(counts: tuple[int, ...]) -> dict[str, Any]:
     settle(CORES)
     like = measured_windows()
     twin = pump_twin()
-    synthesize(twin, label=twin.label, count=2, like=like, seed=9)
+    simulate_windows(twin, count=2, like=like, seed=9)
     wall = {}
     for count in counts:
         started = time.perf_counter()
-        made = synthesize(twin, label=twin.label, count=count, like=like, seed=count)
+        made = simulate_windows(twin, count=count, like=like, seed=count)
         wall[count] = time.perf_counter() - started
         assert made.signal.shape == (count, len(like.channels), WINDOW)
     return {

@@ -23,14 +23,14 @@ from swashtwin.synthesis import (
     NoisyDuplicate,
     NoNeighborsError,
     SpectralForm,
+    cut_extensions,
+    extension_length,
     in_cell,
-    ring_length,
-    rings_of,
+    periodic_extensions,
     sources_of,
-    windows_of,
 )
 from swashtwin.synthesis.log_spectra import log_amplitude, with_amplitude
-from swashtwin.synthesis.periodic_extension import closed, read_ring
+from swashtwin.synthesis.periodic_extension import close_period, read_extension
 
 CLASSES = ("normal", "piston")
 PERIOD = 256
@@ -207,11 +207,11 @@ def test_a_window_of_a_steady_machine_closes_to_its_revolution() -> None:
     angle = 2 * np.pi * np.arange(3 * LENGTH) / PERIOD
     steady = np.stack([np.sin(7 * angle), np.cos(3 * angle + 1)])
     train = measured()
-    assert ring_length(train, 0) == PERIOD
-    ring = closed(steady[:, 100 : 100 + LENGTH].astype(np.float32), PERIOD)
-    around = read_ring(ring, np.arange(-100, LENGTH))
+    assert extension_length(train, 0) == PERIOD
+    ring = close_period(steady[:, 100 : 100 + LENGTH].astype(np.float32), PERIOD)
+    around = read_extension(ring, np.arange(-100, LENGTH))
     np.testing.assert_allclose(around, steady[:, : LENGTH + 100], atol=1e-6)
-    between = read_ring(ring, np.arange(LENGTH) + 0.5)
+    between = read_extension(ring, np.arange(LENGTH) + 0.5)
     np.testing.assert_allclose(
         between[:, :-1], steady[:, 100 : 100 + LENGTH - 1] / 2 + steady[:, 101 : 100 + LENGTH] / 2, atol=0.01
     )
@@ -220,10 +220,10 @@ def test_a_window_of_a_steady_machine_closes_to_its_revolution() -> None:
 def test_a_window_of_an_unknown_speed_closes_without_a_step() -> None:
     train = measured()
     unknown = replace(train, speed=np.full(len(train), np.nan))
-    length = ring_length(unknown, 0)
+    length = extension_length(unknown, 0)
     assert length == 288
     drift = np.linspace(0, 100, LENGTH)[None].astype(np.float32)
-    ring = read_ring(closed(drift, length), np.arange(2 * length))
+    ring = read_extension(close_period(drift, length), np.arange(2 * length))
     assert np.abs(np.diff(ring)).max() < 10  # the ends are 90 apart
 
 
@@ -231,9 +231,9 @@ def test_rings_of_machines_of_different_speeds_have_the_same_length_and_become_w
     train = measured()
     mixed = replace(train, speed=np.where(np.arange(len(train)) % 2, 1.0, 1.1) * train.speed)
     both = np.array([0, 1])
-    rings = rings_of(mixed, both, PERIOD)
+    rings = periodic_extensions(mixed, both, PERIOD)
     assert rings.shape == (2, 2, PERIOD)
-    made = windows_of(rings, mixed, both, stream(0, "angle"))
+    made = cut_extensions(rings, mixed, both, stream(0, "angle"))
     assert made.shape == (2, 2, LENGTH)
     np.testing.assert_allclose(made.std(axis=2), mixed.signal[:2].std(axis=2), rtol=0.1)
 
@@ -242,10 +242,10 @@ def test_amplitudes_and_phases_are_all_there_is_of_a_ring() -> None:
     rings = stream(0, "rings").normal(size=(6, 2, 64))
     np.testing.assert_allclose(with_amplitude(rings, log_amplitude(rings)), rings, atol=1e-9)
     condition = np.eye(2)[[0, 1, 0, 1, 0, 1]]
-    form = SpectralForm.fitted(rings, condition, 3, 0)
+    form = SpectralForm.fit(rings, condition, 3, 0)
     scores = form.scores(rings, condition)
-    np.testing.assert_allclose(form.rebuilt(scores, condition, rings, condition), rings, atol=1e-9)
-    other = form.rebuilt(scores[::-1].copy(), condition[::-1].copy(), rings, condition)
+    np.testing.assert_allclose(form.rebuild(scores, condition, rings, condition), rings, atol=1e-9)
+    other = form.rebuild(scores[::-1].copy(), condition[::-1].copy(), rings, condition)
     np.testing.assert_allclose(form.scores(other, condition[::-1].copy()), scores[::-1], atol=1e-6)
 
 
@@ -265,7 +265,7 @@ def test_a_generative_model_learns_which_class_and_pressure_makes_which_level(mo
     np.testing.assert_allclose(level, own, rtol=0.12)
 
 
-def test_smote_on_readings_lies_between_two_windows_of_the_cell() -> None:
+def test_smote_on_samples_lies_between_two_windows_of_the_cell() -> None:
     train = measured()
     own = train.signal[in_cell(train, "piston", MPa(15))].reshape(8, -1).astype(float)
     made = SMOTE()(train, label="piston", pressure=MPa(15), count=20, seed=0).signal.reshape(20, -1)
@@ -276,16 +276,16 @@ def test_smote_on_readings_lies_between_two_windows_of_the_cell() -> None:
         assert min(gap) < 1e-4
 
 
-def test_smote_on_spectra_keeps_the_level_that_smote_on_readings_loses() -> None:
+def test_smote_on_spectra_keeps_the_level_that_smote_on_samples_loses() -> None:
     train = measured()
     level = train.signal[in_cell(train, "piston", MPa(15))].std(axis=2).mean(axis=0)
     made = {
         space: SMOTE(space=space)(train, label="piston", pressure=MPa(15), count=60, seed=0)
         .signal.std(axis=2)
         .mean(axis=0)
-        for space in ("readings", "spectrum")
+        for space in ("samples", "spectrum")
     }
-    assert (made["readings"] < 0.9 * level).all()
+    assert (made["samples"] < 0.9 * level).all()
     np.testing.assert_allclose(made["spectrum"], level, rtol=0.05)
 
 

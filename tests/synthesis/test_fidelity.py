@@ -1,4 +1,4 @@
-"""Likeness of synthetic windows: each metric where its answer is known."""
+"""Fidelity of synthetic windows: each metric where its answer is known."""
 
 from dataclasses import replace
 
@@ -36,31 +36,31 @@ def windows(
     )
 
 
-def made(seed: int, **how: float) -> WindowSet:
+def synthetic_windows(seed: int, **how: float) -> WindowSet:
     """Windows that are marked synthetic, each a recording of its own."""
-    one = windows(seed, **how)  # type: ignore[arg-type]
-    own = np.array([f"made_{seed}_{i}" for i in range(len(one))])
-    return replace(one, synthetic=np.ones(len(one), dtype=bool), recording_id=own)
+    synthetic = windows(seed, **how)  # type: ignore[arg-type]
+    ids = np.array([f"made_{seed}_{i}" for i in range(len(synthetic))])
+    return replace(synthetic, synthetic=np.ones(len(synthetic), dtype=bool), recording_id=ids)
 
 
 def test_a_gain_of_a_decibel_in_every_line_is_a_distance_of_a_decibel() -> None:
-    one = windows(0)
-    louder = replace(one, signal=one.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32))
-    np.testing.assert_allclose(spectral_distance(one, louder), [1.0, 3.0], atol=1e-3)
-    np.testing.assert_array_equal(spectral_distance(one, one), 0.0)
+    quiet = windows(0)
+    louder = replace(quiet, signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32))
+    np.testing.assert_allclose(spectral_distance(quiet, louder), [1.0, 3.0], atol=1e-3)
+    np.testing.assert_array_equal(spectral_distance(quiet, quiet), 0.0)
 
 
 def test_windows_of_the_same_law_are_not_told_apart_and_a_fingerprint_is() -> None:
-    assert abs(discriminative_score(windows(0), made(1), seed=0) - 0.5) < 0.12
-    assert discriminative_score(windows(0), made(1, gain=3.0), seed=0) > 0.98
+    assert abs(discriminative_score(windows(0), synthetic_windows(1), seed=0) - 0.5) < 0.12
+    assert discriminative_score(windows(0), synthetic_windows(1, gain=3.0), seed=0) > 0.98
 
 
 def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
     """Measured windows whose recordings differ in level, and synthetic ones spread as the recordings are."""
     level = np.exp(stream(0, "levels").normal(0, 1, 12)).astype(np.float32)
-    one = windows(0, recordings=12)
-    measured = replace(one, signal=one.signal * np.repeat(level, 10)[:, None, None])
-    other = made(1, recordings=12)
+    plain = windows(0, recordings=12)
+    measured = replace(plain, signal=plain.signal * np.repeat(level, 10)[:, None, None])
+    other = synthetic_windows(1, recordings=12)
     spread = np.exp(stream(1, "levels").normal(0, 1, 120)).astype(np.float32)
     synthetic = replace(other, signal=other.signal * spread[:, None, None])
     assert discriminative_score(measured, synthetic, seed=0) < 0.75
@@ -68,11 +68,11 @@ def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
 
 def test_copies_are_found_shifted_and_noisy_ones_too_and_new_windows_are_a_half() -> None:
     train = windows(0, tone=0.1)
-    asked = {"label": "piston", "pressure": MPa(10), "count": 30, "seed": 0}
-    assert copied_share(train, Duplicate()(train, **asked)) == 1.0
-    assert copied_share(train, NoisyDuplicate(snr_db=20.0)(train, **asked)) == 1.0
-    assert 0.3 < copied_share(train, made(1, tone=0.1)) < 0.7
-    assert copied_share(train, made(1, tone=0.3)) < 0.1
+    cell = {"label": "piston", "pressure": MPa(10), "count": 30, "seed": 0}
+    assert copied_share(train, Duplicate()(train, **cell)) == 1.0
+    assert copied_share(train, NoisyDuplicate(snr_db=20.0)(train, **cell)) == 1.0
+    assert 0.3 < copied_share(train, synthetic_windows(1, tone=0.1)) < 0.7
+    assert copied_share(train, synthetic_windows(1, tone=0.3)) < 0.1
 
 
 def test_trees_that_learnt_from_copies_score_as_those_of_measured_windows() -> None:
@@ -83,21 +83,21 @@ def test_trees_that_learnt_from_copies_score_as_those_of_measured_windows() -> N
 
 def test_trees_that_learnt_from_the_wrong_tone_fail_on_measured_windows() -> None:
     def wrong(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        one = made(7, tone=0.1, per_recording=2 * count, recordings=2)
-        own = one.subset(one.label != label)  # each class made as the other
-        return replace(own, target=np.full(len(own), CLASSES.index(label), dtype=np.int64))
+        synthetic = synthetic_windows(7, tone=0.1, per_recording=2 * count, recordings=2)
+        swapped = synthetic.subset(synthetic.label != label)  # each class made as the other
+        return replace(swapped, target=np.full(len(swapped), CLASSES.index(label), dtype=np.int64))
 
-    synthetic, _ = train_synthetic_test_real(wrong, windows(0, tone=0.1), windows(1, tone=0.1), per_cell=30, seed=0)
-    assert synthetic.macro_recall < 0.1
+    scores, _ = train_synthetic_test_real(wrong, windows(0, tone=0.1), windows(1, tone=0.1), per_cell=30, seed=0)
+    assert scores.macro_recall < 0.1
 
 
 def test_what_cannot_be_compared_is_refused() -> None:
-    one = windows(0)
+    measured = windows(0)
     with pytest.raises(DataError, match="one recording"):
-        discriminative_score(windows(0, recordings=1), made(1), seed=0)
+        discriminative_score(windows(0, recordings=1), synthetic_windows(1), seed=0)
     with pytest.raises(DataError, match="each side needs some"):
-        spectral_distance(one, made(1).subset(np.zeros(60, dtype=bool)))
+        spectral_distance(measured, synthetic_windows(1).subset(np.zeros(60, dtype=bool)))
     with pytest.raises(InputError, match="channels a, b against"):
-        spectral_distance(replace(one, channels=("a", "b")), made(1))
+        spectral_distance(replace(measured, channels=("a", "b")), synthetic_windows(1))
     with pytest.raises(DataError, match="no neighbor"):
-        copied_share(one.subset(np.array([0])), made(1))
+        copied_share(measured.subset(np.array([0])), synthetic_windows(1))

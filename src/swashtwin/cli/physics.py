@@ -44,7 +44,7 @@ def synthesize(
     from swashtwin.foundation import parse
     from swashtwin.learning import cut_windows, save_windows
     from swashtwin.recordings import read_recordings
-    from swashtwin.synthesis import synthesize as synthesized
+    from swashtwin.synthesis import simulate_windows
 
     found = load_calibration(calibration)
     twin = found.nominal if nominal else found.twin
@@ -58,13 +58,14 @@ def synthesize(
     recordings = read_recordings(like)
     classes = sorted({one.label for one in recordings if one.label is not None} | {label})
     measured = cut_windows(recordings, length=length, classes=classes)
-    windows = synthesized(
+    if label != twin.label:
+        raise typer.BadParameter(f"is {label!r}, but the twin simulates {twin.label!r}.", param_hint="--label")
+    windows = simulate_windows(
         twin,
-        label=label,
         count=count,
         like=measured,
         seed=seed,
-        background="residual" if residual else background,
+        background="residual" if residual else "spectrum" if background else "none",
         posterior=found.posterior if draws and not nominal else None,
     )
     manifest = {*found.recording_ids, *measured.recording_id.tolist()}

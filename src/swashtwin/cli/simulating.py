@@ -276,10 +276,10 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
     from swashtwin.foundation import derive_seed, stream
     from swashtwin.physics import carry_over
     from swashtwin.recordings import write_series
-    from swashtwin.synthesis import drawn
+    from swashtwin.synthesis import draw_twin
 
     def blocks_of(number: int) -> "Iterator[Recording]":
-        twin = plan.twin if variation is None else drawn(plan.twin, variation, plan.seed, number)
+        twin = plan.twin if variation is None else draw_twin(plan.twin, variation, plan.seed, number)
         if plan.films:
             twin = carry_over(twin.at(plan.twin.condition), twin.condition)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)

@@ -4,12 +4,12 @@ from .background import Background as Background
 from .distortion import Jitter as Jitter
 from .duplicates import Duplicate as Duplicate
 from .duplicates import NoisyDuplicate as NoisyDuplicate
-from .duplicates import drawn_from as drawn_from
+from .duplicates import draw_indices as draw_indices
 from .fidelity import copied_share as copied_share
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import spectral_distance as spectral_distance
 from .filler import Filler as Filler
-from .filler import filled_cell as filled_cell
+from .filler import fill_cell as fill_cell
 from .filler import in_cell as in_cell
 from .filler import require_count as require_count
 from .filler import sources_of as sources_of
@@ -18,18 +18,22 @@ from .interpolation import SMOTE as SMOTE
 from .interpolation import NoNeighborsError as NoNeighborsError
 from .interpolation import oversampler as oversampler
 from .log_spectra import SpectralForm as SpectralForm
-from .periodic_extension import ring_length as ring_length
-from .periodic_extension import rings_of as rings_of
-from .periodic_extension import windows_of as windows_of
+from .periodic_extension import cut_extensions as cut_extensions
+from .periodic_extension import extension_length as extension_length
+from .periodic_extension import periodic_extensions as periodic_extensions
+from .registry import FILLERS as FILLERS
+from .registry import register_filler as register_filler
 from .twin_filler import TwinFiller as TwinFiller
+from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .variation import Variation as Variation
-from .variation import drawn as drawn
+from .variation import draw_twin as draw_twin
 
 __all__ = [
     "ADASYN",
     "DEFAULT_VARIATION",
+    "FILLERS",
     "SMOTE",
     "Background",
     "Duplicate",
@@ -41,17 +45,19 @@ __all__ = [
     "TwinFiller",
     "Variation",
     "copied_share",
+    "cut_extensions",
     "discriminative_score",
-    "drawn",
-    "drawn_from",
-    "filled_cell",
+    "draw_indices",
+    "draw_twin",
+    "extension_length",
+    "fill_cell",
     "in_cell",
     "oversampler",
+    "periodic_extensions",
+    "register_filler",
     "require_count",
-    "ring_length",
-    "rings_of",
+    "simulate_windows",
     "sources_of",
     "spectral_distance",
     "synthesize",
-    "windows_of",
 ]

@@ -10,18 +10,18 @@ from jaxtyping import Bool, Float, Int
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
-from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, without_synchronous
+from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, remove_synchronous
 
 Background = Literal["none", "spectrum", "residual"]
-"""What a twin's windows are laid over: nothing, noise of measured windows' spectrum, or what those are made of beside
-their synchronous part."""
+"""What a twin's windows are laid over: nothing, noise of measured windows' spectrum, or measured windows without their
+synchronous part."""
 
 
 @runtime_checkable
 class BackgroundNoise(Protocol):
-    """What gives a window its noise."""
+    """Source of a window's noise."""
 
-    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+    def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         """Noise of one window, in the unit of the measured ones."""
         ...
 
@@ -33,11 +33,11 @@ class _Spectrum:
     like: WindowSet
     """Measured windows."""
     windows: Int[np.ndarray, " window"]
-    """Among which of them one is drawn."""
+    """Indices of the windows that one is drawn from."""
     clear: Bool[np.ndarray, " frequency"]
     """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
 
-    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+    def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         window = self.like.signal[rng.choice(self.windows)].astype(float)
         taper = scipy.signal.get_window("hann", self.like.length)  # untapered, strong lines leak over all others
         tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
@@ -55,11 +55,11 @@ class _Residual:
 
     residual: Float[np.ndarray, "window channel time"]
 
-    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+    def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         return self.residual[rng.integers(len(self.residual))]
 
 
-def background_noise(like: WindowSet, twin: Twin, kind: Background, machine: str | None = None) -> BackgroundNoise:
+def background_noise(like: WindowSet, twin: Twin, kind: Background, specimen: str | None = None) -> BackgroundNoise:
     """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where there are any.
 
     Parameters
@@ -67,14 +67,14 @@ def background_noise(like: WindowSet, twin: Twin, kind: Background, machine: str
     kind : ``"spectrum"``: the amplitudes of a window between the piston-pass lines, in random phase; one window is
         enough. ``"residual"``: a window less the synchronous part of its recording, sample for sample as measured,
         shocks and what the channels have in common included; it takes four windows of a recording.
-    machine : specimen whose windows alone are taken, such as the one that the twin was calibrated on.
+    specimen : machine whose windows alone are used, such as the one that the twin was calibrated on.
 
     Raises
     ------
     InputError
-        `like` has no measured window of that machine, or none of a recording with enough of them.
+        `like` has no measured window of that specimen, or none of a recording with enough of them.
     """
-    quiet = _quiet_windows(like, twin.condition.discharge_pressure, machine)
+    quiet = _quiet_windows(like, twin.condition.discharge_pressure, specimen)
     if kind == "residual":
         return _Residual(_residuals(like.subset(quiet), twin.condition.shaft_frequency))
     frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
@@ -83,16 +83,16 @@ def background_noise(like: WindowSet, twin: Twin, kind: Background, machine: str
     return _Spectrum(like, quiet, distance > 2.5 * frequency[1])
 
 
-def _quiet_windows(like: WindowSet, pressure: float, machine: str | None) -> np.ndarray:
+def _quiet_windows(like: WindowSet, pressure: float, specimen: str | None) -> np.ndarray:
     """Indices of measured normal windows (any class where there is none) at the pressure nearest to `pressure`."""
     candidates = ~like.synthetic
-    if machine is not None:
-        candidates &= like.specimen == machine
+    if specimen is not None:
+        candidates &= like.specimen == specimen
     if "normal" in like.classes and np.any(candidates & (like.label == "normal")):
         candidates &= like.label == "normal"
     if not candidates.any():
-        of = "" if machine is None else f" of {machine}"
-        raise InputError(f"no measured window{of} to take noise from; pass background=False.")
+        of = "" if specimen is None else f" of {specimen}"
+        raise InputError(f"no measured window{of} to take noise from; pass background='none'.")
     distance = np.abs(like.discharge_pressure - pressure)
     if np.isfinite(distance[candidates]).any():
         candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
@@ -102,11 +102,11 @@ def _quiet_windows(like: WindowSet, pressure: float, machine: str | None) -> np.
 def _residuals(quiet: WindowSet, shaft_frequency: float) -> Float[np.ndarray, "window channel time"]:
     parts = []
     for name in np.unique(quiet.recording_id):
-        own = quiet.subset(quiet.recording_id == name)
-        known = float(own.speed[0]) / (2 * np.pi)
-        period = quiet.sample_rate / (known if known > 0 else shaft_frequency)
-        if len(own) >= MINIMUM_WINDOWS and quiet.length >= 1.02 * period:
-            parts.append(without_synchronous(own.signal.astype(float), period))
+        windows = quiet.subset(quiet.recording_id == name)
+        shaft = float(windows.speed[0]) / (2 * np.pi)
+        period = quiet.sample_rate / (shaft if shaft > 0 else shaft_frequency)
+        if len(windows) >= MINIMUM_WINDOWS and quiet.length >= 1.02 * period:
+            parts.append(remove_synchronous(windows.signal.astype(float), period))
     if not parts:
         raise InputError(
             f"a residual takes {MINIMUM_WINDOWS} windows of one recording, each of more than a revolution; take longer "

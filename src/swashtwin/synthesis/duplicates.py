@@ -1,4 +1,4 @@
-"""Copies of measured windows: the controls that every other filling has to beat."""
+"""Copies of measured windows: the controls that every other filler has to beat."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from jaxtyping import Int64
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
-from swashtwin.synthesis.filler import filled_cell, require_count, sources_of
+from swashtwin.synthesis.filler import fill_cell, require_count, sources_of
 
 
 @dataclass(frozen=True)
@@ -17,41 +17,41 @@ class Duplicate:
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, each a copy of a measured one (`Filler`)."""
-        drawn = drawn_sources(train, label, pressure, count, seed)
-        return filled_cell(
-            train.signal[drawn], drawn, train=train, name="duplicate", label=label, pressure=pressure, seed=seed
+        sources = draw_sources(train, label, pressure, count, seed)
+        return fill_cell(
+            train.signal[sources], sources, train=train, name="duplicate", label=label, pressure=pressure, seed=seed
         )
 
 
 @dataclass(frozen=True)
 class NoisyDuplicate:
-    """Copies of measured windows, each with white noise of its own."""
+    """Copies of measured windows, each with different white noise."""
 
     snr_db: float = 30.0
     """Power of the window over that of the noise, per channel [dB]."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, each a copy of a measured one with noise (`Filler`)."""
-        drawn = drawn_sources(train, label, pressure, count, seed)
+        sources = draw_sources(train, label, pressure, count, seed)
         noise = derive_seed(seed, "noisy duplicate", label)
         signal = np.stack(
-            [add_noise(train.signal[source].astype(float), self.snr_db, noise, i) for i, source in enumerate(drawn)]
+            [add_noise(train.signal[source].astype(float), self.snr_db, noise, i) for i, source in enumerate(sources)]
         )
-        return filled_cell(
-            signal, drawn, train=train, name="noisy_duplicate", label=label, pressure=pressure, seed=seed
+        return fill_cell(
+            signal, sources, train=train, name="noisy_duplicate", label=label, pressure=pressure, seed=seed
         )
 
 
-def drawn_sources(train: WindowSet, label: str, pressure: float, count: int, seed: int) -> np.ndarray:
-    """Index of the measured window that each synthetic one comes from; all come before one comes twice."""
+def draw_sources(train: WindowSet, label: str, pressure: float, count: int, seed: int) -> np.ndarray:
+    """Index of the measured window that each synthetic one comes from; no window repeats before all were drawn."""
     require_count(count)
-    return drawn_from(sources_of(train, label, pressure), label, count, seed)
+    return draw_indices(sources_of(train, label, pressure), label, count, seed)
 
 
-def drawn_from(
+def draw_indices(
     sources: Int64[np.ndarray, " source"], label: str, count: int, seed: int
 ) -> Int64[np.ndarray, " window"]:
-    """`count` of `sources` in random order; all come before one comes twice."""
+    """`count` of `sources` in random order; no window repeats before all were drawn."""
     rng = stream(seed, "sources", label)
     rounds = -(-count // len(sources))
     return np.concatenate([rng.permutation(sources) for _ in range(rounds)])[:count]

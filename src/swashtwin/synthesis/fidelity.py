@@ -1,7 +1,7 @@
-"""How like measured windows synthetic ones are, and how much they are mere copies.
+"""Fidelity of synthetic windows to measured ones, and the share of mere copies.
 
-Each metric says in its docstring with which measured windows it is to be asked: held-out ones, which no filler saw, or
-the training windows that the filler drew from.
+The docstring of each metric names the measured windows it needs: held-out windows, which no filler saw, or the training
+windows that the filler drew from.
 """
 
 import numpy as np
@@ -30,23 +30,19 @@ def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.n
 
     Parameters
     ----------
-    measured : held-out windows of the cell; with training windows it says how well a filler was fitted, not more.
+    measured : held-out windows of the cell; training windows show only how well the filler was fitted.
     synthetic : windows of the same layout.
     """
     _require_both(measured, synthetic)
-    power = [
-        np.maximum(periodogram(one.signal.astype(float), one.sample_rate, "hann")[1][..., 1:].mean(axis=0), 1e-30)
-        for one in (measured, synthetic)
-    ]
+    power = [np.maximum(_power(windows).mean(axis=0), 1e-30) for windows in (measured, synthetic)]
     return np.sqrt(np.mean((10 * np.log10(power[0] / power[1])) ** 2, axis=-1))
 
 
 def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int) -> float:
-    """AUROC with which extra trees on vibration features tell synthetic windows from measured ones; 0.5 is cannot.
+    """AUROC of extra trees that tell synthetic from measured windows by vibration features; 0.5 is chance.
 
-    It is that of windows which the trees did not see, cross-validated so that no recording is on both sides. A measured
-    set of few recordings can be told by what is its own: copies of the training windows (`Duplicate`), which have
-    no fingerprint but that, score what has to be granted to every filler.
+    It is cross-validated, no recording on both sides. A measured set of few recordings is recognized by
+    their peculiarities: copies of the training windows (`Duplicate`) show the score to be granted to every filler.
 
     Parameters
     ----------
@@ -64,16 +60,16 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
     folds = min(_FOLDS, len(np.unique(measured.recording_id)), len(np.unique(synthetic.recording_id)))
     if folds < 2:
         raise DataError(
-            "measured windows of one recording would be told by that recording, not by being measured; give those of "
-            "two recordings at least."
+            "measured windows of one recording would be recognized by that recording; give windows of two recordings "
+            "at least."
         )
-    made = np.repeat([0, 1], [len(measured), len(synthetic)])
-    values = np.concatenate([extract_features(one).values for one in (measured, synthetic)])
-    own = derive_seed(seed, "discriminator") % 2**32
-    trees = ExtraTreesClassifier(100, class_weight="balanced", random_state=own, n_jobs=1)
-    split = StratifiedGroupKFold(folds, shuffle=True, random_state=own)
-    told = cross_val_predict(trees, values, made, groups=groups, cv=split, method="predict_proba")
-    return float(roc_auc_score(made, told[:, 1]))
+    is_synthetic = np.repeat([0, 1], [len(measured), len(synthetic)])
+    values = np.concatenate([extract_features(windows).values for windows in (measured, synthetic)])
+    tree_seed = derive_seed(seed, "discriminator") % 2**32
+    trees = ExtraTreesClassifier(100, class_weight="balanced", random_state=tree_seed, n_jobs=1)
+    split = StratifiedGroupKFold(folds, shuffle=True, random_state=tree_seed)
+    probability = cross_val_predict(trees, values, is_synthetic, groups=groups, cv=split, method="predict_proba")
+    return float(roc_auc_score(is_synthetic, probability[:, 1]))
 
 
 def copied_share(train: WindowSet, synthetic: WindowSet) -> float:
@@ -85,14 +81,14 @@ def copied_share(train: WindowSet, synthetic: WindowSet) -> float:
 
     Parameters
     ----------
-    train : the training windows that the filler drew from, never held-out ones; synthetic ones are not looked at.
+    train : the training windows that the filler drew from, never held-out ones; synthetic ones are ignored.
     synthetic : windows of the same layout.
     """
-    own = train.subset(~train.synthetic & np.isin(train.label, synthetic.label))
-    _require_both(own, synthetic)
-    if len(own) < 2:
+    measured = train.subset(~train.synthetic & np.isin(train.label, synthetic.label))
+    _require_both(measured, synthetic)
+    if len(measured) < 2:
         raise DataError("one training window has no neighbor; give two or more.")
-    points = _shape(own)
+    points = _shape(measured)
     near = NearestNeighbors(n_neighbors=2).fit(points)
     usual = np.median(near.kneighbors(points)[0][:, 1])
     return float(np.mean(near.kneighbors(_shape(synthetic), n_neighbors=1)[0] < usual))
@@ -116,24 +112,28 @@ def train_synthetic_test_real(
     seed : of the filler and the trees.
     """
     measured = train.subset(~train.synthetic)
-    made: WindowSet | None = None
+    synthetic: WindowSet | None = None
     for (label, pressure), count in measured.counts().items():
         if count:
             at = float("nan") if pressure is None else pressure
             cell = filler(measured, label=label, pressure=at, count=per_cell, seed=seed)
-            made = cell if made is None else made + cell
-    if made is None:
+            synthetic = cell if synthetic is None else synthetic + cell
+    if synthetic is None:
         raise InputError("train has no measured window.")
     manifest = np.unique(measured.recording_id).tolist()
-    synthetic, real = (
-        evaluate(fit_extra_trees(windows, seed=seed, manifest=manifest), test) for windows in (made, measured)
+    synthetic_scores, measured_scores = (
+        evaluate(fit_extra_trees(windows, seed=seed, manifest=manifest), test) for windows in (synthetic, measured)
     )
-    return synthetic, real
+    return synthetic_scores, measured_scores
 
 
 def _shape(windows: WindowSet) -> Float64[np.ndarray, "window value"]:
-    power = periodogram(windows.signal.astype(float), windows.sample_rate, "hann")[1][..., 1:]
-    return normalize(np.sqrt(power).reshape(len(windows), -1))
+    return normalize(np.sqrt(_power(windows)).reshape(len(windows), -1))
+
+
+def _power(windows: WindowSet) -> Float64[np.ndarray, "window channel frequency"]:
+    power: np.ndarray = periodogram(windows.signal.astype(float), windows.sample_rate, "hann")[1][..., 1:]
+    return power
 
 
 def _require_both(measured: WindowSet, synthetic: WindowSet) -> None:

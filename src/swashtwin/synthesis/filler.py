@@ -1,4 +1,4 @@
-"""What fills a scarce cell: the protocol, the measured windows it draws from, and the windows that it hands back."""
+"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its result."""
 
 import math
 from typing import Protocol, runtime_checkable
@@ -13,9 +13,9 @@ from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 
 @runtime_checkable
 class Filler(Protocol):
-    """What makes windows of a cell (class and discharge pressure) that has too few measured ones.
+    """Maker of windows for a cell (class and discharge pressure) that has too few measured ones.
 
-    Every one is fitted on the measured windows of `train` alone, makes windows of their layout and classes, marks them
+    A filler is fitted on the measured windows of `train` alone, makes windows of their layout and classes, marks them
     ``synthetic=True``, and gives the same windows for the same seed.
     """
 
@@ -24,9 +24,9 @@ class Filler(Protocol):
 
         Parameters
         ----------
-        train : training windows with labels; never test windows. Synthetic ones among them are not looked at.
+        train : training windows with labels; never test windows. Synthetic windows among them are ignored.
         label : class of the cell, one of the windows' classes.
-        pressure : discharge pressure of the cell [Pa]; NaN for windows whose pressure nobody wrote down.
+        pressure : discharge pressure of the cell [Pa]; NaN for windows without a stated pressure.
         count : how many.
         seed : addresses every draw.
 
@@ -35,40 +35,40 @@ class Filler(Protocol):
         InputError
             No such class, no such pressure, or no count.
         DataError
-            There is nothing measured to make them from.
+            There are no measured windows to make them from.
         """
         ...
 
 
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
     """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known pressure."""
-    near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
-    return ~windows.synthetic & (windows.label == label) & near
+    is_near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
+    return ~windows.synthetic & (windows.label == label) & is_near
 
 
 def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarray, " source"]:
-    """Indices of the measured windows that stand for a cell: its own, or, where it has none, its class's everywhere.
+    """Indices of the measured windows that stand for a cell: those in it, or, where there is none, those of its class.
 
     Raises
     ------
     InputError
         No such class, or no such pressure.
     DataError
-        Nothing of the class was measured: data alone cannot fill it, a twin can.
+        No window of the class was measured. Only a twin can fill such a cell.
     """
     if label not in train.classes:
         raise InputError(f"class {label!r} is not among the windows' classes ({', '.join(train.classes)}).")
     if not (math.isnan(pressure) or 0 < pressure < math.inf):
-        raise InputError(f"pressure ({pressure:g} Pa) must be positive; where none is known, math.nan.")
-    own = in_cell(train, label, pressure)
-    if not own.any():
-        own = ~train.synthetic & (train.label == label)
-    if not own.any():
+        raise InputError(f"pressure ({pressure:g} Pa) must be positive; where none is stated, math.nan.")
+    is_source = in_cell(train, label, pressure)
+    if not is_source.any():
+        is_source = ~train.synthetic & (train.label == label)
+    if not is_source.any():
         raise DataError(
-            f"no measured window of {label} to draw from, at any pressure; a twin can make what nobody measured "
+            f"no measured window of {label} to draw from, at any pressure; a twin can make windows of it "
             "(synthesize, TwinFiller)."
         )
-    return np.flatnonzero(own)
+    return np.flatnonzero(is_source)
 
 
 def require_count(count: int) -> None:
@@ -77,7 +77,7 @@ def require_count(count: int) -> None:
         raise InputError(f"count ({count}) must be at least 1.")
 
 
-def made_windows(
+def build_windows(
     signal: Float[np.ndarray, "window channel time"],
     *,
     like: WindowSet,
@@ -92,10 +92,10 @@ def made_windows(
 
     Parameters
     ----------
-    name : what made them; begins their recordings' ids.
+    name : of the filler; begins their recordings' ids.
     label : class of all.
     pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
-    specimen : whose windows they are to be taken for.
+    specimen : specimen that each window stands for.
     seed : ends their recordings' ids, with each window's number.
     """
     count = len(signal)
@@ -116,7 +116,7 @@ def made_windows(
     )
 
 
-def filled_cell(
+def fill_cell(
     signal: Float[np.ndarray, "window channel time"],
     sources: Int64[np.ndarray, " window"],
     *,
@@ -128,13 +128,13 @@ def filled_cell(
     speed: Float[np.ndarray, " window"] | None = None,
 ) -> WindowSet:
     """`signal` as windows of a cell, made by `name` from the windows `sources` of `train`, whose speed they have."""
-    return made_windows(
+    return build_windows(
         signal,
         like=train,
         name=name,
         label=label,
         pressure=np.full(len(signal), float(pressure)),
         speed=train.speed[sources].astype(float) if speed is None else speed,
-        specimen=np.array([f"{name} of {one}" for one in train.specimen[sources]], dtype=np.str_),
+        specimen=np.array([f"{name} of {specimen}" for specimen in train.specimen[sources]], dtype=np.str_),
         seed=seed,
     )

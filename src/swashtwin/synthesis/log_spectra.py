@@ -1,7 +1,7 @@
-"""Rings as spectra: amplitudes that can be made anew, phases that are kept as measured.
+"""Spectra of periodic extensions: amplitudes that a model can replace, phases as measured.
 
-A ring has no step where its end meets its beginning, so the lines of its spectrum do not leak into each other, and one
-can be changed without the others.
+A periodic extension has no step where its end meets its beginning. The lines of its spectrum do not leak into each
+other, so that one can be changed without the others.
 """
 
 from dataclasses import dataclass
@@ -25,64 +25,66 @@ def with_amplitude(
 ) -> Float[np.ndarray, "window channel angle"]:
     """`signal` with other amplitudes, whose logarithms stand as `log_amplitude` gives them, and with its own phases."""
     phase = np.angle(np.fft.rfft(signal.astype(float), axis=-1))
-    wanted = np.exp(amplitude.reshape(phase.shape) + 1j * phase)
-    return np.fft.irfft(wanted, signal.shape[-1], axis=-1)
+    spectrum = np.exp(amplitude.reshape(phase.shape) + 1j * phase)
+    return np.fft.irfft(spectrum, signal.shape[-1], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class SpectralForm:
-    """What windows have in common and how they differ, in the logarithms of their amplitudes.
+    """Model of the logarithms of windows' amplitudes by few numbers.
 
-    First what class and pressure add to every line, each by itself; then the principal components of what is left. A
-    window is told by few numbers, the scores, so that a generative model of them is small. The rest of its spectrum is
+    A regression gives what class and pressure add to every line; principal components describe the residual. Few
+    numbers, the scores, stand for a window, so that a generative model of them is small. The rest of its spectrum is
     noise from line to line.
     """
 
     length: int
-    """Readings of each ring."""
+    """Samples of each extension."""
     expected: LinearRegression
     """Logarithm of the amplitude at each line of each channel, from the condition."""
     components: Float64[np.ndarray, "component value"]
-    """Principal components of what is left, of unit length."""
+    """Principal components of the residual, of unit length."""
     deviation: Float64[np.ndarray, " component"]
     """Standard deviation of each component's scores before they are scaled."""
 
     @classmethod
-    def fitted(
+    def fit(
         cls,
-        rings: Float[np.ndarray, "window channel angle"],
+        extensions: Float[np.ndarray, "window channel angle"],
         condition: Float[np.ndarray, "window fact"],
         count: int,
         seed: int,
     ) -> "SpectralForm":
         """The form of training windows with `count` components, or as many as their number allows."""
-        points = log_amplitude(rings)
+        points = log_amplitude(extensions)
         expected = LinearRegression().fit(condition, points)
-        left = points - expected.predict(condition)
-        kept = min(count, len(points) - 1, points.shape[1])
-        found = PCA(kept, svd_solver="randomized", random_state=derive_seed(seed, "components") % 2**32).fit(left)
-        deviation = np.sqrt(np.maximum(found.explained_variance_, 1e-12))
-        return cls(rings.shape[-1], expected, found.components_, deviation)
+        residual = points - expected.predict(condition)
+        n_components = min(count, len(points) - 1, points.shape[1])
+        pca = PCA(n_components, svd_solver="randomized", random_state=derive_seed(seed, "components") % 2**32).fit(
+            residual
+        )
+        deviation = np.sqrt(np.maximum(pca.explained_variance_, 1e-12))
+        return cls(extensions.shape[-1], expected, pca.components_, deviation)
 
     def scores(
-        self, rings: Float[np.ndarray, "window channel angle"], condition: Float[np.ndarray, "window fact"]
+        self, extensions: Float[np.ndarray, "window channel angle"], condition: Float[np.ndarray, "window fact"]
     ) -> Float64[np.ndarray, "window component"]:
         """Scores of windows measured under `condition`, of unit variance over the training windows."""
-        return (log_amplitude(rings) - self.expected.predict(condition)) @ self.components.T / self.deviation
+        return (log_amplitude(extensions) - self.expected.predict(condition)) @ self.components.T / self.deviation
 
-    def rebuilt(
+    def rebuild(
         self,
         scores: Float[np.ndarray, "window component"],
-        asked: Float[np.ndarray, "window fact"],
-        rings: Float[np.ndarray, "window channel angle"],
+        new_condition: Float[np.ndarray, "window fact"],
+        extensions: Float[np.ndarray, "window channel angle"],
         condition: Float[np.ndarray, "window fact"],
     ) -> Float[np.ndarray, "window channel angle"]:
-        """Rings of other scores under the condition `asked`, with the phases and the noise of `rings`.
+        """Extensions of other scores under `new_condition`, with the phases and the noise of `extensions`.
 
         Parameters
         ----------
-        condition : under which `rings` were measured.
+        condition : under which `extensions` were measured.
         """
-        change = (scores - self.scores(rings, condition)) * self.deviation @ self.components
-        change += self.expected.predict(asked) - self.expected.predict(condition)
-        return with_amplitude(rings, log_amplitude(rings) + change)
+        change = (scores - self.scores(extensions, condition)) * self.deviation @ self.components
+        change += self.expected.predict(new_condition) - self.expected.predict(condition)
+        return with_amplitude(extensions, log_amplitude(extensions) + change)

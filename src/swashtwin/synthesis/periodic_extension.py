@@ -1,4 +1,4 @@
-"""Windows closed to a ring of whole revolutions, which has no beginning and no step."""
+"""Windows as periodic signals of whole revolutions, without a step."""
 
 import math
 
@@ -10,16 +10,16 @@ from scipy.signal import resample
 from swashtwin.learning import WindowSet
 
 _SEAM = 0.05
-"""Share of a window that is kept for the seam of its ring, at least."""
+"""Least share of a window that is used for the seam of its extension."""
 _LONGEST_SEAM = 0.2
-"""Share of a ring that the seam takes at most."""
+"""Greatest share of an extension that the seam takes."""
 
 
-def ring_length(windows: WindowSet, index: int) -> int:
-    """Readings of the ring of a window: as many whole revolutions as leave 5 % of the window for the seam.
+def extension_length(windows: WindowSet, index: int) -> int:
+    """Samples in a period of a window's extension: the whole revolutions that leave 5 % of the window for the seam.
 
-    Where no speed is known, or the window does not hold a revolution, 90 % of the window: its seam joins what does not
-    follow on each other, without a step.
+    It is 90 % of the window where no speed is known or the window is shorter than a revolution: the seam then joins
+    parts that do not follow each other, still without a step.
     """
     speed = float(windows.speed[index])
     period = 2 * math.pi / speed * windows.sample_rate if speed > 0 else math.inf
@@ -27,52 +27,57 @@ def ring_length(windows: WindowSet, index: int) -> int:
     return round(turns * period) if turns else round(0.9 * windows.length)
 
 
-def closed(window: Float[np.ndarray, "channel time"], length: int) -> Float[np.ndarray, "channel angle"]:
-    """The first `length` readings of a window, their beginning blended with what follows on their end.
+def close_period(window: Float[np.ndarray, "channel time"], length: int) -> Float[np.ndarray, "channel angle"]:
+    """The first `length` samples of a window, their beginning blended with the samples that follow their end.
 
-    The readings beyond `length` stand for the same angles of the shaft as the first ones, which they fade into; read
-    around and around, the ring has no step.
+    The samples beyond `length` belong to the same angles of the shaft as the first ones, which they fade into: the
+    period repeats without a step.
     """
-    ring = window[..., :length].astype(float)
+    extension = window[..., :length].astype(float)
     seam = min(window.shape[-1] - length, int(_LONGEST_SEAM * length))
     fading = (1 + np.cos(np.pi * np.arange(seam) / seam)) / 2
-    ring[..., :seam] += fading * (window[..., length : length + seam] - ring[..., :seam])
-    return ring
+    extension[..., :seam] += fading * (window[..., length : length + seam] - extension[..., :seam])
+    return extension
 
 
-def read_ring(
-    ring: Float[np.ndarray, "channel angle"], place: Float[np.ndarray, " time"] | Int[np.ndarray, " time"]
+def read_extension(
+    extension: Float[np.ndarray, "channel angle"], position: Float[np.ndarray, " time"] | Int[np.ndarray, " time"]
 ) -> Float[np.ndarray, "channel time"]:
-    """Readings of the ring at `place` [reading], around and around; between readings by splines of degree 5."""
-    if np.issubdtype(place.dtype, np.integer):
-        return ring[..., place % ring.shape[-1]]
-    return np.stack([map_coordinates(row, place[None], order=5, mode="grid-wrap") for row in ring])
+    """Periodic extension at `position` [sample]; between samples by splines of degree 5."""
+    if np.issubdtype(position.dtype, np.integer):
+        return extension[..., position % extension.shape[-1]]
+    return np.stack([map_coordinates(row, position[None], order=5, mode="grid-wrap") for row in extension])
 
 
-def rings_of(
-    windows: WindowSet, chosen: Int[np.ndarray, " chosen"], length: int
-) -> Float[np.ndarray, "chosen channel angle"]:
-    """Rings of the windows `chosen`, each brought to `length` readings."""
-    rings = [(closed(windows.signal[i], ring_length(windows, int(i)))) for i in chosen]
-    return np.stack([one if one.shape[-1] == length else resample(one, length, axis=-1) for one in rings])
+def periodic_extensions(
+    windows: WindowSet, indices: Int[np.ndarray, " index"], length: int
+) -> Float[np.ndarray, "index channel angle"]:
+    """Periodic extensions of the windows at `indices`, each resampled to `length` samples."""
+    extensions = [(close_period(windows.signal[i], extension_length(windows, int(i)))) for i in indices]
+    return np.stack(
+        [
+            extension if extension.shape[-1] == length else resample(extension, length, axis=-1)
+            for extension in extensions
+        ]
+    )
 
 
-def windows_of(
-    rings: Float[np.ndarray, "window channel angle"],
+def cut_extensions(
+    extensions: Float[np.ndarray, "window channel angle"],
     like: WindowSet,
     sources: Int[np.ndarray, " window"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "window channel time"]:
-    """A window read off each ring from an angle drawn anew.
+    """One window of each periodic extension, from a random angle.
 
     Parameters
     ----------
     like : windows whose length is taken.
-    sources : which of them each ring came from, and turns as fast as.
+    sources : index of the window that each extension is of, whose speed it has.
     """
-    made = np.empty((len(rings), like.n_channels, like.length))
+    signal = np.empty((len(extensions), like.n_channels, like.length))
     for i, source in enumerate(sources.tolist()):
-        own = ring_length(like, source)
-        ring = rings[i] if rings.shape[-1] == own else resample(rings[i], own, axis=-1)
-        made[i] = read_ring(ring, rng.integers(own) + np.arange(like.length))
-    return made
+        length = extension_length(like, source)
+        extension = extensions[i] if extensions.shape[-1] == length else resample(extensions[i], length, axis=-1)
+        signal[i] = read_extension(extension, rng.integers(length) + np.arange(like.length))
+    return signal

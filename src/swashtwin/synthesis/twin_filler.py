@@ -9,42 +9,41 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.synthesis.background import Background
-from swashtwin.synthesis.twin_windows import synthesize
+from swashtwin.synthesis.twin_windows import simulate_windows
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation
 
 
 @dataclass(frozen=True, eq=False)
 class TwinFiller:
-    """What `synthesize` makes, as a `Filler`: nominal twins, calibrated ones, with posterior draws, over any noise."""
+    """Windows of `simulate_windows` as a `Filler`: nominal or calibrated twins, posterior draws, any background."""
 
     twins: Sequence[Twin]
     """Twins of any classes; those of the cell's class take turns, each taken to the cell's pressure."""
     posterior: Sequence[Posterior] | None = None
-    """What the calibration of each twin leaves open, or None to take the values found."""
-    background: bool | Background = True
-    """What the windows are laid over, as in `synthesize`."""
-    machines: Sequence[str] | None = None
+    """What the calibration of each twin leaves open, or None to take the twins' values."""
+    background: Background = "spectrum"
+    """What the windows are laid over, as in `simulate_windows`."""
+    specimens: Sequence[str] | None = None
     """Specimen that each twin stands for, whose windows alone lend it noise; None takes those of all."""
     variation: Variation = DEFAULT_VARIATION
     """What differs from window to window."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, made with the twins of its class (`Filler`)."""
-        own = [place for place, twin in enumerate(self.twins) if twin.label == label]
-        if not own:
-            known = ", ".join(sorted({twin.label for twin in self.twins})) or "nothing"
-            raise InputError(f"no twin simulates {label!r}; those given simulate {known}.")
-        conditions = [self.twins[i].condition for i in own]
+        numbers = [number for number, twin in enumerate(self.twins) if twin.label == label]
+        if not numbers:
+            labels = ", ".join(sorted({twin.label for twin in self.twins})) or "nothing"
+            raise InputError(f"no twin simulates {label!r}; those given simulate {labels}.")
+        conditions = [self.twins[number].condition for number in numbers]
         if not math.isnan(pressure):
-            conditions = [one.replaced(discharge_pressure=pressure) for one in conditions]
-        return synthesize(
-            [self.twins[i].at(condition) for i, condition in zip(own, conditions, strict=True)],
-            label=label,
+            conditions = [condition.replaced(discharge_pressure=pressure) for condition in conditions]
+        return simulate_windows(
+            [self.twins[number].at(condition) for number, condition in zip(numbers, conditions, strict=True)],
             count=count,
             like=train,
             seed=seed,
             variation=self.variation,
             background=self.background,
-            posterior=None if self.posterior is None else [self.posterior[i] for i in own],
-            machines=None if self.machines is None else [self.machines[i] for i in own],
+            posterior=None if self.posterior is None else [self.posterior[number] for number in numbers],
+            specimens=None if self.specimens is None else [self.specimens[number] for number in numbers],
         )

@@ -1,120 +1,184 @@
-"""Windows that nobody measured, made with a twin.
+"""Windows made with a twin.
 
 The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies
 from one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which
 `evaluate` refuses.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
 
-from swashtwin.calibration import Posterior
+from swashtwin.calibration import Calibration, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
-from swashtwin.learning import WindowSet
+from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
-from swashtwin.pump import OperatingCondition
+from swashtwin.pump import Fault, OperatingCondition
+from swashtwin.recordings import Recording
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
-from swashtwin.synthesis.filler import made_windows, require_count
-from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, drawn
+from swashtwin.synthesis.filler import build_windows, require_count
+from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
 _CHUNK = 64
 """Windows that are made together; memory does not grow beyond them, and an interruption is heard between them."""
 
 
 def synthesize(
-    twin: Twin | Sequence[Twin],
+    source: Calibration | Twin,
+    fault: Fault | None,
     *,
-    label: str,
     count: int,
-    like: WindowSet,
-    seed: int,
+    like: WindowSet | Iterable[Recording],
+    seed: int = 0,
+    condition: OperatingCondition | None = None,
     variation: Variation = DEFAULT_VARIATION,
-    background: bool | Background = True,
-    posterior: Posterior | Sequence[Posterior] | None = None,
-    machines: Sequence[str] | None = None,
+    background: Background = "spectrum",
+    window: int = 2048,
 ) -> WindowSet:
-    """Synthetic windows of one class, of the layout and the classes of `like`.
+    """Synthetic windows of a fault, labeled with its class.
 
     Parameters
     ----------
-    twin : calibrated twin, or several (one for each pump) that take turns.
-    label : class of the windows, which must be the twin's.
+    source : a calibration, from whose posterior the values of each window are drawn; or a twin, whose values all
+        windows share.
+    fault : what the windows show; None is a healthy pump. The source need not have been calibrated on it.
     count : how many.
-    like : measured training windows; they give layout, classes and noise, and must not be test windows.
+    like : measured training windows, or the training recordings; they give layout, classes and noise, and must not be
+        test data.
     seed : addresses every draw.
+    condition : operating condition of the windows; by default the source's. Windows of a calibration at several
+        operating points take turns among these.
     variation : what differs from window to window.
-    background : what the windows are laid over. ``"spectrum"``, or True: noise with the spectrum of the measured
-        windows between the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"none"``,
-        or False: nothing, the bare model as the paper simulates it.
-    posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
-        sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
-        recording to the next. Without, every window has the twin's own.
-    machines : specimen that each twin stands for, whose windows alone lend it noise; without, those of all.
+    background : what the windows are laid over, see `simulate_windows`.
+    window : samples per window where `like` is recordings; as in `FaultClassifier`.
 
     Raises
     ------
     InputError
-        The label is not the twin's, the channels differ, there is nothing to take noise from, or there are not as many
-        posteriors or machines as twins.
+        The channels differ, or there is nothing to take noise from.
+
+    Examples
+    --------
+    ``synthesize(calibration, SwashPlateDefect(depth=mm(0.07)), count=150, like=train)``
+    """
+    require_count(count)
+    twin = source.twin if isinstance(source, Calibration) else source
+    if not isinstance(twin, Twin):
+        raise InputError(f"the source is a {type(source).__name__}; it must be a calibration or a twin.")
+    twin = twin.with_fault(fault)
+    if not isinstance(like, WindowSet):
+        recordings = list(like)
+        labels = {recording.label for recording in recordings if recording.label is not None}
+        like = cut_windows(recordings, length=window, classes=sorted(labels | {twin.label}))
+    twin = replace(twin, bandwidth=min(twin.bandwidth, like.sample_rate / 2.56))
+    conditions = [twin.condition] if condition is None else [condition]
+    if condition is None and isinstance(source, Calibration):
+        conditions = [fit.condition for fit in source.fits]
+    posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
+    return simulate_windows(
+        [twin.at(condition) for condition in conditions],
+        count=count,
+        like=like,
+        seed=seed,
+        variation=variation,
+        background=background,
+        posterior=posterior,
+    )
+
+
+def simulate_windows(
+    twin: Twin | Sequence[Twin],
+    *,
+    count: int,
+    like: WindowSet,
+    seed: int,
+    variation: Variation = DEFAULT_VARIATION,
+    background: Background = "spectrum",
+    posterior: Posterior | Sequence[Posterior] | None = None,
+    specimens: Sequence[str] | None = None,
+) -> WindowSet:
+    """Synthetic windows of twins as they are, of the layout and the classes of `like`.
+
+    Parameters
+    ----------
+    twin : a twin, or several of one class (one for each pump) that take turns.
+    count : how many.
+    like : measured training windows; they give layout, classes and noise, and must not be test windows.
+    seed : addresses every draw.
+    variation : what differs from window to window.
+    background : what the windows are laid over. ``"spectrum"``: noise with the spectrum of the measured windows between
+        the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"none"``: nothing, the
+        bare model as the paper simulates it.
+    posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
+        sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
+        recording to the next. Without, every window has the twin's own.
+    specimens : specimen that each twin stands for, whose windows alone lend it noise; without, those of all.
+
+    Raises
+    ------
+    InputError
+        The twins' class is not among the windows' classes or differs between them, the channels differ, there is
+        nothing to take noise from, or there are not as many posteriors or specimens as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
-    _require_agreement(twins, label, count, like)
-    known = _known(twins, posterior, count, seed)
+    require_count(count)
+    _require_agreement(twins, like)
+    label = twins[0].label
+    draw_values = _value_draws(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
-    noises = _noises(twins, like, background, machines)
+    noises = _noises(twins, like, background, specimens)
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
         chunk = range(start, min(start + _CHUNK, count))
-        varied = [drawn(known(sources[i], i), variation, seed, i) for i in chunk]
+        varied = [draw_twin(draw_values(sources[i], i), variation, seed, i) for i in chunk]
         with torch.no_grad():
             batch = accelerations(varied)
-        for i, one, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
+        for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
             rng = stream(seed, "window", label, i)
-            angle = rng.uniform(0, 2 * np.pi) + one.condition.speed * time
-            window = synchronous_signal(lines[:, np.isin(batch.orders, one.orders)], one.orders, angle)
+            angle = rng.uniform(0, 2 * np.pi) + source.condition.speed * time
+            window = synchronous_signal(lines[:, np.isin(batch.orders, source.orders)], source.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
-            signal[i] = window + noises[i % len(twins)].drawn(rng) if noises else window
-    pressure = np.array([one.condition.discharge_pressure for one in sources])
-    return made_windows(
+            signal[i] = window + noises[i % len(twins)].draw(rng) if noises else window
+    pressure = np.array([source.condition.discharge_pressure for source in sources])
+    return build_windows(
         signal,
         like=like,
         name="synthetic",
         label=label,
         pressure=pressure,
-        speed=np.array([one.condition.speed for one in sources]),
-        specimen=np.array([f"twin of {one.pump.name}" for one in sources]),
+        speed=np.array([source.condition.speed for source in sources]),
+        specimen=np.array([f"twin of {source.pump.name}" for source in sources]),
         seed=seed,
     )
 
 
 def _noises(
-    twins: Sequence[Twin], like: WindowSet, background: bool | Background, machines: Sequence[str] | None
+    twins: Sequence[Twin], like: WindowSet, background: Background, specimens: Sequence[str] | None
 ) -> list[BackgroundNoise]:
     """The noise of each twin's windows; none where they are to be bare."""
-    if background in (False, "none"):
+    if background == "none":
         return []
-    if machines is not None and len(machines) != len(twins):
-        raise InputError(f"{len(machines)} machines for {len(twins)} twins; name one for each.")
-    kind: Background = "residual" if background == "residual" else "spectrum"
-    own = [None] * len(twins) if machines is None else machines
+    if specimens is not None and len(specimens) != len(twins):
+        raise InputError(f"{len(specimens)} specimens for {len(twins)} twins; name one for each.")
+    names = [None] * len(twins) if specimens is None else specimens
     keys = [
-        (one.condition, one.pump.rotating_group.piston_count, machine) for one, machine in zip(twins, own, strict=True)
+        (twin.condition, twin.pump.rotating_group.piston_count, name) for twin, name in zip(twins, names, strict=True)
     ]
-    found: dict[tuple[OperatingCondition, int, str | None], BackgroundNoise] = {}
-    for one, key in zip(twins, keys, strict=True):
-        if key not in found:
-            found[key] = background_noise(like, one, kind, key[-1])
-    return [found[key] for key in keys]
+    noises: dict[tuple[OperatingCondition, int, str | None], BackgroundNoise] = {}
+    for twin, key in zip(twins, keys, strict=True):
+        if key not in noises:
+            noises[key] = background_noise(like, twin, background, key[-1])
+    return [noises[key] for key in keys]
 
 
-def _known(
+def _value_draws(
     twins: Sequence[Twin], posterior: Posterior | Sequence[Posterior] | None, count: int, seed: int
 ) -> Callable[[Twin, int], Twin]:
-    """What makes of a window's twin and number the twin as far as it is known."""
+    """Function from a window's twin and number to the twin with values drawn for that window."""
     if posterior is None:
         return lambda twin, index: twin
     posteriors = [posterior] if isinstance(posterior, Posterior) else list(posterior)
@@ -122,30 +186,29 @@ def _known(
         raise InputError(f"{len(posteriors)} posteriors for {len(twins)} twins; give one for each.")
     turns = -(-count // len(twins))
     points = [
-        one.draws(turns, derive_seed(seed, "posterior", twins[0].label, number))
-        for number, one in enumerate(posteriors)
+        item.draws(turns, derive_seed(seed, "posterior", twins[0].label, number))
+        for number, item in enumerate(posteriors)
     ]
 
-    def known(twin: Twin, index: int) -> Twin:
+    def draw_values(twin: Twin, index: int) -> Twin:
         turn, number = divmod(index, len(twins))
         return posteriors[number].twin_at(twin, points[number][turn])
 
-    return known
+    return draw_values
 
 
-def _require_agreement(twins: Sequence[Twin], label: str, count: int, like: WindowSet) -> None:
-    require_count(count)
-    if label not in like.classes:
-        raise InputError(f"class {label!r} is not among the windows' classes ({', '.join(like.classes)}).")
-    for one in twins:
-        if one.label != label:
-            raise InputError(f"the twin simulates {one.label!r}, not {label!r}; give it a fault of that class.")
-        if one.pump.channels != like.channels:
+def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
+    for twin in twins:
+        if twin.label not in like.classes:
+            raise InputError(f"class {twin.label!r} is not among the windows' classes ({', '.join(like.classes)}).")
+        if twin.label != twins[0].label:
+            raise InputError(f"one twin simulates {twins[0].label!r}, another {twin.label!r}; give twins of one class.")
+        if twin.pump.channels != like.channels:
             raise InputError(
-                f"the twin's sensors ({', '.join(one.pump.channels)}) are not the windows' channels "
+                f"the twin's sensors ({', '.join(twin.pump.channels)}) are not the windows' channels "
                 f"({', '.join(like.channels)}); edit [[sensors]] in the pump file."
             )
-        if like.sample_rate < 2 * one.bandwidth:
+        if like.sample_rate < 2 * twin.bandwidth:
             raise InputError(
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
                 f"bandwidth={like.sample_rate / 2.56:g}."

@@ -1,4 +1,4 @@
-"""What differs from one synthetic window to the next, and a twin with it drawn."""
+"""What differs from one synthetic window to the next."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,9 +14,9 @@ class Variation:
     """What is drawn anew for each synthetic window; the shaft's phase always is. Zero switches one off.
 
     Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
-    estimates of ours; those of severity and angle are also the virtual rig's own, so that results on the rig are those
+    estimates of ours; those of severity and angle are also the virtual rig's, so that results on the rig are those
     of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike; what a
-    calibration leaves open of each comes on top of it (`synthesize(posterior=)`).
+    calibration leaves open of each comes on top of it (`synthesize`).
     """
 
     speed: float = 0.005
@@ -26,7 +26,7 @@ class Variation:
     severity: float = 0.2
     """Standard deviation of the logarithm of the fault's severity."""
     angle: float = math.radians(0.5)
-    """Standard deviation of the place of a swash plate or bore defect [rad]."""
+    """Standard deviation of the position of a swash plate or bore defect [rad]."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
     """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
     interfaces: float = 0.1
@@ -36,10 +36,10 @@ class Variation:
 
 
 DEFAULT_VARIATION = Variation()
-"""The spread around the twin that is taken where nothing else is said."""
+"""Spread around the twin by default."""
 
 
-def drawn(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
+def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
     """`twin` with its condition, fault and interface values as `variation` spreads them.
 
     Parameters

@@ -15,13 +15,13 @@ from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
     SpectralForm,
-    drawn_from,
-    filled_cell,
+    cut_extensions,
+    draw_indices,
+    extension_length,
+    fill_cell,
+    periodic_extensions,
     require_count,
-    ring_length,
-    rings_of,
     sources_of,
-    windows_of,
 )
 
 Draw = Callable[[Tensor, torch.Generator], Tensor]
@@ -121,15 +121,15 @@ def filled_by(
     sources_of(train, label, pressure)
     measured = train.subset(~train.synthetic & (train.target >= 0))
     form, conditions, draw = _learnt(model, _Known(measured, measured.fingerprint()), derive_seed(seed, name))
-    place = drawn_from(np.flatnonzero(measured.label == label), label, count, seed)
+    place = draw_indices(np.flatnonzero(measured.label == label), label, count, seed)
     asked = conditions.encoded(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
     random = torch.Generator().manual_seed(derive_seed(seed, name, "draw", label, pressure))
     with torch.no_grad():
         scores = draw(_tensor(asked), random).numpy().astype(float)
     known = conditions.encoded(measured.target[place], measured.discharge_pressure[place])
-    rings = form.rebuilt(scores, asked, rings_of(measured, place, form.length), known)
-    signal = windows_of(rings, measured, place, stream(seed, name, "angle", label, pressure))
-    return filled_cell(signal, place, train=measured, name=name, label=label, pressure=pressure, seed=seed)
+    rings = form.rebuild(scores, asked, periodic_extensions(measured, place, form.length), known)
+    signal = cut_extensions(rings, measured, place, stream(seed, name, "angle", label, pressure))
+    return fill_cell(signal, place, train=measured, name=name, label=label, pressure=pressure, seed=seed)
 
 
 @dataclass(frozen=True)
@@ -149,11 +149,11 @@ class _Known:
 @lru_cache(maxsize=1)
 def _learnt(model: Generative, known: _Known, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
     windows = known.windows
-    lengths = [ring_length(windows, i) for i in range(len(windows))]
-    rings = rings_of(windows, np.arange(len(windows)), max(lengths))
+    lengths = [extension_length(windows, i) for i in range(len(windows))]
+    rings = periodic_extensions(windows, np.arange(len(windows)), max(lengths))
     conditions = Conditions.fitted(windows)
     condition = conditions.encoded(windows.target, windows.discharge_pressure)
-    form = SpectralForm.fitted(rings, condition, model.components, seed)
+    form = SpectralForm.fit(rings, condition, model.components, seed)
     scores = form.scores(rings, condition)
     return form, conditions, model.learnt(_tensor(scores), _tensor(condition), Batches.fitted(windows, seed))
 

@@ -38,7 +38,7 @@ class Filling:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
-    """A name in `TWINS` or in `augmentation.FILLERS`, or None for nothing."""
+    """A name in `TWINS` or in `synthesis.FILLERS`, or None for nothing."""
     count: int | None = None
     """Windows for each cell that is filled; None takes the scenario's."""
     every_class: bool = False

@@ -28,7 +28,7 @@ from swashtwin.pump import (
     SwashPlateDefect,
     ValvePlateWear,
 )
-from swashtwin.synthesis import Variation, synthesize
+from swashtwin.synthesis import Variation, simulate_windows
 
 Draw = Callable[[str, int, np.random.Generator], Fault | None]
 """A fault of a class; its number decides the kind where a class has several."""
@@ -153,9 +153,8 @@ def synthetic_windows(
             faulty = [
                 own[number].at(condition).with_fault(fault(label, number + turn, rng)) for number, turn in numbers
             ]
-            windows = synthesize(
+            windows = simulate_windows(
                 faulty,
-                label=label,
                 count=len(faulty),
                 like=like,
                 seed=derive_seed(seed, *purpose) % 2**31,

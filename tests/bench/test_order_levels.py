@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swashtwin.bench.rivals.order_levels import (
-    Remembered,
+    CachedExtractor,
     against_healthy,
     envelope_levels,
     highest_order,
@@ -113,7 +113,7 @@ def test_a_window_is_computed_once_and_comes_out_the_same_in_any_order() -> None
         seen.append(len(some))
         return LEVELS(some)
 
-    view = Remembered(counted)
+    view = CachedExtractor(counted)
     both = windows(recording("a", "normal", {7: 1.0}), recording("b", "normal", {8: 1.0}))
     view(both.subset(np.arange(4)))
     turned = np.arange(8)[::-1]

@@ -17,7 +17,7 @@ from swashtwin.learning import (
     BiTCN,
     Confidence,
     FittedClassifier,
-    KnownRecordings,
+    TrainingReference,
     TrainingSettings,
     WindowSet,
     cut_windows,
@@ -28,8 +28,8 @@ from swashtwin.learning import (
     score_confidence,
 )
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
-from swashtwin.learning.training.confidence import softened
-from swashtwin.learning.training.training_reference import known_recordings
+from swashtwin.learning.training.confidence import temperature_scaled
+from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -63,8 +63,8 @@ def taught(bare: FittedClassifier) -> FittedClassifier:
     return learn_confidence(bare, windows(several("validation", 10)))
 
 
-def confidence(surprise: np.ndarray, rate: float = 0.1) -> Confidence:
-    return Confidence(1.0, np.sort(surprise), np.sort(surprise), rate)
+def confidence(nonconformity_score: np.ndarray, rate: float = 0.1) -> Confidence:
+    return Confidence(1.0, np.sort(nonconformity_score), np.sort(nonconformity_score), rate)
 
 
 def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
@@ -74,7 +74,7 @@ def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
         """Recordings of four classes by a classifier that is wrong in a third of them, and far too sure."""
         target = draw.integers(4, size=count)
         scores = draw.normal(size=(count, 4)) + 2.0 * np.eye(4)[target]
-        return target, softened(np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True), 0.2)
+        return target, temperature_scaled(np.exp(scores) / np.exp(scores).sum(axis=1, keepdims=True), 0.2)
 
     covered, sizes = [], []
     for _ in range(200):
@@ -109,7 +109,7 @@ def test_the_temperature_lowers_the_loss_of_a_classifier_that_is_too_sure(bare: 
 
 def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(taught: FittedClassifier) -> None:
     answers = recording_answers(taught, windows(several("test", 5)))
-    soft = taught.confidence.softened(answers.probability)
+    soft = taught.confidence.temperature_scaled(answers.probability)
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
     assert soft.max() < 0.999  # 20 validation recordings, all told right, prove no more than about 21/22
@@ -143,38 +143,38 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
     known = diagnose(taught, recording("new piston", "piston")).trust
     assert known.prediction_set == ("piston",)
     assert not known.unknown
-    assert known.strangeness <= known.usual_strangeness
+    assert known.ood_score <= known.ood_threshold
     assert "No other class is plausible at an error rate of 10 %" in known.sentence()
     strange = diagnose(taught, recording("new howl", "howl").relabeled(None)).trust
     assert strange.unknown
-    assert strange.strangeness > strange.usual_strangeness
-    assert strange.sentence().startswith("Unknown: its vibration is stranger")
+    assert strange.ood_score > strange.ood_threshold
+    assert strange.sentence().startswith("Unknown: its vibration is further from every trained class")
     json.dumps(strange.to_dict(), allow_nan=False)
 
 
-def test_a_recording_is_unknown_exactly_beyond_the_usual_strangeness(taught: FittedClassifier) -> None:
+def test_a_recording_is_unknown_exactly_beyond_the_threshold(taught: FittedClassifier) -> None:
     for noise in (0.3, 0.4, 0.5, 0.7, 1.0):
         for rate in (0.05, 0.1, 0.2):
             trust = diagnose(taught, recording(f"new {noise}", "normal", noise), error_rate=rate).trust
-            assert trust.unknown == (trust.strangeness > trust.usual_strangeness)
+            assert trust.unknown == (trust.ood_score > trust.ood_threshold)
 
 
 def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
     loaded = load_classifier(save_classifier(taught, tmp_path / "a.safetensors"))
     one = recording("new piston", "piston")
     assert diagnose(loaded, one).to_dict() == diagnose(taught, one).to_dict()
-    assert loaded.known.recording_id == taught.known.recording_id
-    loaded = load_classifier(save_classifier(replace(bare, known=None), tmp_path / "b.safetensors"))
-    assert loaded.known is None
+    assert loaded.training_reference.recording_id == taught.training_reference.recording_id
+    loaded = load_classifier(save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors"))
+    assert loaded.training_reference is None
     assert diagnose(loaded, one).trust is None
-    with pytest.raises(DataError, match="train it again"):
+    with pytest.raises(DataError, match="train it with measured recordings"):
         learn_confidence(loaded, windows(several("validation", 10)))
 
 
 def test_the_probabilities_of_a_diagnosis_are_those_at_the_temperature(bare, taught) -> None:
     one = recording("new piston", "piston")
     before, after = (np.array(list(diagnose(fitted, one).probabilities.values())) for fitted in (bare, taught))
-    np.testing.assert_allclose(after, softened(before, taught.confidence.temperature), atol=1e-12)
+    np.testing.assert_allclose(after, temperature_scaled(before, taught.confidence.temperature), atol=1e-12)
 
 
 def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, taught) -> None:
@@ -194,32 +194,34 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
         learn_confidence(bare, windows(several("validation", 10)), error_rate=10)
     with pytest.raises(InputError, match="validation-fraction"):
         diagnose(bare, recording("new", "normal"), error_rate=0.1)
-    with pytest.raises(InputError, match="teach it with learn_confidence"):
+    with pytest.raises(InputError, match="calibrate it: learn_confidence"):
         score_confidence(bare, windows(several("test", 2)))
 
 
 def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
-    monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST", 5)
-    few = known_recordings(train)
+    monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST_RECORDINGS", 5)
+    few = build_reference(train)
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
-    assert known_recordings(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
-    assert bare.known.distances(bare.known.features[2]).argmin() == 2
+    assert build_reference(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
+    assert bare.training_reference.distances(bare.training_reference.features[2]).argmin() == 2
 
 
-def test_strangeness_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> None:
+def test_the_out_of_distribution_score_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> (
+    None
+):
     random = np.random.default_rng(0)
     label = tuple(np.repeat(["a", "b"], 30).tolist())
     features = random.normal(0, [1.0, 0.1, 5.0], (60, 3))
     features[30:, 0] += 8.0  # the classes differ in the first, and in the second hardly anything varies
-    known = KnownRecordings(tuple(map(str, range(60))), label, features)
-    at_home = known.strangeness(np.array([8.0, 0.0, 0.0]))
-    assert known.strangeness(np.array([0.0, 0.0, 9.0])) < at_home + 1
-    assert known.strangeness(np.array([4.0, 0.0, 0.0])) > at_home + 2
-    alone = KnownRecordings(("x", "y", "z"), ("a", "a", "a"), features[:3])
-    assert alone.strangeness(features[0] + 50) > alone.strangeness(features[0])
-    single = KnownRecordings(("x", "y"), ("a", "b"), features[[0, 30]])
-    assert single.strangeness(features[0]) < single.strangeness(features[0] + 5)
+    known = TrainingReference(tuple(map(str, range(60))), label, features)
+    at_home = known.ood_score(np.array([8.0, 0.0, 0.0]))
+    assert known.ood_score(np.array([0.0, 0.0, 9.0])) < at_home + 1
+    assert known.ood_score(np.array([4.0, 0.0, 0.0])) > at_home + 2
+    alone = TrainingReference(("x", "y", "z"), ("a", "a", "a"), features[:3])
+    assert alone.ood_score(features[0] + 50) > alone.ood_score(features[0])
+    single = TrainingReference(("x", "y"), ("a", "b"), features[[0, 30]])
+    assert single.ood_score(features[0]) < single.ood_score(features[0] + 5)
 
 
 def test_a_file_whose_unknown_was_told_otherwise_loads_without_trust(taught, tmp_path, monkeypatch) -> None:
@@ -228,7 +230,7 @@ def test_a_file_whose_unknown_was_told_otherwise_loads_without_trust(taught, tmp
     assert load_classifier(path).confidence is not None
     with safe_open(path, framework="pt") as file:
         kept, note = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
-    kept["confidence.distance"] = kept.pop("confidence.strangeness")
+    kept["confidence.distance"] = kept.pop("confidence.ood_score")
     save_file(kept, path, metadata=note)
     assert load_classifier(path).confidence is None
 

@@ -21,7 +21,7 @@ from swashtwin.learning import (
     cut_windows,
     fit,
 )
-from swashtwin.learning.training.train_transforms import at_other_speeds, disturbed, with_gains, with_noise
+from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains, with_noise
 from swashtwin.recordings import Recording
 
 SETTINGS = TrainingSettings(epochs=3, batch_size=8, noise_snr=0.0, normalization="set")
@@ -61,7 +61,7 @@ def same(first: FittedClassifier, second: FittedClassifier) -> bool:
 def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     clean = tones(500)
     before = clean.signal.copy()
-    which, noisy = disturbed(clean, replace(SETTINGS, noise_snr=5.0), 0, 1)
+    which, noisy = transform_windows(clean, replace(SETTINGS, noise_snr=5.0), 0, 1)
     assert 0.45 < len(which) / len(clean) < 0.55
     assert np.array_equal(noisy.start, clean.start[which])
     added = noisy.signal - clean.signal[which]
@@ -99,18 +99,18 @@ def test_a_faster_shaft_moves_every_line_by_as_much():
     assert np.allclose(still, tone, atol=1e-5)
 
 
-def test_disturbances_fall_on_halves_of_their_own_and_leave_the_rest_as_it_is():
+def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
     clean = tones(500)
     before = clean.signal.copy()
     every = replace(SETTINGS, noise_snr=40.0, gain=1.0, stretch=0.01)
-    which, changed = disturbed(clean, every, 0, 1)
+    which, changed = transform_windows(clean, every, 0, 1)
     assert 0.83 < len(which) / len(clean) < 0.92  # 7 of 8
     assert (changed.signal != clean.signal[which]).any(axis=(1, 2)).all()
     assert np.array_equal(clean.signal, before)
-    assert len(disturbed(clean, replace(SETTINGS, noise_snr=None), 0, 1)[0]) == 0
-    alone = disturbed(clean, SETTINGS, 0, 1)[0]
+    assert len(transform_windows(clean, replace(SETTINGS, noise_snr=None), 0, 1)[0]) == 0
+    alone = transform_windows(clean, SETTINGS, 0, 1)[0]
     assert set(alone.tolist()) <= set(which.tolist())  # what noise falls on does not hang on the others
-    assert not np.array_equal(alone, disturbed(clean, SETTINGS, 0, 2)[0])
+    assert not np.array_equal(alone, transform_windows(clean, SETTINGS, 0, 2)[0])
 
 
 @pytest.mark.parametrize("made", [network, on_levels])
@@ -165,7 +165,7 @@ def test_a_ratio_that_is_not_finite_is_refused():
 def test_an_epoch_that_draws_no_window_leaves_all_as_they_are():
     few = tones(1).subset(np.arange(2))
     every = replace(SETTINGS, noise_snr=0.0, gain=3.0, stretch=0.02)
-    drawn = [len(disturbed(few, every, 0, epoch)[0]) for epoch in range(100)]
+    drawn = [len(transform_windows(few, every, 0, epoch)[0]) for epoch in range(100)]
     assert min(drawn) == 0
     assert max(drawn) == 2
 
@@ -201,9 +201,9 @@ def test_gains_and_speeds_that_make_no_sense_are_refused(change: dict[str, Any],
         TrainingSettings(**change)
 
 
-def test_models_and_runs_from_before_there_were_disturbances_are_described_as_they_were(tmp_path):
-    assert not {"noise_snr", "gain", "stretch"} & set(TrainingSettings().described())
-    assert SETTINGS.described()["noise_snr"] == 0.0
+def test_settings_without_transforms_are_written_without_them(tmp_path):
+    assert not {"noise_snr", "gain", "stretch"} & set(TrainingSettings().to_dict())
+    assert SETTINGS.to_dict()["noise_snr"] == 0.0
     for settings in (SETTINGS, replace(SETTINGS, noise_snr=None), replace(SETTINGS, gain=1.0, stretch=0.01)):
         path = tmp_path / f"{settings.noise_snr}-{settings.gain}.safetensors"
         save_classifier(fit(network(), tones(), settings=settings), path)

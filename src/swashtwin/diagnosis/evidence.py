@@ -45,7 +45,7 @@ class Neighbor:
     label: str
     """Its class."""
     distance: float
-    """Distance of its mean features (`KnownRecordings.distances`)."""
+    """Distance of its mean features (`TrainingReference.distances`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,12 +272,12 @@ def _powers(readings: np.ndarray) -> Float64[np.ndarray, "channel line"]:
 
 
 def _nearest(classifier: FittedClassifier, features: np.ndarray) -> tuple[Neighbor, ...]:
-    known = classifier.known
-    if known is None:
+    reference = classifier.training_reference
+    if reference is None:
         return ()
-    distance = known.distances(features.mean(axis=0))
+    distance = reference.distances(features.mean(axis=0))
     return tuple(
-        Neighbor(known.recording_id[place], known.label[place], float(distance[place]))
-        for place in np.argsort(distance, kind="stable")[:_NEIGHBORS]
-        if math.isfinite(distance[place])
+        Neighbor(reference.recording_id[index], reference.label[index], float(distance[index]))
+        for index in np.argsort(distance, kind="stable")[:_NEIGHBORS]
+        if math.isfinite(distance[index])
     )

@@ -354,7 +354,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     def _recording_probability(self, recording: Recording | StoredRecording) -> np.ndarray:
         classifier, parts = fit_to_recording(self.fitted_, recording)
         pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
-        return pooled if classifier.confidence is None else classifier.confidence.softened(pooled)
+        return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)
 
 
 def _as_recordings(X: Any) -> list[Recording | StoredRecording] | None:

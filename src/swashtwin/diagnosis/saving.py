@@ -21,8 +21,8 @@ from swashtwin.learning import (
     Confidence,
     Epoch,
     FittedClassifier,
-    KnownRecordings,
     Normalization,
+    TrainingReference,
     TrainingSettings,
     WindowLayout,
     build_network,
@@ -48,11 +48,11 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
     tensors = {f"network.{name}": tensor for name, tensor in classifier.network.state_dict().items()}
     tensors["normalization.mean"] = from_numpy(classifier.normalization.mean)
     tensors["normalization.deviation"] = from_numpy(classifier.normalization.deviation)
-    if classifier.known is not None:
-        tensors["known.features"] = from_numpy(classifier.known.features)
+    if classifier.training_reference is not None:
+        tensors["known.features"] = from_numpy(classifier.training_reference.features)
     if classifier.confidence is not None:
-        tensors["confidence.surprise"] = from_numpy(classifier.confidence.surprise)
-        tensors["confidence.strangeness"] = from_numpy(classifier.confidence.strangeness)
+        tensors["confidence.nonconformity_score"] = from_numpy(classifier.confidence.nonconformity_score)
+        tensors["confidence.ood_score"] = from_numpy(classifier.confidence.ood_score)
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     card = _card(classifier)
     note = {"version": VERSION, "card": card, "sha256": _checksum(tensors, card)}
@@ -98,7 +98,7 @@ def load_classifier(path: Path | str) -> FittedClassifier:
 
 
 def _card(classifier: FittedClassifier) -> dict[str, Any]:
-    known, confidence = classifier.known, classifier.confidence
+    known, confidence = classifier.training_reference, classifier.confidence
     extra: dict[str, Any] = (
         {} if known is None else {"known": {"recording_id": known.recording_id, "label": known.label}}
     )
@@ -110,7 +110,7 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
         "normalization": classifier.normalization.kind,
-        "settings": classifier.settings.described(),
+        "settings": classifier.settings.to_dict(),
         "seed": classifier.seed,
         "history": [asdict(epoch) for epoch in classifier.history],
         "manifest": classifier.manifest,
@@ -136,25 +136,27 @@ def _classifier(tensors: dict[str, Tensor], card: dict[str, Any]) -> FittedClass
         manifest=tuple(card["manifest"]),
         pressures=tuple(card["pressures"]),
         speeds=tuple(card["speeds"]),
-        known=_known(tensors, card),
+        training_reference=_known(tensors, card),
         confidence=_confidence(tensors, card),
     )
 
 
-def _known(tensors: dict[str, Tensor], card: dict[str, Any]) -> KnownRecordings | None:
+def _known(tensors: dict[str, Tensor], card: dict[str, Any]) -> TrainingReference | None:
     """None for a file from before recordings were kept, and where all windows were synthetic."""
     if "known" not in card:
         return None
     names = card["known"]
-    return KnownRecordings(tuple(names["recording_id"]), tuple(names["label"]), tensors["known.features"].numpy())
+    return TrainingReference(tuple(names["recording_id"]), tuple(names["label"]), tensors["known.features"].numpy())
 
 
 def _confidence(tensors: dict[str, Tensor], card: dict[str, Any]) -> Confidence | None:
     """None where nobody asked for it, and for a file from before it was kept or whose unknown was told otherwise."""
-    if "confidence" not in card or "confidence.strangeness" not in tensors:
+    if "confidence" not in card or "confidence.ood_score" not in tensors:
         return None
-    surprise, strangeness = (tensors[f"confidence.{name}"].numpy() for name in ("surprise", "strangeness"))
-    return Confidence(surprise=surprise, strangeness=strangeness, **card["confidence"])
+    nonconformity_score, ood_score = (
+        tensors[f"confidence.{name}"].numpy() for name in ("nonconformity_score", "ood_score")
+    )
+    return Confidence(nonconformity_score=nonconformity_score, ood_score=ood_score, **card["confidence"])
 
 
 def _checksum(tensors: dict[str, Tensor], card: dict[str, Any]) -> str:

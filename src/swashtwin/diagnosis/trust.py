@@ -1,4 +1,4 @@
-"""How far the answer on one recording can be trusted, by what the classifier learnt from validation recordings."""
+"""How reliable the answer on one recording is, judged by validation recordings."""
 
 import math
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from swashtwin.learning import Confidence, SureClassifier
 
 @dataclass(frozen=True)
 class Trust:
-    """The classes that cannot be ruled out, and whether the recording is like any that was trained on."""
+    """The classes that cannot be ruled out, and whether the recording resembles those of the training."""
 
     error_rate: float
     """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly called unknown."""
@@ -22,18 +22,18 @@ class Trust:
     plausibility: Mapping[str, float]
     """Conformal p-value of each class."""
     unknown: bool
-    """Whether the recording is unlike those that were trained on; its class is then a guess among wrong answers."""
-    familiarity: float
-    """Conformal p-value of being like them; unknown where it is at most the error rate."""
-    strangeness: float
-    """How unlike the known classes it is (`KnownRecordings.strangeness`); only its order means anything."""
-    usual_strangeness: float
-    """Strangeness beyond which a recording is called unknown."""
+    """Whether the recording does not resemble the training recordings; its class is then only the nearest one."""
+    ood_p_value: float
+    """Conformal p-value of resembling them; the recording is unknown where it is at most the error rate."""
+    ood_score: float
+    """Out-of-distribution score of the recording (`TrainingReference.ood_score`); only its order means anything."""
+    ood_threshold: float
+    """Score beyond which a recording is called unknown."""
     n_validation: int
-    """Validation recordings that all this rests on."""
+    """Number of validation recordings."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold."""
+        """The same as JSON can hold it."""
         return {**asdict(self), "prediction_set": list(self.prediction_set), "plausibility": dict(self.plausibility)}
 
     def sentence(self) -> str:
@@ -41,10 +41,10 @@ class Trust:
         rate = f"{100 * self.error_rate:.3g} %"
         if self.unknown:
             return (
-                f"Unknown: its vibration is stranger to every known class (relative distance {self.strangeness:.3g}) "
+                f"Unknown: its vibration is further from every trained class (relative distance {self.ood_score:.3g}) "
                 f"than that of all but {rate} of {self.n_validation} validation recordings (up to "
-                f"{self.usual_strangeness:.3g}). The class named is the nearest of wrong answers unless the pump, the "
-                "sensors or the condition are what differs."
+                f"{self.ood_threshold:.3g}). The class named is only the nearest one, unless the pump, the "
+                "sensors or the operating condition differ from the training."
             )
         if len(self.prediction_set) == 1:
             return f"No other class is plausible at an error rate of {rate}."
@@ -58,34 +58,34 @@ def trust_in(
     features: Float[np.ndarray, "window feature"],
     error_rate: float | None,
 ) -> Trust | None:
-    """Trust in the answer on one recording, or None where the classifier was not taught any.
+    """Trust in the answer on one recording, or None where the classifier has no confidence.
 
     Parameters
     ----------
     probability : of each class, pooled over the windows, before the temperature.
     features : of each window.
-    error_rate : another one than the classifier was taught.
+    error_rate : of the prediction set; the classifier's own by default.
     """
-    confidence, known = classifier.confidence, classifier.known
-    if confidence is None or known is None:
+    confidence, reference = classifier.confidence, classifier.training_reference
+    if confidence is None or reference is None:
         return None
     rate = confidence.error_rate if error_rate is None else error_rate
-    chosen, plausible = confidence.prediction_set(probability, rate), confidence.plausibility(probability)
-    strangeness = known.strangeness(features.mean(axis=0))
-    familiarity = float(confidence.familiarity(np.array(strangeness)))
+    in_set, plausible = confidence.prediction_set(probability, rate), confidence.plausibility(probability)
+    ood_score = reference.ood_score(features.mean(axis=0))
+    ood_p_value = float(confidence.ood_p_value(np.array(ood_score)))
     return Trust(
         error_rate=rate,
-        prediction_set=tuple(classifier.classes[index] for index in np.argsort(-probability) if chosen[index]),
+        prediction_set=tuple(classifier.classes[index] for index in np.argsort(-probability) if in_set[index]),
         plausibility=dict(zip(classifier.classes, plausible.tolist(), strict=True)),
-        unknown=familiarity <= rate,
-        familiarity=familiarity,
-        strangeness=strangeness,
-        usual_strangeness=_usual(confidence, rate),
+        unknown=ood_p_value <= rate,
+        ood_p_value=ood_p_value,
+        ood_score=ood_score,
+        ood_threshold=_ood_threshold(confidence, rate),
         n_validation=confidence.n_recordings,
     )
 
 
-def _usual(confidence: Confidence, rate: float) -> float:
-    """Greatest strangeness whose familiarity is above `rate`: that of the k-th strangest validation recording."""
+def _ood_threshold(confidence: Confidence, rate: float) -> float:
+    """Greatest score whose p-value is above `rate`: the k-th highest of the validation recordings."""
     n = confidence.n_recordings
-    return float(confidence.strangeness[n - max(1, math.floor(rate * (n + 1) + 1e-9))])
+    return float(confidence.ood_score[n - max(1, math.floor(rate * (n + 1) + 1e-9))])

@@ -90,7 +90,7 @@ def diagnose(
     pooled = pooled_probabilities(probability)
     trust = trust_in(classifier, pooled, features, error_rate)
     if classifier.confidence is not None:
-        pooled = classifier.confidence.softened(pooled)
+        pooled = classifier.confidence.temperature_scaled(pooled)
     label = classifier.classes[int(pooled.argmax())]
     window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
     return Diagnosis(

@@ -43,7 +43,7 @@ from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
 from .training.train_transforms import RANGE as RANGE
-from .training.training_reference import KnownRecordings as KnownRecordings
+from .training.training_reference import TrainingReference as TrainingReference
 from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches
 from .windows.folding import Fold as Fold
@@ -83,12 +83,12 @@ __all__ = [
     "FittedBaseline",
     "FittedClassifier",
     "Fold",
-    "KnownRecordings",
     "Network",
     "Normalization",
     "Scores",
     "SpectralBiTCN",
     "SureClassifier",
+    "TrainingReference",
     "TrainingSettings",
     "WindowLayout",
     "WindowSet",

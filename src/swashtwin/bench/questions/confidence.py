@@ -211,10 +211,10 @@ def _unknown(told: SureClassifier, test: WindowSet, foreign: WindowSet, left_out
     doubt = 1 - np.concatenate([known.probability.max(axis=1), strange.probability.max(axis=1)])
     caught = math.nan
     if confidence is not None:
-        caught = float(np.mean(confidence.familiarity(strange.strangeness) <= confidence.error_rate))
-    strangeness = np.concatenate([known.strangeness, strange.strangeness])
+        caught = float(np.mean(confidence.ood_p_value(strange.ood_score) <= confidence.error_rate))
+    ood_score = np.concatenate([known.ood_score, strange.ood_score])
     return {
-        f"auroc_{left_out}": float(roc_auc_score(is_strange, strangeness)),
+        f"auroc_{left_out}": float(roc_auc_score(is_strange, ood_score)),
         f"probability_auroc of {left_out}": float(roc_auc_score(is_strange, doubt)),
         f"unknown_caught of {left_out}": caught,
     }

@@ -160,7 +160,7 @@ def _taken(model: Model) -> dict[str, Any]:
 def _space(model: Model) -> dict[str, tuple[Any, ...]]:
     """What is searched of a model: of the normalizations those that go with how it is trained."""
     taken = _taken(model)
-    suitable = tuple(name for name in TRAINING_SPACE["normalization"] if model.training.goes_with(name))
+    suitable = tuple(name for name in TRAINING_SPACE["normalization"] if model.training.fits_normalization(name))
     training = {**TRAINING_SPACE, "normalization": suitable}
     return {**training, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
 

@@ -55,8 +55,8 @@ from swashtwin.bench.results.table import StudyTable, origin_of
 from swashtwin.bench.rigs.writing import SIZES, rig_recordings
 from swashtwin.bench.rivals.composed import Viewed
 from swashtwin.bench.rivals.order_levels import (
+    CachedExtractor,
     Extractor,
-    Remembered,
     against_healthy,
     envelope_levels,
     highest_order,
@@ -201,7 +201,7 @@ def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extracto
         "lines": partial(order_lines, count=settings.orders),
         "envelope": envelope_levels,
     }
-    return {name: Remembered(view) for name, view in views.items()}
+    return {name: CachedExtractor(view) for name, view in views.items()}
 
 
 def _learned(

@@ -73,7 +73,7 @@ class Model:
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
         composed = {"trainings": self.trainings} if self.trainings > 1 else {}
         composed |= {"sensors": self.sensors} if self.sensors is not None else {}
-        return {"kind": self.kind, "network": network, "training": self.training.described(), **composed}
+        return {"kind": self.kind, "network": network, "training": self.training.to_dict(), **composed}
 
     def with_training(self, **changes: Any) -> "Model":
         """The same with other training settings."""

@@ -131,7 +131,7 @@ def _table(windows: WindowSet, bands: Mapping[str, tuple[float, float]]) -> Feat
     return FeatureTable(levels.reshape(len(windows), len(columns)), columns)
 
 
-class Remembered:
+class CachedExtractor:
     """An extractor that computes the features of a window once, however often and in whatever set it comes."""
 
     def __init__(self, extract: Extractor) -> None:

@@ -14,7 +14,7 @@ from swashtwin.learning.estimators.kernels import KernelColumns
 from swashtwin.learning.estimators.registry import BASELINES, N_TREES
 from swashtwin.learning.features import FeatureTable, extract_features
 from swashtwin.learning.training.confidence import Confidence
-from swashtwin.learning.training.training_reference import KnownRecordings, known_recordings
+from swashtwin.learning.training.training_reference import TrainingReference, build_reference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet, distinct_values
 
 
@@ -36,7 +36,7 @@ class FittedBaseline:
     """Shaft speeds it was fitted at [rad/s], ascending; empty where they were not known."""
     features: Callable[[WindowSet], FeatureTable] = extract_features
     """What gives the estimator its columns."""
-    known: KnownRecordings | None = None
+    training_reference: TrainingReference | None = None
     """The measured recordings it was fitted on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
     """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
@@ -147,7 +147,7 @@ def _fitted(
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         features=features,
-        known=known_recordings(windows),
+        training_reference=build_reference(windows),
     )
 
 

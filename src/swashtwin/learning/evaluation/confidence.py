@@ -1,4 +1,4 @@
-"""`learn_confidence`: what validation recordings say of a classifier's trust in itself, and how well that holds."""
+"""`learn_confidence` calibrates a classifier's confidence; `score_confidence` says how well it holds."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.evaluation.pooling import pooled_probabilities
 from swashtwin.learning.evaluation.protocols import SureClassifier
-from swashtwin.learning.training.confidence import Confidence, softened, surprise_of
+from swashtwin.learning.training.confidence import Confidence, nonconformity_scores, temperature_scaled
 from swashtwin.learning.windows.window_set import WindowSet
 
 _TEMPERATURES = (0.05, 100.0)
@@ -31,30 +31,30 @@ class RecordingAnswers:
     recording_id: tuple[str, ...]
     """The recordings, in the order of their ids."""
     target: Int64[np.ndarray, " recording"]
-    """Index of the true class; -1 where it is not known."""
+    """Index of the true class; -1 where there is no label."""
     probability: Float64[np.ndarray, "recording class"]
     """Probability of each class, pooled over the windows."""
-    strangeness: Float64[np.ndarray, " recording"]
-    """How unlike the known classes each is; NaN where the classifier keeps no recording."""
+    ood_score: Float64[np.ndarray, " recording"]
+    """Out-of-distribution score of each; NaN where the classifier has no training reference."""
 
 
 def recording_answers(classifier: SureClassifier, windows: WindowSet) -> RecordingAnswers:
     """The classifier's answer to each recording among `windows`."""
     probability, features = classifier.answer(windows)
     names = np.unique(windows.recording_id)
-    own = [windows.recording_id == name for name in names]
-    known = classifier.known
-    strangeness = [math.nan if known is None else known.strangeness(features[mask].mean(axis=0)) for mask in own]
+    masks = [windows.recording_id == name for name in names]
+    reference = classifier.training_reference
+    ood_score = [math.nan if reference is None else reference.ood_score(features[mask].mean(axis=0)) for mask in masks]
     return RecordingAnswers(
         recording_id=tuple(names.tolist()),
-        target=np.array([windows.target[mask][0] for mask in own], dtype=np.int64),
-        probability=np.stack([pooled_probabilities(probability[mask]) for mask in own]).astype(np.float64),
-        strangeness=np.array(strangeness, dtype=np.float64),
+        target=np.array([windows.target[mask][0] for mask in masks], dtype=np.int64),
+        probability=np.stack([pooled_probabilities(probability[mask]) for mask in masks]).astype(np.float64),
+        ood_score=np.array(ood_score, dtype=np.float64),
     )
 
 
 def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float = 0.1) -> C:
-    """The same classifier, taught by validation recordings how far to trust itself; they join its manifest.
+    """The same classifier with its confidence calibrated by validation recordings, which join its manifest.
 
     Parameters
     ----------
@@ -71,28 +71,28 @@ def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float 
     InputError
         Other classes than the classifier's, or too few recordings for the error rate.
     DataError
-        The classifier knows no measured recording, or a window has no label.
+        The classifier was trained on no measured recording, or a window has no label.
     """
     validation.require_labels("validation")
     _require_fitting(classifier, validation)
     answers = recording_answers(classifier, validation)
-    surprise = surprise_of(answers.probability)[np.arange(answers.target.size), answers.target]
+    scores = nonconformity_scores(answers.probability)[np.arange(answers.target.size), answers.target]
     confidence = Confidence(
         temperature=_temperature(answers),
-        surprise=np.sort(surprise),
-        strangeness=np.sort(answers.strangeness),
+        nonconformity_score=np.sort(scores),
+        ood_score=np.sort(answers.ood_score),
         error_rate=error_rate,
     )
     manifest = tuple(sorted({*classifier.manifest, *answers.recording_id}))
-    taught: C = replace(classifier, confidence=confidence, manifest=manifest)  # type: ignore[type-var]
-    return taught
+    calibrated: C = replace(classifier, confidence=confidence, manifest=manifest)  # type: ignore[type-var]
+    return calibrated
 
 
 def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
-    if classifier.known is None:
+    if classifier.training_reference is None:
         raise DataError(
-            "the classifier keeps no measured recording to tell the unknown from (it was trained on synthetic windows "
-            "alone, or saved by an older swashtwin); train it again."
+            "the classifier was trained on synthetic windows alone, so it cannot tell what is unknown; train it with "
+            "measured recordings."
         )
     if validation.classes != classifier.classes:
         raise InputError(
@@ -101,10 +101,10 @@ def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
         )
     if validation.synthetic.any():
         name = validation.recording_id[validation.synthetic][0]
-        raise LeakError(f"{name} is synthetic; what a classifier is worth is learnt from measured recordings only.")
-    seen = sorted(set(classifier.known.recording_id) & set(validation.recording_id.tolist()))
+        raise LeakError(f"{name} is synthetic; confidence is calibrated on measured recordings only.")
+    seen = sorted(set(classifier.training_reference.recording_id) & set(validation.recording_id.tolist()))
     if seen:
-        raise LeakError(f"recording {seen[0]} was trained on; it cannot tell how far to trust the classifier.")
+        raise LeakError(f"recording {seen[0]} was trained on; calibrate the confidence on others.")
 
 
 def _temperature(answers: RecordingAnswers) -> float:
@@ -114,11 +114,12 @@ def _temperature(answers: RecordingAnswers) -> float:
     Platt's targets, 1999). Without them T would fall to nothing there.
     """
     n, n_classes = answers.probability.shape
-    wanted = np.full((n, n_classes), 1 / (n + n_classes))
-    wanted[np.arange(n), answers.target] = (n + 1) / (n + n_classes)
+    goal = np.full((n, n_classes), 1 / (n + n_classes))
+    goal[np.arange(n), answers.target] = (n + 1) / (n + n_classes)
 
     def loss(logarithm: float) -> float:
-        return float((wanted * surprise_of(softened(answers.probability, math.exp(logarithm)))).sum(axis=1).mean())
+        scaled = temperature_scaled(answers.probability, math.exp(logarithm))
+        return float((goal * nonconformity_scores(scaled)).sum(axis=1).mean())
 
     low, high = (math.log(bound) for bound in _TEMPERATURES)
     return float(math.exp(minimize_scalar(loss, bounds=(low, high), method="bounded").x))
@@ -126,7 +127,7 @@ def _temperature(answers: RecordingAnswers) -> float:
 
 @dataclass(frozen=True)
 class ConfidenceScores:
-    """How well a classifier's trust in itself holds on test recordings; every figure counts recordings."""
+    """How well a classifier's confidence holds on test recordings; every figure counts recordings."""
 
     n_recordings: int
     """Test recordings."""
@@ -147,9 +148,10 @@ class ConfidenceScores:
     called_unknown: float
     """Share called unknown although their class was trained."""
     unknown_auroc: float
-    """Area under the curve of the strangeness, recordings of classes never trained against these; NaN without such."""
+    """Area under the curve of the out-of-distribution score, recordings of untrained classes against the rest; NaN
+    where there are none."""
     class_coverage: Mapping[str, float]
-    """Coverage of each class that was tested: it is promised over all classes together, not for each."""
+    """Coverage of each class that was tested: the error rate holds over all classes together, not for each."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers that JSON can hold; NaN becomes None."""
@@ -164,25 +166,27 @@ def score_confidence(
     foreign: WindowSet | None = None,
     error_rate: float | None = None,
 ) -> ConfidenceScores:
-    """How well the classifier's trust in itself holds on recordings that had no part in it.
+    """How well the classifier's confidence holds on recordings that had no part in it.
 
     Parameters
     ----------
-    classifier : one that was taught (`learn_confidence`).
+    classifier : one whose confidence is calibrated (`learn_confidence`).
     test : test windows with labels, measured.
     foreign : windows of classes that it was never trained on, for the area under the curve.
-    error_rate : another one than it was taught.
+    error_rate : of the prediction sets; the classifier's own by default.
 
     Raises
     ------
     InputError
-        The classifier was not taught, or the windows are of other classes.
+        The classifier has no confidence, or the windows are of other classes.
     LeakError
         A recording had a part in the classifier.
     """
     confidence = classifier.confidence
     if confidence is None:
-        raise InputError("the classifier knows nothing of its own errors; teach it with learn_confidence first.")
+        raise InputError(
+            "the classifier has no confidence yet; calibrate it: learn_confidence(classifier, validation)."
+        )
     if test.classes != classifier.classes:
         raise InputError("the test windows have other classes; cut them with classes=classifier.classes.")
     test.require_labels("a test of confidence")
@@ -191,31 +195,31 @@ def score_confidence(
         if seen:
             raise LeakError(f"recording {min(seen)} had a part in the classifier (its manifest); test on others.")
     answers, rate = recording_answers(classifier, test), confidence.error_rate if error_rate is None else error_rate
-    rows, soft = np.arange(answers.target.size), confidence.softened(answers.probability)
+    rows, scaled = np.arange(answers.target.size), confidence.temperature_scaled(answers.probability)
     right = answers.probability.argmax(axis=1) == answers.target
-    chosen = confidence.prediction_set(answers.probability, rate)
-    held = chosen[rows, answers.target]
+    in_set = confidence.prediction_set(answers.probability, rate)
+    covered = in_set[rows, answers.target]
     return ConfidenceScores(
         n_recordings=rows.size,
         accuracy=float(right.mean()),
         ece_before=expected_calibration_error(right, answers.probability.max(axis=1), 10),
-        ece_after=expected_calibration_error(right, soft.max(axis=1), 10),
-        log_loss_before=float(surprise_of(answers.probability)[rows, answers.target].mean()),
-        log_loss_after=float(surprise_of(soft)[rows, answers.target].mean()),
-        coverage=float(held.mean()),
-        set_size=float(chosen.sum(axis=1).mean()),
-        called_unknown=float(np.mean(confidence.familiarity(answers.strangeness) <= rate)),
+        ece_after=expected_calibration_error(right, scaled.max(axis=1), 10),
+        log_loss_before=float(nonconformity_scores(answers.probability)[rows, answers.target].mean()),
+        log_loss_after=float(nonconformity_scores(scaled)[rows, answers.target].mean()),
+        coverage=float(covered.mean()),
+        set_size=float(in_set.sum(axis=1).mean()),
+        called_unknown=float(np.mean(confidence.ood_p_value(answers.ood_score) <= rate)),
         unknown_auroc=math.nan if foreign is None else _auroc(answers, recording_answers(classifier, foreign)),
         class_coverage={
-            classifier.classes[index]: float(held[answers.target == index].mean())
+            classifier.classes[index]: float(covered[answers.target == index].mean())
             for index in np.unique(answers.target)
         },
     )
 
 
-def _auroc(known: RecordingAnswers, foreign: RecordingAnswers) -> float:
-    is_foreign = np.repeat([False, True], [known.strangeness.size, foreign.strangeness.size])
-    return float(roc_auc_score(is_foreign, np.concatenate([known.strangeness, foreign.strangeness])))
+def _auroc(trained: RecordingAnswers, foreign: RecordingAnswers) -> float:
+    is_foreign = np.repeat([False, True], [trained.ood_score.size, foreign.ood_score.size])
+    return float(roc_auc_score(is_foreign, np.concatenate([trained.ood_score, foreign.ood_score])))
 
 
 def _finite(value: float) -> float | None:

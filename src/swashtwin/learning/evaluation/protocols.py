@@ -6,7 +6,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 from swashtwin.learning.training.confidence import Confidence
-from swashtwin.learning.training.training_reference import KnownRecordings
+from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 
 _Self = TypeVar("_Self", bound="DiagnosingClassifier")
@@ -33,7 +33,7 @@ class SureClassifier(Classifier, Protocol):
     """A classifier that can be taught how far to trust itself: a fitted network, or fitted trees."""
 
     @property
-    def known(self) -> KnownRecordings | None:
+    def training_reference(self) -> TrainingReference | None:
         """The recordings it was trained on."""
 
     @property

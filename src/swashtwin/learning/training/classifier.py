@@ -14,7 +14,7 @@ from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
-from swashtwin.learning.training.training_reference import KnownRecordings
+from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 
 _BATCH = 256  # windows that pass the network together in prediction; memory only, no result depends on it
@@ -44,7 +44,7 @@ class FittedClassifier:
     """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
-    known: KnownRecordings | None = None
+    training_reference: TrainingReference | None = None
     """The measured recordings it was trained on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
     """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""

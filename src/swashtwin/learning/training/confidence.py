@@ -1,4 +1,4 @@
-"""How far a classifier can be trusted, from recordings that it was not trained on.
+"""How reliable a classifier's answers are, from recordings that it was not trained on.
 
 Everything counts recordings, since the windows of one are not independent. Where a new recording comes from the same
 pumps, sensors and conditions as the validation recordings (is exchangeable with them), the rates hold whatever the
@@ -21,13 +21,13 @@ class Confidence:
     temperature: float
     """T by which log-probabilities of a recording are divided: p_c^(1/T) / Σ p^(1/T) (Guo and others 2017,
     arXiv:1706.04599). Above 1 the classifier was too sure of itself."""
-    surprise: Float64[np.ndarray, " recording"]
-    """-log p of the true class of each validation recording before the temperature, ascending [nat]."""
-    strangeness: Float64[np.ndarray, " recording"]
-    """How unlike the known classes each validation recording is, ascending; see `KnownRecordings.strangeness`."""
+    nonconformity_score: Float64[np.ndarray, " recording"]
+    """-log p of the true class of each validation recording before the temperature scaling, ascending [nat]."""
+    ood_score: Float64[np.ndarray, " recording"]
+    """Out-of-distribution score of each validation recording, ascending; see `TrainingReference.ood_score`."""
     error_rate: float
     """Share of the recordings whose prediction set may miss the true class, and of those that may be called unknown
-    although they are not; what was asked for when it was learnt."""
+    although their class was trained."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.temperature) and self.temperature > 0):
@@ -37,28 +37,30 @@ class Confidence:
     @property
     def n_recordings(self) -> int:
         """Validation recordings it was learnt from."""
-        return int(self.surprise.size)
+        return int(self.nonconformity_score.size)
 
-    def softened(self, probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
+    def temperature_scaled(
+        self, probability: Float[np.ndarray, "*recording class"]
+    ) -> Float64[np.ndarray, "*recording class"]:
         """Probabilities of recordings at the temperature; rows sum to 1, and the likeliest class stays.
 
         Examples
         --------
-        >>> known = np.linspace(0.0, 1.0, 9)
-        >>> Confidence(2.0, known, known, 0.1).softened(np.array([0.96, 0.04])).round(2)
+        >>> scores = np.linspace(0.0, 1.0, 9)
+        >>> Confidence(2.0, scores, scores, 0.1).temperature_scaled(np.array([0.96, 0.04])).round(2)
         array([0.83, 0.17])
         """
-        return softened(probability, self.temperature)
+        return temperature_scaled(probability, self.temperature)
 
     def plausibility(
         self, probability: Float[np.ndarray, "*recording class"]
     ) -> Float64[np.ndarray, "*recording class"]:
-        """Conformal p-value of each class: the share of validation recordings at least as surprising, this one counted.
+        """Conformal p-value of each class: the share of recordings whose score is at least as high, this one counted.
 
         (1 + #{i : s_i >= -log p_c}) / (n + 1), with p_c before the temperature. For the true class it is at most e in
         a share e of the recordings.
         """
-        return _share(self.surprise, surprise_of(probability))
+        return _share(self.nonconformity_score, nonconformity_scores(probability))
 
     def prediction_set(
         self, probability: Float[np.ndarray, "*recording class"], error_rate: float | None = None
@@ -75,12 +77,12 @@ class Confidence:
         probability = np.asarray(probability)
         return np.asarray((self.plausibility(probability) > rate) | (probability == probability.max(-1, keepdims=True)))
 
-    def familiarity(self, strangeness: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
-        """Conformal p-value of being like the known recordings: the share of validation recordings at least as strange.
+    def ood_p_value(self, ood_score: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
+        """Conformal p-value of resembling the training: the share of recordings whose score is at least as high.
 
         Where it is at most the error rate, the recording is called unknown.
         """
-        return _share(self.strangeness, np.asarray(strangeness))
+        return _share(self.ood_score, np.asarray(ood_score))
 
 
 def require_enough(n_recordings: int, error_rate: float) -> None:
@@ -95,16 +97,16 @@ def require_enough(n_recordings: int, error_rate: float) -> None:
         )
 
 
-def softened(
+def temperature_scaled(
     probability: Float[np.ndarray, "*recording class"], temperature: float
 ) -> Float64[np.ndarray, "*recording class"]:
     """p_c^(1/T) / Σ p^(1/T) along the last axis."""
-    logarithm = -surprise_of(probability) / temperature
+    logarithm = -nonconformity_scores(probability) / temperature
     share = np.exp(logarithm - logarithm.max(axis=-1, keepdims=True))
     return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
 
-def surprise_of(probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
+def nonconformity_scores(probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
     """-log p [nat], p being 1e-300 at least."""
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
 

@@ -19,8 +19,8 @@ from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.domains import conditions_of, epoch_order, misalignment, mixing
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
-from swashtwin.learning.training.train_transforms import disturbed
-from swashtwin.learning.training.training_reference import known_recordings
+from swashtwin.learning.training.train_transforms import transform_windows
+from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.splitting import check_disjoint
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 
@@ -111,7 +111,7 @@ def fit(
         manifest=tuple(sorted(used)),
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
-        known=known_recordings(windows),
+        training_reference=build_reference(windows),
     )
 
 
@@ -160,7 +160,7 @@ def _description(
     return {
         "network": network.name,
         **{f"network's {name}": value for name, value in network.settings.items()},
-        **settings.described(),
+        **settings.to_dict(),
         "seed": seed,
         "device": device,
         "training data (SHA-256)": windows.fingerprint(),
@@ -224,7 +224,7 @@ def _in_epoch(
     number: int,
 ) -> tuple[Tensor, Tensor]:
     """What an epoch trains on: the windows as they are, or some of them changed, drawn by `seed` and `number`."""
-    which, changed = disturbed(windows, settings, seed, number)
+    which, changed = transform_windows(windows, settings, seed, number)
     if not len(which):
         return clean
     represented, target = clean

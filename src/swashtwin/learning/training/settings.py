@@ -1,4 +1,4 @@
-"""How a network is trained, and what each epoch came to."""
+"""How a network is trained, and the loss of each epoch."""
 
 import math
 from collections.abc import Mapping
@@ -19,8 +19,8 @@ NORMALIZATIONS = ("window", "recording", "set", "none")
 DECAYS = ("none", "cosine")
 """How the learning rate changes over the epochs."""
 
-_DISTURBANCES: Mapping[str, float | None] = {"noise_snr": None, "gain": 0.0, "stretch": 0.0}
-"""What windows can be changed by within an epoch, and the value at which they are not."""
+_TRANSFORMS: Mapping[str, float | None] = {"noise_snr": None, "gain": 0.0, "stretch": 0.0}
+"""Settings that transform windows within an epoch, each with the value that leaves them as they are."""
 
 _WIDEST, _LOUDEST = 0.2, 40.0
 """Largest change of speed [1], and of gain [dB], that are still the same machine and sensor."""
@@ -62,12 +62,12 @@ class TrainingSettings:
     """Weight of it beside the cross-entropy."""
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the white noise that half the windows of each epoch get, drawn anew
-    (`disturbance.with_noise`); None adds none."""
+    (`train_transforms.with_noise`); None adds none."""
     gain: float = 0.0
     """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""
     stretch: float = 0.0
     """Largest change of speed, relative, of half the windows of each epoch, drawn anew, as if the shaft turned a little
-    faster or slower (`disturbance.at_other_speeds`); 0 for none."""
+    faster or slower (`train_transforms.at_other_speeds`); 0 for none."""
     deterministic: bool = True
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
@@ -86,12 +86,12 @@ class TrainingSettings:
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
         choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
-        for name, known in choices.items():
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(known)}.")
-        self._require_disturbances()
+        for name, options in choices.items():
+            if getattr(self, name) not in options:
+                raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(options)}.")
+        self._require_transforms()
 
-    def _require_disturbances(self) -> None:
+    def _require_transforms(self) -> None:
         if not 0 <= self.stretch <= _WIDEST:
             raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
         if not 0 <= self.gain <= _LOUDEST:
@@ -101,26 +101,25 @@ class TrainingSettings:
         if clash := self._clash(self.normalization):
             raise InputError(f"{clash}; take another normalization, such as 'set'.")
 
-    def goes_with(self, normalization: str) -> bool:
+    def fits_normalization(self, normalization: str) -> bool:
         """Whether windows changed in training, as these settings change them, make sense under a normalization."""
         return self._clash(normalization) is None
 
     def _clash(self, normalization: str) -> str | None:
-        asked = [name for name, idle in _DISTURBANCES.items() if getattr(self, name) != idle]
-        if asked and normalization == "recording":
+        active = [name for name, idle in _TRANSFORMS.items() if getattr(self, name) != idle]
+        if active and normalization == "recording":
             return (
-                f"{asked[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "
+                f"{active[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "
                 "recording"
             )
         if self.gain and normalization == "window":
             return "gain would change nothing, since normalization 'window' takes each window's own level away"
         return None
 
-    def described(self) -> dict[str, Any]:
-        """Settings as JSON can hold them. Disturbances that were not asked for are left out, so that runs, checkpoints
-        and models from before there were any are found and read as ever."""
-        told = asdict(self)
-        return {name: told[name] for name in told if name not in _DISTURBANCES or told[name] != _DISTURBANCES[name]}
+    def to_dict(self) -> dict[str, Any]:
+        """Settings as JSON can hold them, without the transforms that change nothing."""
+        values = asdict(self)
+        return {name: value for name, value in values.items() if name not in _TRANSFORMS or value != _TRANSFORMS[name]}
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1.
@@ -148,15 +147,15 @@ which a fault changes. Chosen on fleets 100 to 102 of the virtual rig, on which 
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training windows came to."""
+    """Loss and accuracy of one pass over the training windows."""
 
     number: int
     """First epoch is 1."""
     loss: float
     """Mean cross-entropy over the training windows, while the weights move."""
     accuracy: float
-    """Share of the training windows told right, while the weights move."""
+    """Share of the training windows classified right, while the weights move."""
     validation_loss: float | None = None
     """Mean cross-entropy over the validation windows after the epoch, where there are any."""
     validation_accuracy: float | None = None
-    """Share of the validation windows told right after the epoch, where there are any."""
+    """Share of the validation windows classified right after the epoch, where there are any."""

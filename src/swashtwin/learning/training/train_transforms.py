@@ -1,7 +1,7 @@
-"""Windows of an epoch a little other than measured: another speed, other gains, white noise.
+"""Transforms of training windows, drawn anew in each epoch: another speed, other gains, white noise.
 
-What a network sees changed from epoch to epoch it does not lean on: the quiet bands that a plant's first noise fills,
-the gain of one sensor, the exact place of a line.
+A network does not come to rely on what changes from epoch to epoch: quiet bands that noise fills at a plant, the gain
+of one sensor, the exact frequency of a line.
 """
 
 from collections.abc import Callable
@@ -16,20 +16,19 @@ from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.windows.window_set import WindowSet
 
 RANGE = 25.0
-"""Width of the range of signal-to-noise ratios [dB], above the least one asked for."""
+"""Width of the range of signal-to-noise ratios [dB], above the least one."""
 
-Readings = Float32[np.ndarray, "window channel time"]
-Change = Callable[[Readings, float, np.random.Generator], Readings]
+Samples = Float32[np.ndarray, "window channel time"]
+Change = Callable[[Samples, float, np.random.Generator], Samples]
 
 
-def disturbed(
+def transform_windows(
     windows: WindowSet, settings: TrainingSettings, seed: int, epoch: int
 ) -> tuple[Int[np.ndarray, " changed"], WindowSet]:
-    """(places of the windows that an epoch sees changed, these windows as it sees them).
+    """(indices of the windows that an epoch changes, these windows as it uses them).
 
-    Each disturbance that `settings` asks for falls on a random half of the windows of its own: `stretch` first, then
-    `gain`, then `noise_snr`, as a machine, its sensors and what follows them would. Nothing is changed where none is
-    asked for.
+    Each transform of `settings` acts on a random half of the windows: `stretch` first, then `gain`, then `noise_snr`,
+    in the order in which machine, sensor and cable act. Without any transform no window changes.
 
     Parameters
     ----------
@@ -37,20 +36,20 @@ def disturbed(
     seed : seed of the training.
     epoch : number of the epoch, which draws anew.
     """
-    signal, touched = windows.signal, np.zeros(len(windows), dtype=bool)
-    for purpose, width, change in _asked(settings):
+    signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
+    for purpose, width, change in _active_transforms(settings):
         rng = stream(seed, purpose, epoch)
         which = np.flatnonzero(rng.random(len(windows)) < 0.5)
         if not len(which):
             continue
         signal = signal.copy() if signal is windows.signal else signal
         signal[which] = change(signal[which], width, rng)
-        touched[which] = True
-    places = np.flatnonzero(touched)
-    return places, replace(windows.subset(places), signal=signal[places])
+        changed[which] = True
+    indices = np.flatnonzero(changed)
+    return indices, replace(windows.subset(indices), signal=signal[indices])
 
 
-def with_noise(signal: Readings, least_snr: float, rng: np.random.Generator) -> Readings:
+def with_noise(signal: Samples, least_snr: float, rng: np.random.Generator) -> Samples:
     """The windows with white Gaussian noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
 
     The signal's power is the variance of the window per channel, not of the recording as in tests (docs/protocol.md,
@@ -65,7 +64,7 @@ def with_noise(signal: Readings, least_snr: float, rng: np.random.Generator) -> 
     return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(np.float32)
 
 
-def with_gains(signal: Readings, largest: float, rng: np.random.Generator) -> Readings:
+def with_gains(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
     """The windows with each channel louder or quieter, uniform in dB ("scaling", DOI 10.1145/3136755.3136817).
 
     Parameters
@@ -76,7 +75,7 @@ def with_gains(signal: Readings, largest: float, rng: np.random.Generator) -> Re
     return (signal * 10 ** (gain / 20)).astype(np.float32)
 
 
-def at_other_speeds(signal: Readings, largest: float, rng: np.random.Generator) -> Readings:
+def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
     """The windows as a shaft a little faster or slower would give them, all else the same.
 
     Time is stretched about the window's middle, by a share uniform within the largest; what a window lacks at its ends
@@ -88,22 +87,22 @@ def at_other_speeds(signal: Readings, largest: float, rng: np.random.Generator) 
     """
     middle = (signal.shape[-1] - 1) / 2
     time = np.arange(signal.shape[-1]) - middle
-    places = middle + (1 + largest * rng.uniform(-1, 1, (len(signal), 1))) * time
+    positions = middle + (1 + largest * rng.uniform(-1, 1, (len(signal), 1))) * time
     return np.stack(
         [
-            [map_coordinates(channel, place[None], order=3, mode="mirror") for channel in window]
-            for window, place in zip(signal, places, strict=True)
+            [map_coordinates(channel, position[None], order=3, mode="mirror") for channel in window]
+            for window, position in zip(signal, positions, strict=True)
         ]
     )
 
 
-def _asked(settings: TrainingSettings) -> list[tuple[str, float, Change]]:
-    """(purpose of the stream it is drawn from, how far, change) of each disturbance that is asked for, in order."""
-    asked: list[tuple[str, float, Change]] = []
+def _active_transforms(settings: TrainingSettings) -> list[tuple[str, float, Change]]:
+    """(name of its random stream, largest change, function) of each transform in the settings, in order."""
+    active: list[tuple[str, float, Change]] = []
     if settings.stretch:
-        asked.append(("stretch", settings.stretch, at_other_speeds))
+        active.append(("stretch", settings.stretch, at_other_speeds))
     if settings.gain:
-        asked.append(("gain", settings.gain, with_gains))
+        active.append(("gain", settings.gain, with_gains))
     if settings.noise_snr is not None:
-        asked.append(("disturbance", settings.noise_snr, with_noise))
-    return asked
+        active.append(("disturbance", settings.noise_snr, with_noise))
+    return active

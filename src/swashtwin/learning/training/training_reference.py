@@ -1,4 +1,4 @@
-"""The recordings a classifier was trained on, by their vibration features: what a new one is compared with."""
+"""The training recordings by their vibration features: what a new recording is compared with."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,16 +9,16 @@ from jaxtyping import Float, Float64
 from swashtwin.learning.features import extract_features
 from swashtwin.learning.windows.window_set import WindowSet
 
-MOST = 2000
-"""Recordings that a classifier keeps; of more, as many are kept, evenly spaced in the order of their ids."""
+MOST_RECORDINGS = 2000
+"""Most recordings in a reference; of more, this many are taken, evenly spaced in the order of their ids."""
 
 _LEAST_VARIANCE = 1e-6
 """Added to each feature's shrunk variance, for classes of one recording have none."""
 
 
 @dataclass(frozen=True, eq=False)
-class KnownRecordings:
-    """One row of mean features for each measured recording of the training; no reading is kept."""
+class TrainingReference:
+    """Mean features of each measured recording of the training; it holds no samples."""
 
     recording_id: tuple[str, ...]
     """The recordings, in the order of their ids."""
@@ -28,17 +28,17 @@ class KnownRecordings:
     """Mean of each feature over the windows of the recording."""
 
     def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " recording"]:
-        """Distance of each known recording from one of these mean features, 0 where they are the same.
+        """Distance of each training recording from one with these mean features, 0 where they are the same.
 
-        Root mean square over the features, each in units of its standard deviation between the known recordings; a
+        Root mean square over the features, each in units of its standard deviation between the training recordings; a
         feature that does not differ between them counts in its own unit.
         """
         deviation = self.features.std(axis=0)
-        apart = (self.features - features) / np.where(deviation > 0, deviation, 1.0)
-        return np.asarray(np.sqrt(np.mean(apart**2, axis=1)), dtype=np.float64)
+        offset = (self.features - features) / np.where(deviation > 0, deviation, 1.0)
+        return np.asarray(np.sqrt(np.mean(offset**2, axis=1)), dtype=np.float64)
 
-    def strangeness(self, features: Float[np.ndarray, " feature"]) -> float:
-        """How unlike every known class these mean features are: a relative Mahalanobis distance, for each feature.
+    def ood_score(self, features: Float[np.ndarray, " feature"]) -> float:
+        """Out-of-distribution score of these mean features: a relative Mahalanobis distance, per feature.
 
         The squared Mahalanobis distance from the nearest class mean, in the covariance within the classes, less that
         from the mean of all, in the covariance of all (Ren and others 2021, arXiv:2106.09022), so that what varies
@@ -47,10 +47,10 @@ class KnownRecordings:
         plain distance.
         """
         space = self._space
-        known = (features - space.mean) / space.deviation
-        apart = known - space.centers
-        own = np.einsum("cf,fg,cg->c", apart, space.within, apart).min()
-        return float(own - known @ space.overall @ known) / known.size
+        scaled = (features - space.mean) / space.deviation
+        offset = scaled - space.centers
+        nearest = np.einsum("cf,fg,cg->c", offset, space.within, offset).min()
+        return float(nearest - scaled @ space.overall @ scaled) / scaled.size
 
     @cached_property
     def _space(self) -> "_Space":
@@ -63,16 +63,16 @@ class KnownRecordings:
         deviation = self.features.std(axis=0)
         deviation = np.where(deviation > 0, deviation, 1.0)
         mean = self.features.mean(axis=0)
-        known = (self.features - mean) / deviation
-        names, place = np.unique(self.label, return_inverse=True)
-        centers = np.stack([known[place == index].mean(axis=0) for index in range(len(names))])
-        overall = precision(known) if len(names) > 1 else np.zeros((known.shape[1],) * 2)
-        return _Space(mean, deviation, centers, precision(known - centers[place]), overall)
+        scaled = (self.features - mean) / deviation
+        names, index = np.unique(self.label, return_inverse=True)
+        centers = np.stack([scaled[index == number].mean(axis=0) for number in range(len(names))])
+        overall = precision(scaled) if len(names) > 1 else np.zeros((scaled.shape[1],) * 2)
+        return _Space(mean, deviation, centers, precision(scaled - centers[index]), overall)
 
 
 @dataclass(frozen=True, eq=False)
 class _Space:
-    """Means and inverse covariances of known recordings, in standard deviations."""
+    """Means and inverse covariances of the training recordings, in standard deviations."""
 
     mean: Float64[np.ndarray, " feature"]
     deviation: Float64[np.ndarray, " feature"]
@@ -81,15 +81,15 @@ class _Space:
     overall: Float64[np.ndarray, "feature feature"]
 
 
-def known_recordings(windows: WindowSet) -> KnownRecordings | None:
-    """The measured recordings among training windows, by `extract_features`, or None where all are synthetic."""
+def build_reference(windows: WindowSet) -> TrainingReference | None:
+    """Reference of the measured recordings among training windows, or None where all are synthetic."""
     names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:
         return None
-    names = names[np.unique(np.linspace(0, names.size - 1, min(MOST, names.size)).round().astype(np.int64))]
-    own = [windows.subset((windows.recording_id == name) & ~windows.synthetic) for name in names]
-    return KnownRecordings(
+    names = names[np.unique(np.linspace(0, names.size - 1, min(MOST_RECORDINGS, names.size)).round().astype(np.int64))]
+    parts = [windows.subset((windows.recording_id == name) & ~windows.synthetic) for name in names]
+    return TrainingReference(
         recording_id=tuple(names.tolist()),
-        label=tuple(str(some.label[0]) for some in own),
-        features=np.stack([extract_features(some).values.mean(axis=0) for some in own]),
+        label=tuple(str(part.label[0]) for part in parts),
+        features=np.stack([extract_features(part).values.mean(axis=0) for part in parts]),
     )

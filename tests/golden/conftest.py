@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from golden_commands import Workspace
 from golden_rig import plant_recordings
 
-from swashtwin import Recording
+from swashtwin.recordings import Recording
 
 
 @pytest.fixture(scope="session")

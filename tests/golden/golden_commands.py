@@ -10,7 +10,7 @@ from typing import Any
 from commandline import run_json
 from golden_rig import rig_at_15, write_workspace
 
-from swashtwin import Recording
+from swashtwin.recordings import Recording
 
 AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
 RECESS = "--fault swash_plate --length '30 mm' --width '24 mm' --depth '0.07 mm'"

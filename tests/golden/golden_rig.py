@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin import MPa, Recording, build_rig, rig_recordings, write_index, write_recording
+from swashtwin.bench import build_rig, rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.foundation import MPa
+from swashtwin.recordings import Recording, write_index, write_recording
 
 SIZE = RigSize(specimens=4, repeats=2, duration=1.2)
 LABELS = ("normal", "swash_plate")

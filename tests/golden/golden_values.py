@@ -7,31 +7,14 @@ from typing import Any
 import numpy as np
 from golden_rig import pair_recordings
 
-from swashtwin import (
-    DamScratch,
-    GaussNewton,
-    MPa,
-    OperatingCondition,
-    PistonWear,
-    Recording,
-    SwashPlateDefect,
-    TrainingSettings,
-    Twin,
-    WindowSet,
-    build_network,
-    calibrate,
-    cut_windows,
-    fit,
-    fit_extra_trees,
-    load_classifier,
-    load_pump,
-    mm,
-    rpm,
-    save_classifier,
-    select,
-    synthesize,
-    um,
-)
+from swashtwin.calibration import GaussNewton, Nuisances, calibrate
+from swashtwin.diagnosis import load_classifier, save_classifier
+from swashtwin.foundation import MPa, mm, rpm, um
+from swashtwin.learning import TrainingSettings, WindowSet, build_network, cut_windows, fit, fit_extra_trees
+from swashtwin.physics import Twin
+from swashtwin.pump import DamScratch, OperatingCondition, PistonWear, SwashPlateDefect, load_pump
+from swashtwin.recordings import Recording, select
+from swashtwin.synthesis import synthesize
 
 FAULTS = {
     "normal": None,
@@ -99,7 +82,9 @@ def rig_windows(plant: Sequence[Recording]) -> dict[str, Any]:
 def calibration(plant: Sequence[Recording]) -> dict[str, Any]:
     """The six values of specimen A, healthy, in SI units, by Gauss-Newton from one start."""
     recordings = select(plant, label="normal", specimen="A")
-    calibrated = calibrate(twin_of("normal"), recordings, method=GaussNewton(starts=1))
+    calibrated = calibrate(
+        twin_of("normal"), recordings, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False
+    )
     return {estimate.name: estimate.value for estimate in calibrated.estimates}
 
 

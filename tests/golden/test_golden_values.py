@@ -6,7 +6,7 @@ import pytest
 from golden_files import differences, load_golden
 from golden_values import TOLERANCES, VALUES
 
-from swashtwin import Recording
+from swashtwin.recordings import Recording
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -91,9 +91,11 @@ def calibration(plant: Sequence[Recording]) -> dict[str, Any]:
 def synthesis(plant: Sequence[Recording]) -> dict[str, Any]:
     """Synthetic windows of the nominal twin, over noise and over nothing."""
     like = cut_windows(pair_recordings(plant), length=2048)
-    settings: dict[str, Any] = {"label": "swash_plate", "count": 4, "like": like, "seed": 0}
+    settings: dict[str, Any] = {"count": 4, "like": like, "seed": 0}
     return {
-        background: facts_of(synthesize(twin_of("swash_plate"), background=background, **settings))
+        background: facts_of(
+            synthesize(twin_of("normal"), twin_of("swash_plate").fault, background=background, **settings)
+        )
         for background in ("spectrum", "none")
     }
 

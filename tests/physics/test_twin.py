@@ -9,7 +9,7 @@ import torch
 
 from swashtwin.foundation import InputError, MPa, deg, mm, um
 from swashtwin.physics import RK4, Scales, Twin, excitation_lines, fault_forces, prepare, worn_values
-from swashtwin.physics.fault_forcing import periodic_terms
+from swashtwin.physics.fault_forcing import turning_terms
 from swashtwin.physics.solvers.trajectories import rk4_trajectory
 from swashtwin.pump import (
     BoreDefect,
@@ -264,7 +264,7 @@ def test_everything_follows_the_device_of_the_values(pump: Pump, at_15: Operatin
 
 def test_terms_that_turn_follow_the_device_and_the_precision_of_the_values(pump: Pump) -> None:
     values = torch.ones(2, 6, dtype=torch.float32, device="meta")
-    (term,) = periodic_terms(pump, TiltedBlockFace(0.2), values)
+    (term,) = turning_terms(TiltedBlockFace(0.2), pump, values)
     assert (term.stiffness.device.type, term.stiffness.dtype) == ("meta", torch.complex64)
     worn = worn_values(pump, ValvePlateWear(um(5)), values)
     assert (worn.device.type, worn.dtype) == ("meta", torch.float32)

@@ -1,5 +1,6 @@
 """Names that other rooms import, and where each lives."""
 
+from .archive import twin_from_dict as twin_from_dict
 from .archive import twin_to_dict as twin_to_dict
 from .fleet.hierarchy import FleetCalibration as FleetCalibration
 from .fleet.hierarchy import calibrate_fleet as calibrate_fleet
@@ -32,7 +33,10 @@ from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
 from .procedure import build_objective as build_objective
 from .procedure import calibrate as calibrate
 from .result import Calibration as Calibration
-from .severity.dimensions import USUALLY_FREE as USUALLY_FREE
+from .severity.dimensions import Dimension as Dimension
+from .severity.dimensions import SeveritySearch as SeveritySearch
+from .severity.dimensions import register_severity as register_severity
+from .severity.dimensions import search_of as search_of
 from .severity.severity import Severity as Severity
 from .severity.severity import SeverityTrend as SeverityTrend
 from .severity.severity_search import SeveritySettings as SeveritySettings
@@ -60,11 +64,11 @@ __all__ = [
     "PAPER_RATES",
     "QUANTILE",
     "THRESHOLD",
-    "USUALLY_FREE",
     "Agreement",
     "Calibration",
     "Calibrator",
     "Difference",
+    "Dimension",
     "DirectAdam",
     "Estimate",
     "Fit",
@@ -79,6 +83,7 @@ __all__ = [
     "Profile",
     "ResumableCalibrator",
     "Severity",
+    "SeveritySearch",
     "SeveritySettings",
     "SeverityTrend",
     "Spectra",
@@ -100,6 +105,9 @@ __all__ = [
     "measure",
     "objective_of",
     "profile",
+    "register_severity",
     "sample_posterior",
+    "search_of",
+    "twin_from_dict",
     "twin_to_dict",
 ]

@@ -1,11 +1,11 @@
 """Twins as plain dictionaries, and back."""
 
 from dataclasses import asdict, fields
-from typing import Any, get_args
+from typing import Any
 
 from swashtwin.foundation import ArtifactError
 from swashtwin.physics import Scales, SensorPath, SlipperContact, Twin
-from swashtwin.pump import SECTIONS, Bearings, Fault, Interfaces, OperatingCondition, Pump, Sensor
+from swashtwin.pump import SECTIONS, Bearings, Fault, Interfaces, OperatingCondition, Pump, Sensor, fault_type
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:
@@ -80,7 +80,5 @@ def _path(table: dict[str, Any]) -> SensorPath:
 def _fault(table: dict[str, Any] | None) -> Fault | None:
     if table is None:
         return None
-    kinds = {kind.__name__: kind for kind in get_args(Fault)}
-    kind = kinds[table["kind"]]
-    fault: Fault = kind(**{item.name: table[item.name] for item in fields(kind)})
-    return fault
+    kind = fault_type(table["kind"])
+    return kind(**{item.name: table[item.name] for item in fields(kind)})

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from swashtwin.calibration import SeverityTrend
+    from swashtwin.pump import Fault
     from swashtwin.recordings import Recording
 
 
@@ -75,7 +76,7 @@ def severity(
         sound += [one for one in further if one.recording_id not in known_ids]
     given = {"length": length, "width": width, **pairs_of(dimensions, "--dimension")}
     held = {name for name, text in given.items() if text is not None}
-    found = estimate_severity(known, worn, kind, healthy=sound, free=_free(free, held, type(kind)))
+    found = estimate_severity(known, worn, kind, healthy=sound, free=_free(free, held, kind))
     result = {**found.to_dict(), "healthy": [one.recording_id for one in sound]}
     tell(result, as_json, lambda: _show(found, len(sound)))
 
@@ -88,11 +89,11 @@ def _sides(recordings: "Iterable[Recording]", taught: "Collection[str]") -> "tup
     return sides
 
 
-def _free(asked: list[str] | None, held: set[str], kind: type) -> list[str] | None:
+def _free(asked: list[str] | None, held: set[str], fault: "Fault") -> list[str] | None:
     """Further dimensions to search: those asked for, else the usual ones that were not given."""
-    from swashtwin.calibration import USUALLY_FREE
+    from swashtwin.calibration import search_of
 
-    return asked if asked else [name for name in USUALLY_FREE.get(kind, ()) if name not in held]
+    return asked if asked else [name for name in search_of(fault).free if name not in held]
 
 
 def _show(found: "SeverityTrend", healthy: int) -> None:

@@ -1,16 +1,28 @@
 """Names that other rooms import, and where each lives."""
 
 from .contacts.check import ContactCheck as ContactCheck
+from .contacts.loose_slipper import contact_lines as contact_lines
 from .contacts.settings import SlipperContact as SlipperContact
 from .dynamics import Structure as Structure
 from .dynamics import Topology as Topology
 from .dynamics import assemble as assemble
 from .excitation import slipper_displacements as slipper_displacements
+from .fault_forcing import FaultAction as FaultAction
 from .fault_forcing import excitation_lines as excitation_lines
+from .fault_forcing import fault_action as fault_action
 from .fault_forcing import fault_forces as fault_forces
+from .fault_forcing import interface_factors as interface_factors
+from .fault_forcing import motion_lines as motion_lines
+from .fault_forcing import no_action as no_action
+from .fault_forcing import turning_terms as turning_terms
 from .fault_forcing import worn_values as worn_values
+from .loads import AddedLeakage as AddedLeakage
 from .loads import LoadCase as LoadCase
+from .loads import PortChange as PortChange
+from .loads import added_leakage as added_leakage
 from .loads import force_lines as force_lines
+from .loads import port_change as port_change
+from .recess import recess_of as recess_of
 from .solvers.periodic import PeriodicTerm as PeriodicTerm
 from .solvers.periodic import periodic_steady_state as periodic_steady_state
 from .solvers.steady import RK4 as RK4
@@ -36,12 +48,15 @@ from .twin.transient import simulate_course as simulate_course
 
 __all__ = [
     "RK4",
+    "AddedLeakage",
     "ContactCheck",
     "Course",
+    "FaultAction",
     "HarmonicBalance",
     "LoadCase",
     "OrderLines",
     "PeriodicTerm",
+    "PortChange",
     "Scales",
     "SensorPath",
     "SlipperContact",
@@ -51,20 +66,29 @@ __all__ = [
     "Topology",
     "Twin",
     "accelerations",
+    "added_leakage",
     "assemble",
     "carry_over",
+    "contact_lines",
     "course_blocks",
     "excitation_lines",
+    "fault_action",
     "fault_forces",
     "film_of",
     "film_values",
     "force_lines",
+    "interface_factors",
+    "motion_lines",
+    "no_action",
     "path_response",
     "periodic_steady_state",
+    "port_change",
     "prepare",
+    "recess_of",
     "simulate_course",
     "slipper_displacements",
     "steady_blocks",
+    "turning_terms",
     "whole_revolutions",
     "with_film",
     "worn_values",

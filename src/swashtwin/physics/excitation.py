@@ -1,4 +1,4 @@
-"""What faults add to the chamber pressures: displacements, impacts and softer films.
+"""What faults add to the chamber pressures: displacements and impacts.
 
 Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020), docs/physics.md, sections 3
 and 5, for the others. Lines are exact Fourier coefficients, not transforms of samples: a half-sine entry has jumps of
@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 
 from swashtwin.foundation import InputError
 from swashtwin.physics.recess import slipper_profile, stages
-from swashtwin.pump import BoreDefect, Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect, ValvePlateWear
+from swashtwin.pump import BoreDefect, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
 
 FRICTION = 20.0
 """Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""
@@ -50,13 +50,6 @@ def slipper_displacements(
 ) -> Float[np.ndarray, "piston time"]:
     """Displacement H_j(t) [m] of each slipper in the recess at `time` [s] since top dead center of piston 0."""
     return slipper_profile(pump, defect, _piston_angles(pump, condition.speed * time))[0]
-
-
-def total_displacement(
-    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect, time: Float[np.ndarray, " time"]
-) -> Float[np.ndarray, " time"]:
-    """Sum H(t) [m] of the displacements of all slippers; it repeats n times a revolution."""
-    return slipper_displacements(pump, condition, defect, time).sum(axis=0)
 
 
 def _integral(rate: Float[np.ndarray, " line"], length: float) -> Complex[np.ndarray, " line"]:
@@ -183,21 +176,3 @@ def impact_lines(
         middle = impact.angle + half_width - ahead
         lines += condition.speed / math.pi * impact.impulse * shape * np.exp(-1j * orders * middle)
     return lines
-
-
-@dataclass(frozen=True)
-class FilmScaling:
-    """Factors on the stiffness and damping of the film between cylinder block and valve plate."""
-
-    stiffness: float
-    """Factor on K_v [1]."""
-    damping: float
-    """Factor on C_v [1]."""
-
-
-def film_scaling(pump: Pump, fault: Fault | None) -> FilmScaling:
-    """How a worn valve plate softens its film: K_v with (h0 / h)^exponent, C_v with the cube; 1 for any other fault."""
-    if not isinstance(fault, ValvePlateWear):
-        return FilmScaling(stiffness=1.0, damping=1.0)
-    ratio = pump.valve_plate.film / (pump.valve_plate.film + fault.film_increase)
-    return FilmScaling(stiffness=ratio**fault.stiffness_exponent, damping=ratio**3)

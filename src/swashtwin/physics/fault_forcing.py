@@ -7,6 +7,7 @@ interface values; the pressures' forces (`loads`) do not. Equations: docs/physic
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import singledispatch
 
 import numpy as np
 import torch
@@ -14,9 +15,20 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.physics.dynamics import Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, film_scaling, impact_lines
+from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines
+from swashtwin.physics.recess import recess_of
 from swashtwin.physics.solvers.periodic import PeriodicTerm
-from swashtwin.pump import BoreDefect, Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect, TiltedBlockFace
+from swashtwin.pump import (
+    BoreDefect,
+    Fault,
+    Interface,
+    Interfaces,
+    LooseSlipper,
+    OperatingCondition,
+    Pump,
+    TiltedBlockFace,
+    ValvePlateWear,
+)
 
 CONTACT_CUTOFF = 4000.0
 """Frequency [Hz] above which a slipper's contact no longer follows a recess (``contact="physical"``); an estimate."""
@@ -26,24 +38,59 @@ def excitation_lines(
     pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
 ) -> Complex[np.ndarray, " line"]:
     """Lines 0...`n_lines` of a fault's displacement [m] or impacts [N], zero where it has none; without the mean."""
-    lines = np.zeros(n_lines + 1, dtype=complex)
-    if isinstance(fault, SwashPlateDefect):
-        lines[1:] = displacement_lines(pump, condition, fault, n_lines)
-    elif isinstance(fault, BoreDefect):
-        lines[1:] = bore_lines(pump, condition, fault, n_lines)
-    elif isinstance(fault, LooseSlipper) and fault.motion == "pulses":
-        lines[1:] = impact_lines(pump, condition, fault, n_lines)
-    return lines
+    return np.concatenate([[0.0], motion_lines(fault, pump, condition, n_lines)])
+
+
+@singledispatch
+def motion_lines(
+    fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int
+) -> Complex[np.ndarray, " line"]:
+    """Lines 1...`n_lines` of a fault's displacement [m] or impacts [N], which `fault_action` takes.
+
+    Unless registered otherwise, those of its recess (`recess_of`), or zero.
+    """
+    recess = recess_of(fault)
+    if recess is None:
+        return np.zeros(n_lines, dtype=complex)
+    return displacement_lines(pump, condition, recess, n_lines)
+
+
+@motion_lines.register(BoreDefect)
+def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
+    return bore_lines(pump, condition, fault, n_lines)
+
+
+@motion_lines.register(LooseSlipper)
+def _(fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
+    if fault.motion == "pulses":
+        return impact_lines(pump, condition, fault, n_lines)
+    return np.zeros(n_lines, dtype=complex)
+
+
+UNCHANGED = Interfaces.from_values([1.0] * 6)
+"""Factors of a fault that leaves all films as they are."""
+
+
+@singledispatch
+def interface_factors(fault: Fault | None, pump: Pump) -> Interfaces:
+    """Factors of a fault on the six interface values; `UNCHANGED`, unless registered otherwise."""
+    return UNCHANGED
+
+
+@interface_factors.register(ValvePlateWear)
+def _(fault: ValvePlateWear, pump: Pump) -> Interfaces:
+    """A thicker film is softer: K_v with (h0 / h)^exponent, C_v with the cube."""
+    ratio = pump.valve_plate.film / (pump.valve_plate.film + fault.film_increase)
+    return replace(UNCHANGED, block_valve=Interface(damping=ratio**3, stiffness=ratio**fault.stiffness_exponent))
 
 
 def wear_factors(pump: Pump, fault: Fault | None) -> Float[np.ndarray, " 6"]:
-    """Factors on the interface values of a worn valve plate, whose thicker film is softer; 1 for any other fault."""
-    film = film_scaling(pump, fault)
-    return np.array([1.0, 1.0, film.damping, film.stiffness, 1.0, 1.0])
+    """Factors of a fault on the interface values, in the order of `pump.PARAMETERS`."""
+    return np.array(interface_factors(fault, pump).values())
 
 
 def worn_values(pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 6"]:
-    """Interface values once a worn valve plate's thicker film has softened them; the same for other faults."""
+    """Interface values as a fault leaves them."""
     return values * torch.as_tensor(wear_factors(pump, fault)).to(values)
 
 
@@ -98,36 +145,71 @@ class FaultAction:
         )
 
 
+@singledispatch
 def fault_action(
+    fault: Fault | None,
     pump: Pump,
     structure: Structure,
     topology: str,
-    fault: Fault | None,
     frequency: Float[np.ndarray, " line"],
     lines: Complex[np.ndarray, " line"],
 ) -> FaultAction:
-    """Action of a fault whose displacement or impact `lines` are given at `frequency` [rad/s], float64."""
-    slipper, motion = structure.slipper_vector, torch.as_tensor(lines)
+    """Action of a fault whose displacement or impact `lines` are given at `frequency` [rad/s], float64.
+
+    Unless registered otherwise, that of its recess (`recess_of`), or none.
+    """
+    recess, idle = recess_of(fault), no_action(structure, frequency, lines)
+    if recess is None:
+        return idle
+    slipper, motion = structure.slipper_vector, idle.motion
     share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
-    rate, nowhere = torch.as_tensor(1j * frequency * lines), torch.zeros_like(slipper)
-    none = FaultAction(motion, rate, film=nowhere, bore=nowhere, direct=torch.zeros_like(motion))
-    if isinstance(fault, LooseSlipper) and fault.motion == "pulses":
-        return replace(none, direct=-motion, pushes=True)
-    if isinstance(fault, BoreDefect):
-        return replace(none, bore=pump.coupling.lateral_ratio * share * structure.lateral_vector, strains=True)
-    if not isinstance(fault, SwashPlateDefect):
-        return none
-    if fault.contact == "physical":
+    if recess.contact == "physical":
         fade = np.exp(-((frequency / (2 * np.pi * CONTACT_CUTOFF)) ** 2))
         inertia = pump.masses.piston_slipper / tilt * frequency**2 * fade
-        return replace(none, direct=torch.as_tensor(fault.gain * inertia) * motion, pushes=True)
-    taken = fault.gain * (share if fault.contact == "shared" else 1.0)
-    if not fault.off_axis:
-        return replace(none, film=-taken * slipper, strains=True)
-    arm = torch.as_tensor(off_axis_vector(pump, topology, fault.angle))
+        return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)
+    factor = recess.gain * (share if recess.contact == "shared" else 1.0)
+    if not recess.off_axis:
+        return replace(idle, film=-factor * slipper, strains=True)
+    arm = torch.as_tensor(off_axis_vector(pump, topology, recess.angle))
     if topology == "T2":
-        return replace(none, film=-taken * (slipper + arm), strains=True)
-    return replace(none, film=-taken * slipper, bore=fault.gain * share / tilt * arm, strains=True)
+        return replace(idle, film=-factor * (slipper + arm), strains=True)
+    return replace(idle, film=-factor * slipper, bore=recess.gain * share / tilt * arm, strains=True)
+
+
+def no_action(
+    structure: Structure, frequency: Float[np.ndarray, " line"], lines: Complex[np.ndarray, " line"]
+) -> FaultAction:
+    """The displacement `lines` at `frequency` [rad/s] straining nothing; `replace` adds what they strain or push."""
+    motion, rate = torch.as_tensor(lines), torch.as_tensor(1j * frequency * lines)
+    zero = torch.zeros_like(structure.slipper_vector)
+    return FaultAction(motion, rate, film=zero, bore=zero, direct=torch.zeros_like(motion))
+
+
+@fault_action.register(BoreDefect)
+def _(
+    fault: BoreDefect,
+    pump: Pump,
+    structure: Structure,
+    topology: str,
+    frequency: Float[np.ndarray, " line"],
+    lines: Complex[np.ndarray, " line"],
+) -> FaultAction:
+    share = 1 / pump.rotating_group.piston_count
+    bore = pump.coupling.lateral_ratio * share * structure.lateral_vector
+    return replace(no_action(structure, frequency, lines), bore=bore, strains=True)
+
+
+@fault_action.register(LooseSlipper)
+def _(
+    fault: LooseSlipper,
+    pump: Pump,
+    structure: Structure,
+    topology: str,
+    frequency: Float[np.ndarray, " line"],
+    lines: Complex[np.ndarray, " line"],
+) -> FaultAction:
+    idle = no_action(structure, frequency, lines)
+    return replace(idle, direct=-idle.motion, pushes=True) if fault.motion == "pulses" else idle
 
 
 def fault_forces(
@@ -140,14 +222,18 @@ def fault_forces(
     lines: Complex[np.ndarray, " line"],
 ) -> Complex[Tensor, "*fault line 13"]:
     """Force lines [N, N m] of a fault whose displacement or impact `lines` are given at `frequency` [rad/s]."""
-    action = fault_action(pump, structure, topology, fault, frequency, lines).mapped(lambda part: moved(part, values))
+    action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(lambda part: moved(part, values))
     return action.forces(values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1]))
 
 
-def periodic_terms(pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
-    """Parts of K that turn with the shaft; none but for a tilted block face."""
-    if not isinstance(fault, TiltedBlockFace):
-        return []
+@singledispatch
+def turning_terms(fault: Fault | None, pump: Pump, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
+    """Parts of K that a fault lets turn with the shaft; none, unless registered otherwise."""
+    return []
+
+
+@turning_terms.register(TiltedBlockFace)
+def _(fault: TiltedBlockFace, pump: Pump, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
     axial, tilt = values.new_zeros(2, 13, dtype=values.dtype.to_complex())
     axial[7], axial[2] = 1, -1
     tilt[8], tilt[3], tilt[9], tilt[4] = 1, -1, 1j, -1j  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from jaxtyping import Complex, Float
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import Chambers, NotConverged, solve
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
-from swashtwin.physics.recess import slipper_profile
+from swashtwin.physics.recess import recess_of, slipper_profile
 from swashtwin.pump import (
     DamScratch,
     Fault,
@@ -28,15 +28,87 @@ from swashtwin.pump import (
     PistonWear,
     Pump,
     SealingLandScratch,
-    SwashPlateDefect,
     ValvePlateWear,
 )
 
-_PRESSING = (PistonWear, SealingLandScratch, ValvePlateWear, DamScratch, GrooveErosion)
-"""Faults that act on the pressures, whatever their settings."""
-
 CRACKING_SHARE = 0.95
 """Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
+
+
+@dataclass(frozen=True)
+class PortChange:
+    """How a fault changes when, and how far, a bore opens onto the ports."""
+
+    advance: float = 0.0
+    """How much earlier the ports open [rad]."""
+    groove_factor: float = 1.0
+    """Factor on the area of the relief grooves."""
+    discharge_opening: float | Float[np.ndarray, " angle"] = 0.0
+    """Area [m^2] added to the opening onto the discharge port, at each shaft angle."""
+
+
+@singledispatch
+def port_change(fault: Fault | None, angle: Float[np.ndarray, " angle"]) -> PortChange:
+    """How a fault changes the ports at a bore's shaft `angle` [rad]; not at all, unless registered otherwise."""
+    return PortChange()
+
+
+@port_change.register(GrooveErosion)
+def _(fault: GrooveErosion, angle: Float[np.ndarray, " angle"]) -> PortChange:
+    return PortChange(advance=fault.advance, groove_factor=fault.area_factor)
+
+
+@port_change.register(DamScratch)
+def _(fault: DamScratch, angle: Float[np.ndarray, " angle"]) -> PortChange:
+    from_bottom = np.mod(angle, 2 * math.pi) - math.pi
+    return PortChange(discharge_opening=fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2))
+
+
+@dataclass(frozen=True)
+class AddedLeakage:
+    """What a fault adds to the gaps through which the chambers leak; each value for all pistons, or one for each."""
+
+    piston_clearance: float | Float[np.ndarray, " piston"] = 0.0
+    """Added to the radial clearance of the pistons [m]."""
+    conductance: float | Float[np.ndarray, " piston"] = 0.0
+    """Added conductance from the chambers to the case [m^3/(s Pa)]."""
+    valve_plate_film: float = 0.0
+    """Added to the thickness of the valve plate's film [m]."""
+
+
+@singledispatch
+def added_leakage(fault: Fault | None, pump: Pump) -> AddedLeakage:
+    """What a fault adds to the gaps through which chambers leak; nothing, unless registered otherwise.
+
+    Raises
+    ------
+    InputError
+        The fault names a piston that the pump has not.
+    """
+    return AddedLeakage()
+
+
+@added_leakage.register(PistonWear)
+def _(fault: PistonWear, pump: Pump) -> AddedLeakage:
+    return AddedLeakage(piston_clearance=_at_piston(pump, fault.piston, fault.clearance, "PistonWear.piston"))
+
+
+@added_leakage.register(SealingLandScratch)
+def _(fault: SealingLandScratch, pump: Pump) -> AddedLeakage:
+    return AddedLeakage(conductance=_at_piston(pump, fault.bore, fault.conductance, "SealingLandScratch.bore"))
+
+
+@added_leakage.register(ValvePlateWear)
+def _(fault: ValvePlateWear, pump: Pump) -> AddedLeakage:
+    return AddedLeakage(valve_plate_film=fault.film_increase)
+
+
+def _at_piston(pump: Pump, piston: int, value: float, name: str) -> Float[np.ndarray, " piston"]:
+    """`value` at one piston and 0 at the others."""
+    count = pump.rotating_group.piston_count
+    if piston >= count:
+        raise InputError(f"{name} ({piston}) is none of the {count} pistons; count from 0.")
+    return np.where(np.arange(count) == piston, value, 0.0)
 
 
 @dataclass(frozen=True)
@@ -56,10 +128,7 @@ class LoadCase:
         count = self.pump.rotating_group.piston_count
         if self.piston_clearances is not None and len(self.piston_clearances) != count:
             raise InputError(f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons.")
-        for kind, name in ((PistonWear, "piston"), (SealingLandScratch, "bore")):
-            if isinstance(self.fault, kind) and getattr(self.fault, name) >= count:
-                index = getattr(self.fault, name)
-                raise InputError(f"{kind.__name__}.{name} ({index}) is none of the {count} pistons; count from 0.")
+        added_leakage(self.fault, self.pump)  # refuses a piston that there is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +154,8 @@ def port_openings(
     tip.
     """
     plate = pump.valve_plate
-    advance, widening = (fault.advance, fault.area_factor) if isinstance(fault, GrooveErosion) else (0.0, 1.0)
+    change = port_change(fault, angle)
+    advance, widening = change.advance, change.groove_factor
 
     def port(opens: float, closes: float) -> np.ndarray:
         length = closes - opens + advance
@@ -98,10 +168,7 @@ def port_openings(
 
     suction = port(plate.suction_open, plate.suction_close)
     discharge = port(plate.discharge_open, plate.discharge_close)
-    if isinstance(fault, DamScratch):
-        from_bottom = np.mod(angle, 2 * math.pi) - math.pi
-        discharge = discharge + fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
-    return suction, discharge
+    return suction, discharge + change.discharge_opening
 
 
 def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
@@ -112,14 +179,15 @@ def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
     volume = group.dead_volume + group.piston_area * lift * (1 - np.cos(angle))
     swept = group.piston_area * lift * np.sin(angle)
     slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
-    if isinstance(fault, SwashPlateDefect) and fault.contact == "physical" and fault.depth > 0:
-        height, slope = slipper_profile(pump, fault, angle)
+    recess = recess_of(fault)
+    if recess is not None and recess.contact == "physical" and recess.depth > 0:
+        height, slope = slipper_profile(pump, recess, angle)
         volume = volume + group.piston_area * height / math.cos(group.swash_angle)
         swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
         film = group.slipper_film + float(height.max())
         lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
         slipper = slipper + max(0.0, lifted - float(slipper[0])) * height / height.max()
-    film = pump.valve_plate.film + (fault.film_increase if isinstance(fault, ValvePlateWear) else 0.0)
+    film = pump.valve_plate.film + added_leakage(fault, pump).valve_plate_film
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
     suction, discharge = port_openings(pump, fault, angle)
@@ -135,16 +203,14 @@ def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
 
 def _over_pistons(case: LoadCase) -> dict[str, np.ndarray]:
     """Coefficients of one case that differ from piston to piston."""
-    group, fault = case.pump.rotating_group, case.fault
+    group, leakage = case.pump.rotating_group, added_leakage(case.fault, case.pump)
     clearance = np.full(group.piston_count, group.piston_clearance)
     if case.piston_clearances is not None:
         clearance = np.array(case.piston_clearances, dtype=float)
-    scratch = np.zeros(group.piston_count)
-    if isinstance(fault, PistonWear):
-        clearance[fault.piston] += fault.clearance
-    if isinstance(fault, SealingLandScratch):
-        scratch[fault.bore] = fault.conductance
-    return {"cubed_clearance": clearance**3, "scratch_leakage": scratch}
+    return {
+        "cubed_clearance": (clearance + leakage.piston_clearance) ** 3,
+        "scratch_leakage": np.zeros(group.piston_count) + leakage.conductance,
+    }
 
 
 def _relief_slope(case: LoadCase) -> float:
@@ -322,9 +388,12 @@ def force_lines(
 
 def _pressing(case: LoadCase) -> LoadCase:
     """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
-    recess = isinstance(case.fault, SwashPlateDefect) and case.fault.contact == "physical"
-    if case.fault is None or recess or isinstance(case.fault, _PRESSING):
+    recess = recess_of(case.fault)
+    if recess is not None and recess.contact == "physical":
         return case
+    for effect in (port_change, added_leakage):
+        if effect.dispatch(type(case.fault)) is not effect.dispatch(object):
+            return case
     return replace(case, fault=None)
 
 

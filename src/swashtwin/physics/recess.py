@@ -8,12 +8,24 @@ of its stages where it stands in the middle of the recess.
 
 import math
 from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
-from swashtwin.pump import Pump, SwashPlateDefect
+from swashtwin.pump import Fault, Pump, SwashPlateDefect
+
+
+@singledispatch
+def recess_of(fault: Fault | None) -> SwashPlateDefect | None:
+    """The recess that a fault makes in the slippers' track; None, unless registered otherwise."""
+    return None
+
+
+@recess_of.register(SwashPlateDefect)
+def _(fault: SwashPlateDefect) -> SwashPlateDefect:
+    return fault
 
 
 @dataclass(frozen=True)

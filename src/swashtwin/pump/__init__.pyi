@@ -11,6 +11,7 @@ from .condition import group_by_condition as group_by_condition
 from .condition import merge_close_values as merge_close_values
 from .condition import values_match as values_match
 from .faults import CLASSES as CLASSES
+from .faults import FAULT_KINDS as FAULT_KINDS
 from .faults import BoreDefect as BoreDefect
 from .faults import DamScratch as DamScratch
 from .faults import Fault as Fault
@@ -22,6 +23,8 @@ from .faults import SwashPlateDefect as SwashPlateDefect
 from .faults import TiltedBlockFace as TiltedBlockFace
 from .faults import ValvePlateWear as ValvePlateWear
 from .faults import canonical_label as canonical_label
+from .faults import fault_type as fault_type
+from .faults import register_fault as register_fault
 from .parameters import LETTERS as LETTERS
 from .parameters import PARAMETERS as PARAMETERS
 from .parameters import Bearings as Bearings
@@ -29,7 +32,6 @@ from .parameters import Interface as Interface
 from .parameters import Interfaces as Interfaces
 from .parameters import Pump as Pump
 from .parameters import Sensor as Sensor
-from .parsing import FAULT_KINDS as FAULT_KINDS
 from .parsing import read_condition as read_condition
 from .parsing import read_fault as read_fault
 
@@ -59,11 +61,13 @@ __all__ = [
     "ValvePlateWear",
     "available_pumps",
     "canonical_label",
+    "fault_type",
     "group_by_condition",
     "load_pump",
     "merge_close_values",
     "new_pump",
     "read_condition",
     "read_fault",
+    "register_fault",
     "values_match",
 ]

@@ -1,10 +1,10 @@
 """Why a pump is not normal: the fault classes, and faults with dimensions.
 
 A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
-is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the model is
-written in `loads` (chamber pressures), `excitation` (displacements, impulses) and `forces`. Severities follow our own
-derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's
-(DOI 10.1177/00202940261419020).
+is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the pump is
+written in `physics`, one registry for each effect; CONTRIBUTING.md, "Add a fault", names them all. Severities follow
+our own derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's (DOI
+10.1177/00202940261419020).
 """
 
 import difflib
@@ -12,9 +12,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import ClassVar, Literal, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, deg, mm, um
 
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 """The paper's five classes, in its order."""
@@ -60,14 +60,20 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 
 
-_F = TypeVar("_F", bound="_Fault")
+_F = TypeVar("_F", bound="Fault")
 
 
 @dataclass(frozen=True)
-class _Fault:
-    """Shared validation and scaling of severities."""
+class Fault:
+    """Anything that the model can simulate as wrong with a pump; the base of all faults.
+
+    A new fault is a frozen dataclass derived from this one, made known by `register_fault`.
+    """
 
     label: ClassVar[str]
+    """Class that a classifier names it by."""
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """SI unit of each dimension; those left out are pure numbers."""
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Length [m] above which a dimension can only be a slip of the unit."""
 
@@ -77,8 +83,9 @@ class _Fault:
             value = getattr(self, item.name)
             if isinstance(value, float | int) and not (math.isfinite(value) and value >= 0):
                 raise InputError(f"{kind}.{item.name} ({value:g}) must be zero or a positive number.")
-            if get_origin(item.type) is Literal and value not in get_args(item.type):
-                words = ", ".join(get_args(item.type))
+            choices = get_args(item.type) if get_origin(item.type) is Literal else ()
+            if choices and value not in choices:
+                words = ", ".join(choices)
                 raise InputError(f"{kind}.{item.name} ({value!r}) must be one of {words}.")
         for name, limit in self.longest.items():
             if getattr(self, name) > limit:
@@ -94,17 +101,19 @@ class _Fault:
 
     def scaled(self: _F, factor: float) -> _F:
         """The same fault with its severity times `factor`."""
-        return replace(self, **{fields(self)[0].name: self.severity * factor})
+        changes: dict[str, Any] = {fields(self)[0].name: self.severity * factor}
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True)
-class SwashPlateDefect(_Fault):
+class SwashPlateDefect(Fault):
     """Rectangular recess in the swash plate's running surface, on the slippers' track (the paper's artificial defect).
 
     A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (an extrapolation of ours).
     """
 
     label: ClassVar[str] = "swash_plate"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"depth": "m", "length": "m", "width": "m", "angle": "rad"})
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02, "length": 0.3, "width": 0.3})
 
     depth: float
@@ -139,10 +148,11 @@ class SwashPlateDefect(_Fault):
 
 
 @dataclass(frozen=True)
-class PistonWear(_Fault):
+class PistonWear(Fault):
     """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per revolution."""
 
     label: ClassVar[str] = "piston"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"clearance": "m"})
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.002})
 
     clearance: float
@@ -152,13 +162,14 @@ class PistonWear(_Fault):
 
 
 @dataclass(frozen=True)
-class BoreDefect(_Fault):
+class BoreDefect(Fault):
     """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's side force.
 
     Source of the mechanism: the cylinder-defect paper cited in `docs/physics.md`, section 1, no. 2.
     """
 
     label: ClassVar[str] = "cylinder_block"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"depth": "m", "half_width": "rad", "angle": "rad"})
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02})
 
     depth: float
@@ -172,10 +183,11 @@ class BoreDefect(_Fault):
 
 
 @dataclass(frozen=True)
-class SealingLandScratch(_Fault):
+class SealingLandScratch(Fault):
     """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the case."""
 
     label: ClassVar[str] = "cylinder_block"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"conductance": "m^3/(s*Pa)"})
 
     conductance: float
     """Added leakage conductance [m^3/(s Pa)]; 6e-13...2.5e-12."""
@@ -184,11 +196,11 @@ class SealingLandScratch(_Fault):
 
 
 @dataclass(frozen=True)
-class TiltedBlockFace(_Fault):
+class TiltedBlockFace(Fault):
     """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and turns.
 
     K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion periodically
-    (`forces.periodic_terms`).
+    (`fault_forcing.turning_terms`).
     """
 
     label: ClassVar[str] = "cylinder_block"
@@ -203,10 +215,11 @@ class TiltedBlockFace(_Fault):
 
 
 @dataclass(frozen=True)
-class ValvePlateWear(_Fault):
+class ValvePlateWear(Fault):
     """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and is softer."""
 
     label: ClassVar[str] = "valve_plate"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"film_increase": "m"})
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"film_increase": 0.002})
 
     film_increase: float
@@ -216,10 +229,11 @@ class ValvePlateWear(_Fault):
 
 
 @dataclass(frozen=True)
-class DamScratch(_Fault):
+class DamScratch(Fault):
     """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure early."""
 
     label: ClassVar[str] = "valve_plate"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"area": "m^2", "width": "rad"})
 
     area: float
     """Largest opening [m^2]; around 1e-6."""
@@ -233,10 +247,11 @@ class DamScratch(_Fault):
 
 
 @dataclass(frozen=True)
-class GrooveErosion(_Fault):
+class GrooveErosion(Fault):
     """Eroded relief grooves: the ports open earlier, and the grooves are wider."""
 
     label: ClassVar[str] = "valve_plate"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"advance": "rad"})
 
     advance: float
     """How much earlier the ports open [rad]; up to 6 deg."""
@@ -245,10 +260,11 @@ class GrooveErosion(_Fault):
 
 
 @dataclass(frozen=True)
-class LooseSlipper(_Fault):
+class LooseSlipper(Fault):
     """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
 
     label: ClassVar[str] = "loose_slipper"
+    units: ClassVar[Mapping[str, str]] = MappingProxyType({"clearance": "m", "pulse": "s"})
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})
 
     clearance: float
@@ -264,15 +280,62 @@ class LooseSlipper(_Fault):
     its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of docs/physics.md."""
 
 
-Fault = (
-    SwashPlateDefect
-    | PistonWear
-    | BoreDefect
-    | SealingLandScratch
-    | TiltedBlockFace
-    | ValvePlateWear
-    | DamScratch
-    | GrooveErosion
-    | LooseSlipper
-)
-"""Any fault the model can simulate."""
+_faults: dict[str, Fault | None] = {"normal": None}
+FAULT_KINDS: Mapping[str, Fault | None] = MappingProxyType(_faults)
+"""Faults by the name that the command line reads, each with its typical dimensions; `register_fault` adds to them."""
+
+
+def register_fault(name: str, typical: Fault) -> None:
+    """Make a fault known by `name`: to `read_fault`, to the command line, and to whatever loads saved twins.
+
+    Parameters
+    ----------
+    name : one word, such as ``"loose_slipper"``; a class's own name stands for its commonest fault.
+    typical : the fault with the dimensions that are taken where none are given.
+
+    Raises
+    ------
+    InputError
+        The name, or the name of the fault's type, stands for another fault.
+    """
+    kind = type(typical)
+    if not isinstance(typical, Fault) or not fields(kind) or not hasattr(kind, "label"):
+        raise InputError(
+            f"{kind.__name__} is no fault: derive a frozen dataclass from Fault, with a label and its severity first."
+        )
+    for other_name, other in _faults.items():
+        clashes = name == other_name or kind.__name__ == type(other).__name__
+        if clashes and (kind.__module__, kind.__qualname__) != (type(other).__module__, type(other).__qualname__):
+            raise InputError(f"{name} ({kind.__name__}) is taken by {other_name} ({type(other).__name__}); rename it.")
+    _faults[name] = typical
+
+
+def fault_type(name: str) -> type[Fault]:
+    """Type of the registered fault whose type has this name, such as ``"PistonWear"``.
+
+    Raises
+    ------
+    InputError
+        None is registered by that name.
+    """
+    kinds = {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
+    if name not in kinds:
+        raise InputError(
+            f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register your own with "
+            "register_fault before loading what names it."
+        )
+    return kinds[name]
+
+
+for _name, _typical in {
+    "swash_plate": SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24)),
+    "piston": PistonWear(clearance=um(40)),
+    "cylinder_block": BoreDefect(depth=um(150)),
+    "valve_plate": ValvePlateWear(film_increase=um(10)),
+    "loose_slipper": LooseSlipper(clearance=mm(0.1)),
+    "scratched_block": SealingLandScratch(conductance=1.2e-12),
+    "tilted_block": TiltedBlockFace(variation=0.2),
+    "scratched_valve_plate": DamScratch(area=1e-6),
+    "eroded_grooves": GrooveErosion(advance=deg(4)),
+}.items():  # the paper's defect, and moderate severities of docs/physics.md for the others
+    register_fault(_name, _typical)

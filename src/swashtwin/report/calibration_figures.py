@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
-from swashtwin.physics import Twin, slipper_displacements
-from swashtwin.pump import PARAMETERS, SwashPlateDefect
+from swashtwin.physics import Twin, recess_of, slipper_displacements
+from swashtwin.pump import PARAMETERS
 from swashtwin.report.drawing import Drawing, name_decades, panels, ratio_axis, render_drawing, spread_labels, tabulate
 from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, figure_style
 from swashtwin.report.wording import parameter_words, words
@@ -44,10 +44,11 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
 @figure_style()
 def excitation(twin: Twin, key: str) -> list[Drawing]:
     """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
-    if not isinstance(twin.fault, SwashPlateDefect):
+    recess = recess_of(twin.fault)
+    if recess is None:
         return []
     time = np.linspace(0, twin.condition.period, _POINTS)
-    each = slipper_displacements(twin.pump, twin.condition, twin.fault, time)
+    each = slipper_displacements(twin.pump, twin.condition, recess, time)
     columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
     figure, axes = panels(2, 1, 4.8, sharex=True)
     (above,), (below,) = axes
@@ -61,7 +62,7 @@ def excitation(twin: Twin, key: str) -> list[Drawing]:
     above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
     below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
     below.set_ylim(0, columns["total_m"].max() * 1.15e3)
-    size = f"{twin.fault.length * 1e3:g} × {twin.fault.width * 1e3:g} × {twin.fault.depth * 1e3:g} mm"
+    size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
     caption = (
         f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
         "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."

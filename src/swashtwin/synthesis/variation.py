@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,8 @@ def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
     if fault is not None:
         fault = fault.scaled(float(np.exp(rng.normal(0, variation.severity))))
         if hasattr(fault, "angle"):
-            fault = replace(fault, angle=abs(fault.angle + rng.normal(0, variation.angle)))
+            angle: dict[str, Any] = {"angle": abs(fault.angle + rng.normal(0, variation.angle))}
+            fault = replace(fault, **angle)
     values = twin.values.numpy() * np.exp(rng.normal(0, variation.interfaces, 6))
     interfaces = type(twin.pump.interfaces).from_values(values)
     return replace(twin, condition=condition, fault=fault, interfaces=interfaces)

@@ -1,9 +1,8 @@
 """Which dimensions of a fault can be searched, in which unit they are told, and what is known of them before."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -43,41 +42,84 @@ class Dimension:
         return f"{value / self.per_unit:.3g} {self.unit}".rstrip()
 
 
-_MM, _UM, _DEG = ("mm", 1e-3), ("µm", 1e-6), ("deg", math.pi / 180)
-DIMENSIONS: Mapping[type, tuple[Dimension, ...]] = MappingProxyType(
-    {
-        SwashPlateDefect: (
-            Dimension("depth", *_MM),
-            Dimension("length", *_MM, 0.3),
-            Dimension("width", *_MM, 0.3),
-            Dimension("angle", *_DEG, 0.1),
-        ),
-        PistonWear: (Dimension("clearance", *_UM),),
-        BoreDefect: (
-            Dimension("depth", *_UM),
-            Dimension("half_width", *_DEG, 0.3),
-            Dimension("angle", *_DEG, 0.1),
-        ),
-        SealingLandScratch: (Dimension("conductance", "mm³/(s MPa)", 1e-15),),
-        TiltedBlockFace: (Dimension("variation", "", 1.0),),
-        ValvePlateWear: (Dimension("film_increase", *_UM),),
-        DamScratch: (Dimension("area", "mm²", 1e-6), Dimension("width", *_DEG, 0.3)),
-        GrooveErosion: (Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, 0.5)),
-        LooseSlipper: (Dimension("clearance", *_MM),),
-    }
-)
-"""Dimensions of each fault, its severity first."""
-LAWS: Mapping[type, float] = MappingProxyType(
-    {SwashPlateDefect: 0.25, BoreDefect: 0.25, LooseSlipper: 0.25, TiltedBlockFace: 0.25}
-)
-"""Standard deviation of the logarithm of what a fault's law gives for its severity [estimates of ours]: of contacts,
-where a film would have to pull (docs/physics.md, section 2.5)."""
 HYDRAULIC_LAW = 0.1
-"""The same of all others, which open or leak."""
-USUALLY_FREE: Mapping[type, tuple[str, ...]] = MappingProxyType(
-    {SwashPlateDefect: ("length",), BoreDefect: ("half_width",)}
-)
-"""Dimensions searched beside the severity where nothing else is asked for."""
+"""Standard deviation of the logarithm of what the law of a fault that opens or leaks gives for its severity [estimate
+of ours]."""
+CONTACT_LAW = 0.25
+"""The same of a contact, where a film would have to pull (docs/physics.md, section 2.5) [estimate of ours]."""
+
+
+@dataclass(frozen=True)
+class SeveritySearch:
+    """What a search for the severity of a kind of fault needs to know."""
+
+    dimensions: tuple[Dimension, ...]
+    """Dimensions that can be searched, the severity first."""
+    law: float = HYDRAULIC_LAW
+    """Standard deviation of the logarithm of what the fault's law gives for its severity."""
+    free: tuple[str, ...] = ()
+    """Dimensions searched beside the severity where nothing else is asked for."""
+
+
+_searches: dict[type[Fault], SeveritySearch] = {}
+
+
+def register_severity(kind: type[Fault], search: SeveritySearch) -> None:
+    """Say how the severity of a kind of fault is searched; without it, the severity alone is, in SI units.
+
+    Raises
+    ------
+    InputError
+        A dimension is no field of the fault, or the first is not its severity.
+    """
+    names = [item.name for item in fields(kind)]
+    wrong = [dimension.name for dimension in search.dimensions if dimension.name not in names]
+    if wrong or not search.dimensions or search.dimensions[0].name != names[0]:
+        raise InputError(
+            f"{kind.__name__} has the dimensions {', '.join(names)}; the search must begin with {names[0]}, its "
+            f"severity, and name others of these (not {', '.join(wrong) or 'another first'})."
+        )
+    _searches[kind] = search
+
+
+def search_of(fault: Fault) -> SeveritySearch:
+    """How the severity of a fault is searched."""
+    severity = fields(fault)[0].name
+    return _searches.get(type(fault), SeveritySearch((Dimension(severity, fault.units.get(severity, ""), 1.0),)))
+
+
+_MM, _UM, _DEG = ("mm", 1e-3), ("µm", 1e-6), ("deg", math.pi / 180)
+for _kind, _search in (
+    (
+        SwashPlateDefect,
+        SeveritySearch(
+            (
+                Dimension("depth", *_MM),
+                Dimension("length", *_MM, 0.3),
+                Dimension("width", *_MM, 0.3),
+                Dimension("angle", *_DEG, 0.1),
+            ),
+            CONTACT_LAW,
+            free=("length",),
+        ),
+    ),
+    (PistonWear, SeveritySearch((Dimension("clearance", *_UM),))),
+    (
+        BoreDefect,
+        SeveritySearch(
+            (Dimension("depth", *_UM), Dimension("half_width", *_DEG, 0.3), Dimension("angle", *_DEG, 0.1)),
+            CONTACT_LAW,
+            free=("half_width",),
+        ),
+    ),
+    (SealingLandScratch, SeveritySearch((Dimension("conductance", "mm³/(s MPa)", 1e-15),))),
+    (TiltedBlockFace, SeveritySearch((Dimension("variation", "", 1.0),), CONTACT_LAW)),
+    (ValvePlateWear, SeveritySearch((Dimension("film_increase", *_UM),))),
+    (DamScratch, SeveritySearch((Dimension("area", "mm²", 1e-6), Dimension("width", *_DEG, 0.3)))),
+    (GrooveErosion, SeveritySearch((Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, 0.5)))),
+    (LooseSlipper, SeveritySearch((Dimension("clearance", *_MM),), CONTACT_LAW)),
+):
+    register_severity(_kind, _search)
 
 
 @dataclass(frozen=True)
@@ -102,13 +144,11 @@ class FaultSpace:
         """The fault of those coordinates; None where its severity is zero."""
         if coordinates[0] == 0:
             return None
-        further = {
-            one.name: getattr(self.reference, one.name) * math.exp(float(moved))
-            for one, moved in zip(self.free[1:], coordinates[1:], strict=True)
+        further: dict[str, Any] = {
+            dimension.name: getattr(self.reference, dimension.name) * math.exp(float(logarithm))
+            for dimension, logarithm in zip(self.free[1:], coordinates[1:], strict=True)
         }
-        changed: Any = replace(self.reference, **further)
-        fault: Fault = changed.scaled(float(coordinates[0]))
-        return fault
+        return replace(self.reference, **further).scaled(float(coordinates[0]))
 
 
 def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
@@ -119,12 +159,14 @@ def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
     InputError
         The fault has no such dimension, or no severity to scale.
     """
-    known = {one.name: one for one in DIMENSIONS[type(fault)]}
-    severity, *_ = known
-    further = USUALLY_FREE.get(type(fault), ()) if free is None else [name for name in free if name != severity]
+    search = search_of(fault)
+    dimensions = {dimension.name: dimension for dimension in search.dimensions}
+    severity, *_ = dimensions
+    further = search.free if free is None else [name for name in free if name != severity]
     for name in further:
-        if name not in known:
-            raise InputError(f"{type(fault).__name__} has no dimension {name!r} to search; it has {', '.join(known)}.")
+        if name not in dimensions:
+            names = ", ".join(dimensions)
+            raise InputError(f"{type(fault).__name__} has no dimension {name!r} to search; it has {names}.")
     if fault.severity <= 0:
         raise InputError(f"{type(fault).__name__}.{severity} is 0; give a typical one, from which the search starts.")
-    return FaultSpace(fault, tuple(known[name] for name in dict.fromkeys([severity, *further])))
+    return FaultSpace(fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *further])))

@@ -14,7 +14,7 @@ from swashtwin.calibration.objective.search_space import search_space
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, unknowns_of
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.dimensions import HYDRAULIC_LAW, LAWS, Dimension, FaultSpace, fault_space
+from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Inversion, Prior
 from swashtwin.calibration.severity.severity import DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
 from swashtwin.calibration.uncertainty.identifiability_report import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
@@ -46,7 +46,7 @@ class SeveritySettings:
     law: float | None = None
     """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
     be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: 0.25 for
-    contacts, 0.1 for openings and leaks (`dimensions.LAWS`) [estimates of ours]."""
+    contacts, 0.1 for openings and leaks (`dimensions.SeveritySearch`) [estimates of ours]."""
 
     def __post_init__(self) -> None:
         for name in ("drift", "law"):
@@ -163,7 +163,7 @@ def _of_recording(
     silent[inversion.severity] = 0.0
     silent, without = inversion.descend(silent, held=inversion.severity)
     covariance, repeated = inversion.deviations(point)
-    law = LAWS.get(type(space.reference), HYDRAULIC_LAW) if settings.law is None else settings.law
+    law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, without - height)
     severity = _severity(space, point, (coordinate, rise), inversion, law, is_there=evidence > inversion.threshold)
     further = _further(space, point, covariance, inversion)

@@ -19,6 +19,7 @@ and what the extra pressure does anywhere. Sense and moment follow from that; no
 
 import math
 from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -29,7 +30,7 @@ from swashtwin.physics.contacts.rattling import rattle
 from swashtwin.physics.excitation import FRICTION, Impact
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
-from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
+from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump
 
 STEPS_PER_PULSE = 100
 """Time steps of the march during one impact."""
@@ -191,6 +192,26 @@ def _impacts(
                 impulse = sense * mass * (abs(before) + max(0.0, sense * after))
                 found.append(Impact(where, float(abs(before)), float(impulse)))
     return tuple(sorted(found, key=lambda impact: impact.angle))
+
+
+@singledispatch
+def contact_lines(
+    fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str
+) -> Complex[np.ndarray, "line 13"] | None:
+    """Lines 0...`n_lines` [N, N m] of forces that a fault's contacts add whatever the interface values are.
+
+    None, unless registered otherwise.
+    """
+    return None
+
+
+@contact_lines.register(LooseSlipper)
+def _(
+    fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str
+) -> Complex[np.ndarray, "line 13"] | None:
+    if fault.motion == "pulses":
+        return None
+    return loose_slipper_lines(pump, condition, fault, n_lines, topology=topology)
 
 
 def loose_slipper_lines(

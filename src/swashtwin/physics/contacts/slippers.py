@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from swashtwin.physics.contacts.settings import SlipperContact, slipper_weight
 from swashtwin.physics.dynamics import displacement_rows, swash_normal
 from swashtwin.physics.excitation import displacement_lines
-from swashtwin.physics.recess import Stages, slipper_profile, stages
+from swashtwin.physics.recess import Stages, recess_of, slipper_profile, stages
 from swashtwin.pump import Fault, OperatingCondition, Pump, SwashPlateDefect
 
 
@@ -54,9 +54,10 @@ def distance_rows(pump: Pump, topology: str) -> Float[np.ndarray, "coordinate 13
 
 def film_share(pump: Pump, fault: Fault | None) -> float:
     """Factor from a slipper's displacement in a recess to the strain of its film; 0 for faults that strain none."""
-    if not isinstance(fault, SwashPlateDefect) or fault.contact == "physical":
+    recess = recess_of(fault)
+    if recess is None or recess.contact == "physical":
         return 0.0
-    return fault.gain * (pump.rotating_group.piston_count if fault.contact == "literal" else 1.0)
+    return recess.gain * (pump.rotating_group.piston_count if recess.contact == "literal" else 1.0)
 
 
 def slippers_on_grid(
@@ -69,10 +70,10 @@ def slippers_on_grid(
     rows = distance_rows(pump, topology)
     directions = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)[..., : len(rows)]
     displacement, velocity = np.zeros_like(angle), np.zeros_like(angle)
-    share = film_share(pump, fault)
-    if isinstance(fault, SwashPlateDefect) and share > 0:
-        displacement = share * slipper_profile(pump, fault, angle)[0]
-        velocity = share * speed * _mean_slope(pump, fault, angle, 2 * math.pi / steps)
+    share, recess = film_share(pump, fault), recess_of(fault)
+    if recess is not None and share > 0:
+        displacement = share * slipper_profile(pump, recess, angle)[0]
+        velocity = share * speed * _mean_slope(pump, recess, angle, 2 * math.pi / steps)
     return Slippers(
         rows=rows,
         directions=np.ascontiguousarray(directions),
@@ -112,9 +113,9 @@ def slipper_lines(
 ) -> Complex[np.ndarray, " line"]:
     """Lines 0...`n_lines` of what a recess adds to the distance of a slipper [m], over its piston's own angle."""
     lines = np.zeros(n_lines + 1, dtype=complex)
-    share = film_share(pump, fault)
-    if isinstance(fault, SwashPlateDefect) and share > 0:
+    share, recess = film_share(pump, fault), recess_of(fault)
+    if recess is not None and share > 0:
         alone = np.eye(pump.rotating_group.piston_count)[0]
-        lines[0] = share * mean_displacement(pump, fault)
-        lines[1:] = share * displacement_lines(pump, condition, fault, n_lines, scatter=alone)
+        lines[0] = share * mean_displacement(pump, recess)
+        lines[1:] = share * displacement_lines(pump, condition, recess, n_lines, scatter=alone)
     return lines

@@ -13,10 +13,10 @@ from swashtwin.physics.contacts.periodic import periodic_films
 from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.contacts.steady import slipper_steady_state
 from swashtwin.physics.dynamics import Structure, Topology
-from swashtwin.physics.fault_forcing import FaultAction, periodic_terms
+from swashtwin.physics.fault_forcing import FaultAction, turning_terms
 from swashtwin.physics.solvers.periodic import periodic_steady_state
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
-from swashtwin.pump import Fault, OperatingCondition, Pump, TiltedBlockFace
+from swashtwin.pump import Fault, OperatingCondition, Pump
 
 MOST = 2000
 """Iterations for slippers that differ: they take much of the film with them, and the motion settles slowly."""
@@ -70,14 +70,14 @@ class Coupling(Protocol):
 
 @dataclass(frozen=True)
 class TurningFace:
-    """A cylinder block's face out of square, whose film turns with the shaft."""
+    """A fault that lets stiffness turn with the shaft, such as a cylinder block's face out of square."""
 
     pump: Pump
-    fault: TiltedBlockFace
+    fault: Fault | None
 
     def motion(self, problem: Problem, solver: SteadySolver) -> Complex[Tensor, "row line 13"]:
         """Displacement lines; see `Coupling`."""
-        terms = periodic_terms(self.pump, self.fault, problem.values)
+        terms = turning_terms(self.fault, self.pump, problem.values)
         force = problem.force(problem.action)
         mass, damping, stiffness = problem.structure.mass, problem.damping, problem.stiffness
         return periodic_steady_state(solver, mass, damping, stiffness, problem.speed, force, terms)
@@ -227,11 +227,11 @@ def coupling_of(
     InputError
         Two things would; they cannot be solved for together.
     """
-    if not isinstance(fault, TiltedBlockFace):
+    if not turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64)):
         return None if contact.linear else SlippersApart(pump, topology, contact, condition, fault)
     if not contact.linear:
         raise InputError(
-            "a TiltedBlockFace turns with the shaft, and slippers that differ or lift off are solved for with a core "
-            "that does not; leave out SlipperContact (--one-sided, --unloaded), or take another fault."
+            f"a {type(fault).__name__} turns with the shaft, and slippers that differ or lift off are solved for with "
+            "a core that does not; leave out SlipperContact (--one-sided, --unloaded), or take another fault."
         )
     return TurningFace(pump, fault)

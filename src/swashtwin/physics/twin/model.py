@@ -14,10 +14,11 @@ from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.contacts.slippers import slipper_lines
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.loads import LoadCase, force_lines
+from swashtwin.physics.recess import recess_of
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.path import SensorPath
 from swashtwin.physics.twin.response import Drive, drive_of, motion_of, require_positive, respond
-from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump
 from swashtwin.recordings import Recording
 from swashtwin.signals import synchronous_signal
 
@@ -157,12 +158,12 @@ class Twin:
     def notes(self) -> tuple[str, ...]:
         """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
         notes = []
-        slipper = self.pump.rotating_group.slipper_diameter
-        if isinstance(self.fault, SwashPlateDefect) and self.fault.effective_depth(slipper) != self.fault.depth:
-            size = f"{self.fault.length * 1e3:.4g} mm x {self.fault.width * 1e3:.4g} mm"
+        slipper, recess = self.pump.rotating_group.slipper_diameter, recess_of(self.fault)
+        if recess is not None and recess.effective_depth(slipper) != recess.depth:
+            size = f"{recess.length * 1e3:.4g} mm x {recess.width * 1e3:.4g} mm"
             notes.append(
                 f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth "
-                f"of {self.fault.depth * 1e3:.4g} mm counts as {self.fault.effective_depth(slipper) * 1e3:.4g} mm. The "
+                f"of {recess.depth * 1e3:.4g} mm counts as {recess.effective_depth(slipper) * 1e3:.4g} mm. The "
                 "paper has no such defect; this is an extrapolation of ours."
             )
         if not self.contact.one_sided:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from swashtwin.physics.contacts.loose_slipper import loose_slipper_lines
+from swashtwin.physics.contacts.loose_slipper import contact_lines
 from swashtwin.physics.dynamics import Structure
 from swashtwin.physics.fault_forcing import excitation_lines, fault_forces, worn_values
 from swashtwin.physics.loads import LoadCase, chamber_pressures, force_lines
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_profile import Course, Shaft
-from swashtwin.pump import LooseSlipper
 
 RATIO = 1.06
 """Largest ratio of neighboring speeds, or pressures, of the grid: between them the force lines are off by 0.02 %."""
@@ -150,10 +149,9 @@ def operating_grid(
     place, structure = np.full((len(speeds), len(pressures)), -1), twin.structure
     for row, (i, j) in enumerate(needed):
         place[i, j] = row
-        if isinstance(twin.fault, LooseSlipper) and twin.fault.motion == "simulated":
-            lines[row] += loose_slipper_lines(
-                twin.pump, conditions[row], twin.fault, int(reach.max()), topology=twin.topology
-            )
+        contact_forces = contact_lines(twin.fault, twin.pump, conditions[row], int(reach.max()), twin.topology)
+        if contact_forces is not None:
+            lines[row] += contact_forces
         lines[row] += _fault_lines(twin, structure, float(speeds[i]), int(reach.max()))
         lines[row, reach[i] + 1 :] = 0
     return OperatingGrid(speeds, pressures, place, lines, unbalance)

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.contacts.loose_slipper import loose_slipper_lines
+from swashtwin.physics.contacts.loose_slipper import contact_lines
 from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.dynamics import Structure, Topology, assemble, moved
 from swashtwin.physics.fault_forcing import FaultAction, active_orders, excitation_lines, fault_action, wear_factors
@@ -23,7 +23,7 @@ from swashtwin.physics.loads import LoadCase, force_lines
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.coupling import Coupling, Problem, coupling_of, linear_motion
 from swashtwin.physics.twin.path import SensorPath
-from swashtwin.pump import PARAMETERS, Fault, LooseSlipper, OperatingCondition, Pump
+from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
 
 WORKSPACE = 64 * 2**20
 """Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""
@@ -90,13 +90,14 @@ def drive_of(
     """
     structure = assemble(pump, topology)
     pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
-    if isinstance(fault, LooseSlipper) and fault.motion == "simulated":
-        pressure = pressure + loose_slipper_lines(pump, condition, fault, n_lines, topology=topology)
+    contact_forces = contact_lines(fault, pump, condition, n_lines, topology)
+    if contact_forces is not None:
+        pressure = pressure + contact_forces
     motion = excitation_lines(pump, condition, fault, n_lines)
     coupling = coupling_of(pump, condition, fault, topology, contact)
     orders = active_orders(pressure, motion) if coupling is None else np.arange(1, n_lines + 1)
     lines = np.concatenate([[0], orders]) if from_rest or coupling is not None else orders
-    action = fault_action(pump, structure, topology, fault, lines * condition.speed, motion[lines])
+    action = fault_action(fault, pump, structure, topology, lines * condition.speed, motion[lines])
     return Drive(
         structure=structure,
         orders=orders,

@@ -18,14 +18,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.fault_forcing import worn_values
+from swashtwin.physics.fault_forcing import turning_terms, worn_values
 from swashtwin.physics.solvers.steady import HarmonicBalance
 from swashtwin.physics.solvers.trajectories import first_order_hold_trajectory
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_grid import OperatingGrid, operating_grid
 from swashtwin.physics.twin.operating_profile import Course, Shaft
 from swashtwin.physics.twin.response import require_positive
-from swashtwin.pump import TiltedBlockFace
 from swashtwin.recordings import Recording, joined
 
 STEPS = 20.0
@@ -118,10 +117,10 @@ def course_blocks(
 
 
 def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: int, readings: int, start: str) -> None:
-    if isinstance(twin.fault, TiltedBlockFace):
+    if turning_terms(twin.fault, twin.pump, twin.values):
         raise InputError(
-            "a tilted block face lets the stiffness turn with the shaft, which no transient follows yet; simulate it "
-            "at a steady condition (Twin.simulate), or take another fault of the class, such as BoreDefect."
+            f"a {type(twin.fault).__name__} lets the stiffness turn with the shaft, which no transient follows yet; "
+            "simulate it at a steady condition (Twin.simulate), or take another fault of the class, such as BoreDefect."
         )
     if not twin.contact.linear:
         raise InputError(

@@ -22,7 +22,7 @@ from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, train_model
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.cells import cut_evenly
-from swashtwin.bench.studies.dataset import Material, prepare
+from swashtwin.bench.studies.dataset import StudyDataset, prepare
 from swashtwin.learning import WindowSet, evaluate
 from swashtwin.recordings import Recording
 
@@ -54,8 +54,8 @@ def of_fleet(seed: int) -> dict[str, dict[str, dict[str, float]]]:
     """Scores by row and level of the study on one fleet."""
     torch.set_num_threads(1)
     known = SIZES["paper"]
-    material: Material = prepare([one for one, _ in rig_recordings(seed, known)], SCENARIO, seed, ())
-    measured = material.measured
+    dataset: StudyDataset = prepare([one for one, _ in rig_recordings(seed, known)], SCENARIO, seed, ())
+    measured = dataset.measured
     own = set(measured.specimen.tolist())
     repeats = RigSize(known.specimens, known.repeats + MORE_REPEATS)
     more = {
@@ -67,8 +67,8 @@ def of_fleet(seed: int) -> dict[str, dict[str, dict[str, float]]]:
         train = measured
         for name in added:
             train = train + more[name]
-        classifier = train_model(MODELS["paper"][DEFAULT], train, seed=seed, manifest=material.manifest)
-        scores = {level: evaluate(classifier, test, level=level) for level, test in material.tests.items()}
+        classifier = train_model(MODELS["paper"][DEFAULT], train, seed=seed, manifest=dataset.manifest)
+        scores = {level: evaluate(classifier, test, level=level) for level, test in dataset.tests.items()}
         found[row] = {level: {name: getattr(one, name) for name in METRICS} for level, one in scores.items()}
     return found
 

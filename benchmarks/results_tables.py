@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.bench import StudyResult, gathered
+from swashtwin.bench import StudyResult, collect_studies
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.rivals.models import DEFAULT
 
@@ -241,7 +241,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="Folder of finished runs.")
     arguments = parser.parse_args()
     known = {*LONG, *CURVES, *AGAINST, "augmentation"}
-    for study in gathered(arguments.folder):
+    for study in collect_studies(arguments.folder):
         if study.study in known:
             print(told(study), end="\n\n")
 

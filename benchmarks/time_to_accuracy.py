@@ -19,27 +19,27 @@ import torch
 from swashtwin.bench import SIZES, rig_recordings
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, PAPERS_OWN, Model, train_model
 from swashtwin.bench.studies.cases import SCENARIOS
-from swashtwin.bench.studies.dataset import Material, prepare
+from swashtwin.bench.studies.dataset import StudyDataset, prepare
 from swashtwin.learning import evaluate
 
 
-def trained(name: str, model: Model, material: Material, seed: int) -> dict[str, Any]:
+def trained(name: str, model: Model, dataset: StudyDataset, seed: int) -> dict[str, Any]:
     """Processor time of one training [s], and the accuracies that it comes to."""
     begun = time.process_time()
-    classifier = train_model(model, material.measured, seed=seed, manifest=material.manifest)
+    classifier = train_model(model, dataset.measured, seed=seed, manifest=dataset.manifest)
     spent = time.process_time() - begun
-    scores = {level: evaluate(classifier, test, level=level).accuracy for level, test in material.tests.items()}
+    scores = {level: evaluate(classifier, test, level=level).accuracy for level, test in dataset.tests.items()}
     return {"fleet": seed, "recipe": name, "epochs": model.training.epochs, "cpu_s": spent, **scores}
 
 
 def of_fleet(seed: int, times: float) -> list[dict[str, Any]]:
     """The default's training, the paper's first epoch, and as many of them as fill the time."""
     recordings = [one for one, _ in rig_recordings(seed, SIZES["paper"])]
-    material = prepare(recordings, SCENARIOS["paper"], seed, ())
-    ours = trained(DEFAULT, MODELS["paper"][DEFAULT], material, seed)
-    first = trained("the paper's", PAPERS_OWN.with_training(epochs=1), material, seed)
+    dataset = prepare(recordings, SCENARIOS["paper"], seed, ())
+    ours = trained(DEFAULT, MODELS["paper"][DEFAULT], dataset, seed)
+    first = trained("the paper's", PAPERS_OWN.with_training(epochs=1), dataset, seed)
     epochs = max(2, math.ceil(times * ours["cpu_s"] / first["cpu_s"]))
-    return [ours, first, trained("the paper's", PAPERS_OWN.with_training(epochs=epochs), material, seed)]
+    return [ours, first, trained("the paper's", PAPERS_OWN.with_training(epochs=epochs), dataset, seed)]
 
 
 def main() -> None:

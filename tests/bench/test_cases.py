@@ -10,22 +10,22 @@ import pytest
 from tiny_case import TINY, tiny
 
 from swashtwin.bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
-from swashtwin.bench.results.runs import Embedding, load_run, load_runs
+from swashtwin.bench.results.runs import Embedding, load_run
 from swashtwin.bench.rivals.models import DEFAULT
 from swashtwin.bench.studies.dataset import calibration_tasks
 from swashtwin.bench.studies.scenario import MACHINED, split_scenario
-from swashtwin.bench.studies.training_sets import Filling
+from swashtwin.bench.studies.training_sets import TrainingSet
 from swashtwin.foundation import ArtifactError, DataError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
 from swashtwin.synthesis import Jitter
 
 SETS = ("measured", "nominal", "calibrated")
-MEASURED = {"measured": Filling()}
+MEASURED = {"measured": TrainingSet()}
 
 
 def embeddings(study: StudyResult) -> list[Embedding]:
-    return [run.embedding for run in study.laid_out if run.embedding is not None]
+    return [run.embedding for run in study.embedded_runs if run.embedding is not None]
 
 
 def confusions(study: StudyResult, seed: int) -> list[Any]:
@@ -76,7 +76,7 @@ def test_every_training_pump_is_calibrated_away_from_the_tests(
 def test_a_rerun_does_nothing_again(
     recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin.bench.studies.runner.carry_out", lambda *_: pytest.fail("was done before"))
+    monkeypatch.setattr("swashtwin.bench.studies.runner.run_task", lambda *_: pytest.fail("was done before"))
     said: list[str] = []
     again = run_plan(tiny(), recordings, seeds=(0, 1), out=out, progress=lambda what, *_: said.append(what))
     assert again.rows() == result.rows()
@@ -102,7 +102,7 @@ def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
 
 
 def test_two_processes_give_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
-    again = run_plan(tiny(fillings=MEASURED), recordings, seeds=(0,), workers=Workers(jobs=2))
+    again = run_plan(tiny(training_sets=MEASURED), recordings, seeds=(0,), workers=Workers(jobs=2))
     assert confusions(again, 0) == confusions(result, 0)
 
 
@@ -112,16 +112,16 @@ def test_a_dask_cluster_gives_the_same_scores(recordings: list[Recording], resul
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
     ) as cluster:
         workers = Workers(backend="dask", address=cluster.scheduler_address)
-        again = run_plan(tiny(fillings=MEASURED), recordings, seeds=(0,), workers=workers)
+        again = run_plan(tiny(training_sets=MEASURED), recordings, seeds=(0,), workers=workers)
     assert confusions(again, 0) == confusions(result, 0)
 
 
 def test_an_interrupted_task_leaves_no_result_and_the_finished_ones_stay(
     recordings: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from swashtwin.bench.studies import runner as carrying
+    from swashtwin.bench.studies import runner
 
-    calls, real = [], carrying.carry_out
+    calls, real = [], runner.run_task
 
     def interrupted(*arguments: Any) -> Any:
         calls.append(arguments[0].key)
@@ -129,11 +129,11 @@ def test_an_interrupted_task_leaves_no_result_and_the_finished_ones_stay(
             raise KeyboardInterrupt
         return real(*arguments)
 
-    plan = tiny(fillings=MEASURED)
-    monkeypatch.setattr(carrying, "carry_out", interrupted)
+    plan = tiny(training_sets=MEASURED)
+    monkeypatch.setattr(runner, "run_task", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_plan(plan, recordings, seeds=(0,), out=tmp_path)
-    assert [run.task.key for run in load_runs(tmp_path)] == calls[:1]
+    assert [path.parent.name for path in tmp_path.rglob("result.json")] == calls[:1]
     assert len(run_plan(plan, recordings, seeds=(0,), out=tmp_path).runs) == 2
     assert len(calls) == 3
 
@@ -165,7 +165,7 @@ def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.Monke
     on_a_gpu = [task.key for task in plan.tasks(0, "data", "cuda")]
     networks = [task.factors["classifier"] == DEFAULT for task in plan.tasks(0, "data")]
     assert [one != other for one, other in zip(keys, on_a_gpu, strict=True)] == networks
-    filled = replace(plan, fillings={"jitter": Filling("jitter")})
+    filled = replace(plan, training_sets={"jitter": TrainingSet("jitter")})
     before = {task.key for task in filled.tasks(0, "data")}
     monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
     assert not before & {task.key for task in filled.tasks(0, "data")}
@@ -181,12 +181,12 @@ def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
 
     monkeypatch.setattr("swashtwin.bench.studies.sources.build_rig", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        Fleets(tmp_path).taken(0)
+        Fleets(tmp_path).recordings_for(0)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "rig-small-0").mkdir()
     (tmp_path / "rig-small-0" / "half.h5").touch()
     with pytest.raises(DataError, match="delete it, and the same command"):
-        Fleets(tmp_path).taken(0)
+        Fleets(tmp_path).recordings_for(0)
 
 
 def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:

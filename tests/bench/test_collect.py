@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.bench import StudyResult, gathered, plan_of, write_study_report
+from swashtwin.bench import StudyResult, collect_studies, plan_of, write_study_report
 from swashtwin.bench.results.comparison_figures import time_drawing
 from swashtwin.bench.results.runs import Run, save_run
 from swashtwin.bench.results.study_part import contrast_table, metrics_table
-from swashtwin.bench.studies.runner import assembled
+from swashtwin.bench.studies.runner import assemble_result
 from swashtwin.foundation import DataError
 
 
 def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:
-    (study,) = gathered(out)
+    (study,) = collect_studies(out)
     assert study.rows() == result.rows()
     assert study.seeds == (0, 1)
     assert len(study.calibrations) == len(result.calibrations) == 2
@@ -25,7 +25,7 @@ def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResu
 def test_a_study_put_together_from_several_commands_names_each(result: StudyResult, tmp_path: Path) -> None:
     for run in result.runs:
         save_run(replace(run, command=f"swashtwin study case1 rig --seeds {run.task.seed}"), tmp_path)
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     assert study.commands == ("swashtwin study case1 rig --seeds 0", "swashtwin study case1 rig --seeds 1")
     assert study.to_dict()["command"] == " && ".join(study.commands)
     page = Path(write_study_report(study, folder=tmp_path / "page")).read_text()
@@ -37,7 +37,7 @@ def test_a_row_of_fewer_seeds_than_the_study_says_so(result: StudyResult, tmp_pa
     for run in result.runs:
         if (run.task.seed, run.task.factors["training_set"]) != (1, "measured"):
             save_run(run, tmp_path)
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     counted = {row[0].text.split(", ")[-1]: row[1].text for row in metrics_table(study).rows}
     assert counted["measured only"] == "1"
     assert counted["with calibrated twin"] == "2"
@@ -50,7 +50,7 @@ def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tm
         older = replace(run, task=replace(run.task, settings={**run.task.settings, "model": {"kind": "older"}}))
         for place, one in enumerate((older, run)):
             os.utime(save_run(one, tmp_path) / "result.json", (number, 10 * number + place))
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     assert {run.task.key for run in study.runs} == {run.task.key for run in measured}
     assert "4 runs of other settings" in study.notes[-1]
 
@@ -59,7 +59,7 @@ def test_runs_of_other_recordings_in_the_folder_do_not_mix(result: StudyResult, 
     others = [replace(run, origin="elsewhere", task=replace(run.task, data="other")) for run in result.runs]
     for number, run in enumerate((*others, *result.runs[:2])):
         os.utime(save_run(run, tmp_path) / "result.json", (number, number))
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     assert {run.task.data for run in study.runs} == {result.runs[0].task.data}
     assert len(study.runs) == 2
     assert f"{len(others)} runs of other settings or recordings" in study.notes[-1]
@@ -82,14 +82,14 @@ def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> Non
 
 def test_rows_stand_in_the_order_of_the_study_whatever_was_run_first(result: StudyResult) -> None:
     plan = plan_of("case1", "quick")
-    last_first = [replace(run, task=replace(run.task, place=99 - run.task.place)) for run in result.runs]
-    told = [(row["classifier"], row["training_set"], row["level"]) for row in assembled(plan, last_first).rows()]
+    last_first = result.runs[::-1]
+    told = [(row["classifier"], row["training_set"], row["level"]) for row in assemble_result(plan, last_first).rows()]
     assert told == [(row["classifier"], row["training_set"], row["level"]) for row in result.rows()]
 
 
 def test_a_classifier_of_fewer_seeds_says_so_beside_its_point(result: StudyResult) -> None:
     kept = [run for run in result.runs if (run.task.factors["classifier"], run.task.seed) != ("extra_trees", 1)]
-    study = assembled(plan_of("case1", "quick"), kept)
+    study = assemble_result(plan_of("case1", "quick"), kept)
     drawing = time_drawing(replace(study, trials=study.trials, rival_names=()), "case1")
     assert "extra trees (n = 1)" in drawing.svg
     assert "ours) (n" not in drawing.svg
@@ -97,7 +97,7 @@ def test_a_classifier_of_fewer_seeds_says_so_beside_its_point(result: StudyResul
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="holds no finished run"):
-        gathered(tmp_path)
+        collect_studies(tmp_path)
 
 
 def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
             noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
     for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
         save_run(run, tmp_path)
-    page = write_study_report(*gathered(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
+    page = write_study_report(*collect_studies(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
     assert "Algorithms on Case I" in page
     assert "accuracy 0.910" in page
     assert "swashtwin study case1 rig; seeds 0, 1; cpu; virtual rig" in page
@@ -124,7 +124,7 @@ def test_of_ones_own_recordings_only_the_latest_are_told(result: StudyResult, tm
     other = replace(other, task=replace(other.task, data="other"))
     for number, run in enumerate((*result.runs, other)):
         os.utime(save_run(run, tmp_path) / "result.json", (number, number))
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     assert [run.task.data for run in study.runs] == ["other"]
 
 
@@ -134,7 +134,7 @@ def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, t
     old = tmp_path / "case1" / "old" / "result.json"
     old.parent.mkdir()
     old.write_text('{"format": "swashtwin run 1"}')
-    (study,) = gathered(tmp_path)
+    (study,) = collect_studies(tmp_path)
     assert len(study.runs) == len(result.runs)
     assert "1 runs of another version" in study.notes[-1]
 
@@ -147,5 +147,5 @@ def test_what_is_to_be_read_with_a_classifier_is_told_where_it_was_trained(resul
         for run in runs
     ]
     told = "New noise in every epoch"
-    assert not any(told in note for note in assembled(plan, runs).notes)
-    assert any(told in note for note in assembled(plan, [*runs, *noisy]).notes)
+    assert not any(told in note for note in assemble_result(plan, runs).notes)
+    assert any(told in note for note in assemble_result(plan, [*runs, *noisy]).notes)

@@ -9,7 +9,7 @@ from made_runs import embedding, run
 from swashtwin.bench import StudyResult, plan_of
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.results.study_figures import MOST_PANELS, embedding_drawing
-from swashtwin.bench.studies.runner import assembled
+from swashtwin.bench.studies.runner import assemble_result
 from swashtwin.learning import Epoch
 
 
@@ -29,7 +29,7 @@ def drawn(study: StudyResult) -> tuple[str, set[str]]:
 @pytest.fixture(scope="module")
 def algorithms() -> StudyResult:
     runs = [trained(name, seed=seed) for seed in (0, 1) for name in ("spectral_bitcn", "wdcnn", "lstm")]
-    return assembled(plan_of("algorithms", "quick"), runs)
+    return assemble_result(plan_of("algorithms", "quick"), runs)
 
 
 def test_networks_of_one_training_set_stand_beside_each_other(algorithms: StudyResult) -> None:
@@ -40,7 +40,7 @@ def test_networks_of_one_training_set_stand_beside_each_other(algorithms: StudyR
 
 def test_of_several_training_sets_only_the_studys_own_network_is_shown() -> None:
     runs = [trained(name, kind) for kind in ("measured", "calibrated") for name in ("spectral_bitcn", "wdcnn")]
-    svg, shown = drawn(assembled(plan_of("case1", "quick"), runs))
+    svg, shown = drawn(assemble_result(plan_of("case1", "quick"), runs))
     assert shown == {("spectral_bitcn", "measured"), ("spectral_bitcn", "calibrated")}
     assert "WDCNN" not in svg
 
@@ -49,7 +49,7 @@ def test_of_many_trainings_an_even_choice_is_drawn_and_counted() -> None:
     values = ["0", "5", "10", "20", "50", "100", "200"]
     kinds = ("measured", "nominal", "calibrated")
     runs = [trained("spectral_bitcn", kind, real_windows=value) for value in values for kind in kinds]
-    drawing = embedding_drawing(assembled(plan_of("few-shot", "quick"), runs), "made")
+    drawing = embedding_drawing(assemble_result(plan_of("few-shot", "quick"), runs), "made")
     shown = set(zip(drawing.columns["training_set"], drawing.columns["real_windows"], strict=True))
     assert len(shown) == MOST_PANELS
     assert {("measured", "0"), ("calibrated", "200")} <= shown
@@ -62,7 +62,7 @@ def test_a_network_without_features_is_counted_and_gives_no_other_its_name() -> 
     flat = trained("spectral_window")
     assert flat.embedding is not None
     flat = replace(flat, embedding=replace(flat.embedding, features=np.ones_like(flat.embedding.features)))
-    drawing = embedding_drawing(assembled(plan_of("ablation", "quick"), [bare, kept, flat]), "made")
+    drawing = embedding_drawing(assemble_result(plan_of("ablation", "quick"), [bare, kept, flat]), "made")
     assert "twice the epochs" in drawing.svg
     assert set(drawing.columns["classifier"]) == {"spectral_longer"}
     assert "1 of 3 trainings; of the others no features were kept, or all are the same." in drawing.caption

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from swashtwin.bench import FILLERS, Plan, models_of, plan_of, rig_recordings, run_plan
-from swashtwin.bench.results.contrasts import Contrast, holm, paired_interval, signed_rank_p
+from swashtwin.bench.results.contrasts import Contrast, paired_interval, signed_rank_p
 from swashtwin.bench.results.result import contrasts_of
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.results.table import Trial
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
 from swashtwin.bench.rivals.order_threshold import threshold_orders
-from swashtwin.bench.studies.dataset import Material, again_cut, calibration_tasks, prepare
+from swashtwin.bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
 from swashtwin.bench.studies.plan import noisy_test
 from swashtwin.bench.studies.registry import PLANS
 from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
-from swashtwin.bench.studies.training_sets import Filling, filled_cells, noisy_training
+from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy_training_windows
 from swashtwin.calibration import GaussNewton
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, holm_correction
 from swashtwin.learning import BASELINES, NETWORKS, cut_windows
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
@@ -34,11 +34,11 @@ FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, 
 def small(study: str, **changes: Any) -> Plan:
     plan = plan_of(study, "quick")
     scenario = replace(plan.scenario, method=GaussNewton(starts=1), **FEW)
-    return replace(plan, **{"scenario": scenario, "fillings": {"measured": Filling()}, **changes})
+    return replace(plan, **{"scenario": scenario, "training_sets": {"measured": TrainingSet()}, **changes})
 
 
 @pytest.fixture(scope="module")
-def material(recordings: list[Recording]) -> Material:
+def dataset(recordings: list[Recording]) -> StudyDataset:
     return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
 
 
@@ -53,9 +53,9 @@ def test_a_finished_run_is_found_again() -> None:
 
 
 def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
-    recordings: list[Recording], material: Material
+    recordings: list[Recording], dataset: StudyDataset
 ) -> None:
-    clean, noisy = material.tests["L4"], noisy_test(material, "L4", 5.0, repeat=3)
+    clean, noisy = dataset.tests["L4"], noisy_test(dataset, "L4", 5.0, repeat=3)
     name = str(clean.recording_id[0])
     recording = next(one for one in recordings if one.recording_id == name)
     expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
@@ -66,24 +66,24 @@ def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
     added = expected.signal - recording.signal
     power = recording.signal.var(axis=1) / added.var(axis=1)
     assert 10 * np.log10(power) == pytest.approx([5.0] * len(power), abs=0.2)
-    again, other = noisy_test(material, "L4", 5.0, repeat=3), noisy_test(material, "L4", 5.0, repeat=4)
+    again, other = noisy_test(dataset, "L4", 5.0, repeat=3), noisy_test(dataset, "L4", 5.0, repeat=4)
     np.testing.assert_array_equal(again.signal, noisy.signal)
     assert not np.array_equal(other.signal, noisy.signal)
 
 
 def test_windows_cut_again_from_the_same_recordings_are_the_same(
-    recordings: list[Recording], material: Material
+    recordings: list[Recording], dataset: StudyDataset
 ) -> None:
-    np.testing.assert_array_equal(again_cut(recordings, material.measured).signal, material.measured.signal)
+    np.testing.assert_array_equal(cut_again(recordings, dataset.measured).signal, dataset.measured.signal)
 
 
-def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(material: Material) -> None:
-    noisy, values = filled_cells(material, Filling(noise=True))
+def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(dataset: StudyDataset) -> None:
+    noisy, values = fill_cells(dataset, TrainingSet(noise=True))
     assert values == {}
-    assert noisy.recording_id.tolist() == material.measured.recording_id.tolist()
+    assert noisy.recording_id.tolist() == dataset.measured.recording_id.tolist()
     assert not noisy.synthetic.any()
-    assert (noisy.signal != material.measured.signal).any(axis=(1, 2)).all()
-    np.testing.assert_array_equal(noisy.signal, noisy_training(material).signal)
+    assert (noisy.signal != dataset.measured.signal).any(axis=(1, 2)).all()
+    np.testing.assert_array_equal(noisy.signal, noisy_training_windows(dataset).signal)
 
 
 def test_noisy_tests_are_told_by_ratio_in_the_mean_over_their_draws(recordings: list[Recording]) -> None:
@@ -129,8 +129,8 @@ def test_signed_ranks_need_six_pairs_and_holm_never_lowers_a_p_value() -> None:
     assert math.isnan(signed_rank_p([0.1] * 5))
     assert signed_rank_p([0.0] * 6) == 1.0
     assert signed_rank_p([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]) < 0.05
-    raw = [0.2, 0.01, 0.04]
-    assert all(corrected >= value for corrected, value in zip(holm(raw), raw, strict=True))
+    raw = np.array([0.2, 0.01, np.nan, 0.04])
+    np.testing.assert_allclose(holm_correction(raw), [0.2, 0.03, np.nan, 0.08])
 
 
 def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
@@ -226,21 +226,21 @@ def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> No
         assert {*FILLERS, "nominal", "calibrated", "posterior", "residual", "every_class"} == filled
 
 
-def test_a_study_tells_windows_apart_as_augmentation_does(material: Material) -> None:
-    filling = Filling("jitter", count=4)
-    made, values = filled_cells(material, filling)
-    test = material.tests[material.scenario.levels[0]]
-    held_out = test.subset(np.isin(test.label, material.scenario.scarce))
-    assert values["discriminator"] == discriminative_score(held_out, made, seed=material.seed)
+def test_a_study_tells_windows_apart_as_augmentation_does(dataset: StudyDataset) -> None:
+    filling = TrainingSet("jitter", count=4)
+    made, values = fill_cells(dataset, filling)
+    test = dataset.tests[dataset.scenario.levels[0]]
+    held_out = test.subset(np.isin(test.label, dataset.scenario.scarce))
+    assert values["discriminator"] == discriminative_score(held_out, made, seed=dataset.seed)
 
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])
-def test_a_filling_puts_its_windows_into_the_scarce_cell_or_into_every_class(material: Material, by: str) -> None:
-    made, values = filled_cells(material, Filling(by, count=4))
+def test_a_filling_puts_its_windows_into_the_scarce_cell_or_into_every_class(dataset: StudyDataset, by: str) -> None:
+    made, values = fill_cells(dataset, TrainingSet(by, count=4))
     assert made.synthetic.all()
     assert made.counts()["swash_plate", 15e6] == len(made) == 4
     assert 0 <= values["discriminator"] <= 1
-    every, _ = filled_cells(material, Filling(by, count=2, every_class=True))
+    every, _ = fill_cells(dataset, TrainingSet(by, count=2, every_class=True))
     assert [every.counts()[label, 15e6] for label in every.classes] == [2] * 5
 
 
@@ -275,19 +275,21 @@ def test_a_study_can_be_run_at_some_of_its_values() -> None:
         plan_of("case1", "quick").of_values(["1"])
 
 
-def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_what_it_used(material: Material) -> None:
+def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_what_it_used(
+    dataset: StudyDataset,
+) -> None:
     model = models_of("quick", ["envelope_threshold"])["envelope_threshold"]
-    rule = train_model(model, material.measured, seed=0, manifest=("calibration 1",))
-    assert set(rule.manifest) == {*material.measured.recording_id.tolist(), "calibration 1"}
-    normal = material.measured.subset(material.measured.label == "normal")
+    rule = train_model(model, dataset.measured, seed=0, manifest=("calibration 1",))
+    assert set(rule.manifest) == {*dataset.measured.recording_id.tolist(), "calibration 1"}
+    normal = dataset.measured.subset(dataset.measured.label == "normal")
     loud = normal.subset(np.arange(len(normal)) == 0)
     loud = replace(loud, signal=1e4 * loud.signal, synthetic=np.array([True]))
     taken = [threshold_orders(own, rule.features, rule.rule).threshold for own in (normal, normal + loud)]
     assert taken == [rule.threshold, rule.threshold]  # synthetic windows set no alarm
-    test = material.tests["L2"]
+    test = dataset.tests["L2"]
     assert (rule.predict_proba(test).argmax(axis=1) == test.target).mean() > 0.3  # five classes alike
     with pytest.raises(DataError, match="measured windows of normal"):
-        train_model(model, material.measured.subset(material.measured.label != "normal") + loud, seed=0)
+        train_model(model, dataset.measured.subset(dataset.measured.label != "normal") + loud, seed=0)
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_every_known_bearing_record_has_the_facts_of_the_staged_table(public_dat
             row["load_hp"],
         )
         assert (record.kilohertz * 1000, record.specimen) == (int(row["fs_hz"]), row["bearing_id"])
-        assert record.place == row["or_position"]
+        assert record.position == row["or_position"]
         assert record.end == (row["faulty_end"] if row["faulty_end"] != "none" else "DE")
     assert sum(len(group) for group in records.values()) == 161 + 4  # the set has 161; the normal ones at both ends
 

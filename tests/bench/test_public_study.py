@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from swashtwin.bench import run_public, run_scarce
 from swashtwin.bench.public.estimators import ESTIMATORS, GrowingSigns, SharedWeights
-from swashtwin.bench.public.filling import FILLINGS
+from swashtwin.bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin.bench.public.plant_motors import motor_questions
 from swashtwin.bench.public.question import Fold, Question, Setting, Units
 from swashtwin.bench.public.validation import choose, leaky_scores, score_fold
@@ -69,7 +69,7 @@ def test_a_speed_never_trained_on_is_told_by_the_slip_where_usual_trees_fail(mad
 def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recording(small: Path) -> None:
     pytest.importorskip("imblearn")
     study = run_scarce(small, seeds=[0])
-    rows = {(row["kept"], row["filling"]): row for row in study.rows()}
+    rows = {(row["measured"], row["filler"]): row for row in study.rows()}
     assert len(rows) == 11
     assert len(rows["none", "SMOTE"]["scarce_recall"]["values"]) == 6
     assert rows["every recording", "nothing"]["balanced_accuracy"]["mean"] > 0
@@ -83,7 +83,7 @@ def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
     def broken(*told: object) -> np.ndarray:
         raise ValueError("broken")
 
-    monkeypatch.setitem(FILLINGS, name, broken)
+    monkeypatch.setitem(FEATURE_FILLERS, name, broken)
     with pytest.raises(ValueError, match="broken"):
         run_scarce(small, seeds=[0])
 

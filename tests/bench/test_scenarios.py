@@ -29,31 +29,31 @@ def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> N
 
 @pytest.mark.parametrize("seed", range(5))
 def test_one_recording_of_one_pump_fills_the_scarce_cell(recordings: list[Recording], seed: int) -> None:
-    material = prepare(recordings, TINY, seed, ())
-    own = material.measured.label == "swash_plate"
-    scarce = material.measured.subset(own & (material.measured.discharge_pressure > 12e6))
+    dataset = prepare(recordings, TINY, seed, ())
+    own = dataset.measured.label == "swash_plate"
+    scarce = dataset.measured.subset(own & (dataset.measured.discharge_pressure > 12e6))
     assert len(scarce) == 3
     assert len(set(scarce.recording_id)) == 1
 
 
 def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(recordings: list[Recording]) -> None:
-    material = prepare(recordings, TINY, 0, ())
-    references = [one for one in recordings if one.recording_id in material.split.references]
+    dataset = prepare(recordings, TINY, 0, ())
+    references = [one for one in recordings if one.recording_id in dataset.split.references]
     assert references
     assert {one.label for one in references} == {"normal"}
-    assert not {one.specimen for one in references} & set(material.measured.specimen)
-    tested = {name for test in material.tests.values() for name in test.recording_id.tolist()}
-    assert not tested & material.split.references
-    assert set(material.roles()["reference"]) <= set(material.manifest)
+    assert not {one.specimen for one in references} & set(dataset.measured.specimen)
+    tested = {name for test in dataset.tests.values() for name in test.recording_id.tolist()}
+    assert not tested & dataset.split.references
+    assert set(dataset.roles()["reference"]) <= set(dataset.manifest)
 
 
 def test_case_two_trains_on_no_measured_window_of_the_missing_cell(recordings: list[Recording]) -> None:
     scenario = tiny("case2").scenario
     assert plan_of("case2", "paper").scenario.test_windows == 50
     assert plan_of("case2", "paper").scenario.synthetic == 200
-    material = prepare(recordings, scenario, 0, ())
-    assert material.measured.counts()["swash_plate", 15e6] == 0
-    assert material.measured.counts()["swash_plate", 10e6] > 0
+    dataset = prepare(recordings, scenario, 0, ())
+    assert dataset.measured.counts()["swash_plate", 15e6] == 0
+    assert dataset.measured.counts()["swash_plate", 10e6] > 0
     used = {r.recording_id for task in calibration_tasks(recordings, scenario, 0) for r in task.recordings}
     assert used
     assert not any("swash_plate_15MPa" in name for name in used)
@@ -92,5 +92,5 @@ def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrat
 
 def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
     kept = [r for r in recordings if r.label != "valve_plate"]
-    material = prepare(kept, TINY, 0, ())
-    assert material.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")
+    dataset = prepare(kept, TINY, 0, ())
+    assert dataset.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

@@ -44,7 +44,7 @@ def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTabl
 
 
 def test_errors_coverage_and_ranks_are_those_of_the_cases() -> None:
-    other = replace(CASE, recording_id="b", truth=1.2e-4, found=6e-5, low=5e-5, high=7e-5, detected=False)
+    other = replace(CASE, recording_id="b", truth=1.2e-4, estimate=6e-5, low=5e-5, high=7e-5, detected=False)
     healthy = replace(CASE, recording_id="c", truth=0.0, detected=False)
     values = _values([CASE, other, healthy])
     assert values["coverage"] == 0.5

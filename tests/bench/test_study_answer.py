@@ -7,7 +7,7 @@ from made_runs import run
 from swashtwin.bench import models_of, plan_of
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.results.study_answer import study_answer
-from swashtwin.bench.studies.runner import assembled
+from swashtwin.bench.studies.runner import assemble_result
 
 
 def fixed(accuracies: dict[str, tuple[float, ...]], rival: float = 0.0) -> tuple[str, ...]:
@@ -21,7 +21,7 @@ def fixed(accuracies: dict[str, tuple[float, ...]], rival: float = 0.0) -> tuple
 
     runs = [made(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
     runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
-    return study_answer(assembled(plan_of("case1", "quick"), runs))
+    return study_answer(assemble_result(plan_of("case1", "quick"), runs))
 
 
 def test_the_answer_gives_the_difference_paired_by_seed():
@@ -65,7 +65,7 @@ def test_one_seed_settles_nothing():
 
 def test_training_sets_under_different_seeds_are_not_compared():
     runs = [run("measured", 0, 0.5, levels=("L2",)), run("calibrated", 1, 0.9, levels=("L2",))]
-    lead, *_ = study_answer(assembled(plan_of("case1", "quick"), runs))
+    lead, *_ = study_answer(assemble_result(plan_of("case1", "quick"), runs))
     assert "calibrated has no seed in common with measured only" in lead
     assert "nan" not in lead
 
@@ -82,15 +82,14 @@ def test_a_rival_that_does_better_is_told_at_once():
 def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals():
     skills = {"tcn": {"measured": 0.4, "calibrated": 0.6}, "lstm": {"measured": 0.9, "calibrated": 0.8}}
     runs = []
-    for place, (classifier, accuracies) in enumerate(skills.items()):
+    for classifier, accuracies in skills.items():
         for name, accuracy in accuracies.items():
             base = run(name, 0, 0.5, classifier, ("L2",))
-            one = base.outcomes[0]
-            scores = replace(one.scores, accuracy=accuracy)
-            task = replace(base.task, place=place)
-            runs.append(replace(base, task=task, outcomes=(replace(one, scores=scores),)))
+            outcome = base.outcomes[0]
+            scores = replace(outcome.scores, accuracy=accuracy)
+            runs.append(replace(base, outcomes=(replace(outcome, scores=scores),)))
     plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
-    found = assembled(plan, runs)
+    found = assemble_result(plan, runs)
     assert {one.classifier for one in found.outcomes} == {"tcn"}
     lead, details, _ = study_answer(found)
     assert "at L2 calibrated scored higher than measured only by 20.0 points" in lead
@@ -101,7 +100,7 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
 def test_a_rival_of_fewer_seeds_is_not_put_beside_the_mean_of_all():
     runs = [run("calibrated", seed, (0.9, 0.5)[seed], levels=("L2",)) for seed in (0, 1)]
     rival = run("calibrated", 0, 0.95, "extra_trees", ("L2",))
-    lead, details, _ = study_answer(assembled(plan_of("case1", "quick"), [*runs, rival]))
+    lead, details, _ = study_answer(assemble_result(plan_of("case1", "quick"), [*runs, rival]))
     assert "beaten" not in lead
     assert "Best rival" not in details
 
@@ -121,7 +120,7 @@ def test_the_best_row_is_one_of_all_seeds_and_the_nearest_classifiers_are_told()
         for seed, skill in enumerate(values)
     ]
     plan = plan_of("algorithms", "quick")
-    (told,) = assembled(replace(plan, models=models_of("quick", skills)), runs).answer
+    (told,) = assemble_result(replace(plan, models=models_of("quick", skills)), runs).answer
     assert "highest accuracy of those of 2 seeds" in told
     assert "(BiTCN on levels (ours), with calibrated twin)" in told.split(". ")[0]
     places = [told.index(f"less {name}") for name in ("ResNet1d", "WDCNN", "TCN", "MLP")]

@@ -30,7 +30,7 @@ def tried(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     few = {"windows": 2, "scarce_windows": 3, "held_out": 1}
     monkeypatch.setitem(SCENARIOS, "quick", replace(SCENARIOS["quick"], **few))
-    monkeypatch.setattr(tuning, "validated", scored)
+    monkeypatch.setattr(tuning, "validate", scored)
     return models
 
 
@@ -57,7 +57,7 @@ def test_the_first_candidate_is_the_studys_own_model_unchanged(
     assert tried[0][0] == own
     assert own not in [model for model, *_ in tried[1:]]
     candidates = found.details["candidates"]
-    assert [one["own"] for one in candidates] == [True, False, False]
+    assert [one["unchanged"] for one in candidates] == [True, False, False]
     assert candidates[0]["settings"]["weight_decay"] == own.training.weight_decay
 
 
@@ -68,13 +68,13 @@ def test_an_interrupt_does_not_lose_the_studys_own_model(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(tuning, "validated", interrupted)
+        patched.setattr(tuning, "validate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
     found = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
     own = MODELS["quick"]["bitcn"]
     assert [model == own for model, *_ in tried] == [True, False]
-    (marked,) = [one for one in found.details["candidates"] if one["own"]]
+    (marked,) = [one for one in found.details["candidates"] if one["unchanged"]]
     assert f"the study's own settings: {np.mean(marked['recall']):.3f}" in found.answer[0]
 
 

@@ -10,7 +10,7 @@ from tiny_case import TINY, tiny
 from swashtwin.bench import plan_of, run_plan
 from swashtwin.bench.studies.dataset import prepare, read_for
 from swashtwin.bench.studies.scenario import Scenario
-from swashtwin.bench.studies.training_sets import PAPER_FILLINGS, Filling
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TrainingSet
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
@@ -83,18 +83,24 @@ def test_settings_along_time_are_told_as_ever() -> None:
 
 
 def test_the_study_compares_the_angle_with_time(two_classes: list[Recording]) -> None:
-    plan = tiny("shaft-angle", fillings={"nominal": PAPER_FILLINGS["nominal"]})
+    plan = tiny("shaft-angle", training_sets={"nominal": PAPER_TRAINING_SETS["nominal"]})
     result = run_plan(plan, two_classes)
     assert {row["domain"] for row in result.rows()} == {"time", "angle"}
     compared = {(dict(one.first)["domain"], dict(one.second)["domain"]) for one in result.contrasts}
     assert compared == {("angle", "time")}
-    by_domain = {run.task.factors["domain"]: run for run in result.runs if run.task.factors["classifier"] == result.own}
+    by_domain = {
+        run.task.factors["domain"]: run
+        for run in result.runs
+        if run.task.factors["classifier"] == result.main_classifier
+    }
     assert by_domain["time"].fingerprints["train"] != by_domain["angle"].fingerprints["train"]
     assert result.settings["variants"] == {"time": {}, "angle": {"along_angle": True}}
     assert by_domain["time"].roles == by_domain["angle"].roles
 
 
-@pytest.mark.parametrize("noisy", [{"snrs": (5.0,)}, {"fillings": {"noisy": Filling("calibrated", noise=True)}}])
+@pytest.mark.parametrize(
+    "noisy", [{"snrs": (5.0,)}, {"training_sets": {"noisy": TrainingSet("calibrated", noise=True)}}]
+)
 def test_noise_along_the_angle_is_refused(noisy: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="plans with noise cut windows along time"):
         replace(plan_of("shaft-angle", "quick"), **noisy)
@@ -167,9 +173,7 @@ def test_what_cannot_be_put_along_the_angle_is_named_with_a_way_out(changes: dic
 def test_a_recording_that_cannot_be_followed_stops_the_study_before_its_calibrations(
     recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "swashtwin.bench.studies.runner.carry_out_calibration", lambda *_: pytest.fail("was calibrated")
-    )
+    monkeypatch.setattr("swashtwin.bench.studies.runner.run_calibration", lambda *_: pytest.fail("was calibrated"))
     hiss = np.random.default_rng(0).standard_normal(recordings[0].signal.shape)
     name = sorted(prepare(recordings, TINY, 0, ()).split.train)[0]
     damaged = [replace(one, signal=hiss) if one.recording_id == name else one for one in recordings]

@@ -21,7 +21,7 @@ from swashtwin.bench.questions.zero_shot_data import (
     split_zero_shot,
 )
 from swashtwin.bench.questions.zero_shot_table import chosen_zero_shot
-from swashtwin.bench.studies.twin_draws import any_fault, rig_fault, wide_fault
+from swashtwin.bench.studies.priors import any_fault, rig_fault, wide_fault
 from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin.cli.app import app
 from swashtwin.foundation import DataError

@@ -9,7 +9,7 @@ from commandline import one_line, run, run_json
 
 from swashtwin.bench import plan_of, run_plan
 from swashtwin.bench.rigs.writing import RigSize
-from swashtwin.bench.studies import runner as carrying
+from swashtwin.bench.studies import runner
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError, MPa
@@ -30,7 +30,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done, real = [], carrying.carry_out
+    done, real = [], runner.run_task
 
     def interrupted(*arguments: Any) -> Any:
         if len(done) == 1:
@@ -39,7 +39,7 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         done.append(arguments[0].key)
         return real(*arguments)
 
-    monkeypatch.setattr(carrying, "carry_out", interrupted)
+    monkeypatch.setattr(runner, "run_task", interrupted)
     words = ("study", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--models", "extra_trees")
     words = (*words, "--training-sets", "measured,nominal")
     assert "the same command resumes" in one_line(run(*words, code=130))

@@ -17,7 +17,7 @@ from swashtwin.bench import StudyResult, plan_of, rig_recordings, write_study_re
 from swashtwin.bench.results.study_figures import accuracy_drawing
 from swashtwin.bench.results.study_part import paper_words
 from swashtwin.bench.rigs.writing import RigSize
-from swashtwin.bench.studies.runner import assembled
+from swashtwin.bench.studies.runner import assemble_result
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import InputError, MPa, mm, rpm
@@ -46,7 +46,7 @@ def study(calibration) -> StudyResult:
     )
     runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
     runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
-    return assembled(plan_of("case1", "quick"), runs, calibrations=(calibration, at_10), wall_s=12.3)
+    return assemble_result(plan_of("case1", "quick"), runs, calibrations=(calibration, at_10), wall_s=12.3)
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +132,8 @@ def test_bars_of_several_classifiers_are_not_pooled():
     runs = [run(name, 0, 0.9) for name in sets]
     runs += [run(name, 0, 0.1, "extra_trees") for name in sets]
     runs = [replace(run, task=replace(run.task, study="unseen-pressure")) for run in runs]
-    result = assembled(plan_of("unseen-pressure", "quick"), runs)
-    assert result.own == "spectral_bitcn"
+    result = assemble_result(plan_of("unseen-pressure", "quick"), runs)
+    assert result.main_classifier == "spectral_bitcn"
     drawing = accuracy_drawing(replace(result, rival_names=()), "study")
     assert set(drawing.columns["classifier"]) == {"spectral_bitcn"}
     assert min(value for value in drawing.columns["value"] if value == value) > 0.7
@@ -194,7 +194,7 @@ def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
         replace(r, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in r.outcomes), embedding=None)
         for r in study.runs[:4]
     ]
-    without = assembled(plan_of("case1", "quick"), runs)
+    without = assemble_result(plan_of("case1", "quick"), runs)
     page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page

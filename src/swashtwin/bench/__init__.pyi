@@ -2,8 +2,8 @@
 
 from .fillers.registry import FILLERS as FILLERS
 from .public.readers.registry import read_public_set as read_public_set
-from .public.running import run_public as run_public
 from .public.scarce import run_scarce as run_scarce
+from .public.study import run_public as run_public
 from .questions.calibration import CONTENDERS as CONTENDERS
 from .questions.calibration import CalibrationStudySettings as CalibrationStudySettings
 from .questions.calibration import run_calibration_study as run_calibration_study
@@ -25,13 +25,13 @@ from .rigs.writing import SIZES as SIZES
 from .rigs.writing import build_rig as build_rig
 from .rigs.writing import rig_recordings as rig_recordings
 from .rivals.models import models_of as models_of
-from .studies.collect import gathered as gathered
+from .studies.collect import collect_studies as collect_studies
 from .studies.plan import Plan as Plan
 from .studies.registry import plan_of as plan_of
 from .studies.registry import run_study as run_study
 from .studies.runner import run_plan as run_plan
 from .studies.sources import Fleets as Fleets
-from .studies.sources import Known as Known
+from .studies.sources import SameRecordings as SameRecordings
 from .studies.sources import require_rig as require_rig
 from .studies.workers import Workers as Workers
 
@@ -44,13 +44,13 @@ __all__ = [
     "CalibrationStudySettings",
     "ConfidenceStudySettings",
     "Fleets",
-    "Known",
     "Plan",
+    "SameRecordings",
     "StudyResult",
     "StudyTable",
     "Workers",
     "build_rig",
-    "gathered",
+    "collect_studies",
     "models_of",
     "plan_of",
     "read_public_set",

@@ -137,7 +137,7 @@ def _carry_out(
     device: str,
     as_json: bool,
 ) -> None:
-    from swashtwin.bench import Fleets, Known, run_plan
+    from swashtwin.bench import Fleets, SameRecordings, run_plan
     from swashtwin.recordings import read_recordings
 
     hint = (
@@ -151,7 +151,7 @@ def _carry_out(
             bar(done, total, f"{plan.study}: {what}")
 
         if source is not None:
-            data: Known | Fleets = Known(read_recordings(source))
+            data: SameRecordings | Fleets = SameRecordings(read_recordings(source))
         else:
             rig = {"quick": "small", "paper": "paper"}[plan.size]
             data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: told("recording on the rig", *count))

@@ -15,9 +15,9 @@ def report(
     as_json: Json = False,
 ) -> None:
     """Gather every finished run of a folder into one page: tables and figures, the paper's figures beside ours."""
-    from swashtwin.bench import gathered, write_study_report
+    from swashtwin.bench import collect_studies, write_study_report
 
-    found = gathered(folder)
+    found = collect_studies(folder)
     page = write_study_report(*found, folder=out)
     studies = [
         {

@@ -21,6 +21,7 @@ from .files import replacing as replacing
 from .files import sha256_of as sha256_of
 from .files import whole_folder as whole_folder
 from .files import write_text as write_text
+from .multiple_testing import holm_correction as holm_correction
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .units import MPa as MPa
@@ -54,6 +55,7 @@ __all__ = [
     "deg",
     "derive_seed",
     "hertz",
+    "holm_correction",
     "is_unit",
     "mm",
     "named",

@@ -61,9 +61,9 @@ class CVAE:
             adam.step()
             falling.step()
 
-        def draw(asked: Tensor, random: torch.Generator) -> Tensor:
-            z = torch.randn(len(asked), self.latent, generator=random)
-            noise = torch.randn(len(asked), size, generator=random)
-            return decoder(torch.cat([z, asked], dim=1)) + torch.exp(log_deviation) * noise
+        def draw(condition: Tensor, random: torch.Generator) -> Tensor:
+            z = torch.randn(len(condition), self.latent, generator=random)
+            noise = torch.randn(len(condition), size, generator=random)
+            return decoder(torch.cat([z, condition], dim=1)) + torch.exp(log_deviation) * noise
 
         return draw

@@ -44,7 +44,7 @@ class Diffusion:
         network = dense(
             (size + given + 2 * _HARMONICS, *(self.width,) * 3, size), derive_seed(batches.seed, "denoiser")
         )
-        kept = _kept(self.levels)
+        kept_share = _kept_share(self.levels)
         least, most = scores.min(dim=0).values, scores.max(dim=0).values
         adam = torch.optim.Adam(network.parameters(), self.learning_rate)
         falling = torch.optim.lr_scheduler.CosineAnnealingLR(adam, self.steps)
@@ -53,18 +53,18 @@ class Diffusion:
             x, c = scores[chosen], condition[chosen]
             level = torch.randint(self.levels, (len(x),), generator=random)
             noise = torch.randn(x.shape, generator=random)
-            share = kept[level + 1, None]
-            told = self._told(network, share.sqrt() * x + (1 - share).sqrt() * noise, c, level)
+            share = kept_share[level + 1, None]
+            prediction = self._predict(network, share.sqrt() * x + (1 - share).sqrt() * noise, c, level)
             adam.zero_grad()
-            (told - x).square().mean().backward()
+            (prediction - x).square().mean().backward()
             adam.step()
             falling.step()
 
-        def draw(asked: Tensor, random: torch.Generator) -> Tensor:
-            x = torch.randn(len(asked), size, generator=random)
+        def draw(condition: Tensor, random: torch.Generator) -> Tensor:
+            x = torch.randn(len(condition), size, generator=random)
             for level in reversed(range(self.levels)):
-                now, before = kept[level + 1], kept[level]
-                clean = self._told(network, x, asked, torch.full((len(asked),), level)).clamp(least, most)
+                now, before = kept_share[level + 1], kept_share[level]
+                clean = self._predict(network, x, condition, torch.full((len(condition),), level)).clamp(least, most)
                 step = 1 - now / before
                 x = (before.sqrt() * step * clean + (now / before).sqrt() * (1 - before) * x) / (1 - now)
                 if level:
@@ -73,7 +73,7 @@ class Diffusion:
 
         return draw
 
-    def _told(self, network: nn.Module, x: Tensor, condition: Tensor, level: Tensor) -> Tensor:
+    def _predict(self, network: nn.Module, x: Tensor, condition: Tensor, level: Tensor) -> Tensor:
         """The scores that the network hears in `x`."""
         angle = math.pi * level[:, None] / self.levels * 2.0 ** torch.arange(_HARMONICS)
         return network(torch.cat([x, condition, angle.sin(), angle.cos()], dim=1))
@@ -83,7 +83,7 @@ _HARMONICS = 5
 """Sines and cosines that tell the network the level of noise."""
 
 
-def _kept(levels: int) -> Tensor:
+def _kept_share(levels: int) -> Tensor:
     """Share of the power that is still the window's after none, one, ... all levels of noise."""
     course = torch.cos((torch.linspace(0, 1, levels + 1) + 0.008) / 1.008 * math.pi / 2).square()
     return (course / course[0]).clamp(min=1e-4)

@@ -57,9 +57,9 @@ class Conditions:
     @classmethod
     def fitted(cls, windows: WindowSet) -> "Conditions":
         """Those of training windows."""
-        known = np.log(windows.discharge_pressure[np.isfinite(windows.discharge_pressure)])
-        spread = float(known.std()) if known.size else 0.0
-        return cls(len(windows.classes), float(known.mean()) if known.size else 0.0, spread or 1.0)
+        log_pressures = np.log(windows.discharge_pressure[np.isfinite(windows.discharge_pressure)])
+        spread = float(log_pressures.std()) if log_pressures.size else 0.0
+        return cls(len(windows.classes), float(log_pressures.mean()) if log_pressures.size else 0.0, spread or 1.0)
 
     def encoded(
         self, target: Int64[np.ndarray, " window"], pressure: Float[np.ndarray, " window"]
@@ -120,41 +120,43 @@ def filled_by(
     require_count(count)
     sources_of(train, label, pressure)
     measured = train.subset(~train.synthetic & (train.target >= 0))
-    form, conditions, draw = _learnt(model, _Known(measured, measured.fingerprint()), derive_seed(seed, name))
-    place = draw_indices(np.flatnonzero(measured.label == label), label, count, seed)
-    asked = conditions.encoded(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
+    form, conditions, draw = _learnt(model, _HashableWindows(measured, measured.fingerprint()), derive_seed(seed, name))
+    indices = draw_indices(np.flatnonzero(measured.label == label), label, count, seed)
+    conditions_wanted = conditions.encoded(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
     random = torch.Generator().manual_seed(derive_seed(seed, name, "draw", label, pressure))
     with torch.no_grad():
-        scores = draw(_tensor(asked), random).numpy().astype(float)
-    known = conditions.encoded(measured.target[place], measured.discharge_pressure[place])
-    rings = form.rebuild(scores, asked, periodic_extensions(measured, place, form.length), known)
-    signal = cut_extensions(rings, measured, place, stream(seed, name, "angle", label, pressure))
-    return fill_cell(signal, place, train=measured, name=name, label=label, pressure=pressure, seed=seed)
+        scores = draw(_tensor(conditions_wanted), random).numpy().astype(float)
+    conditions_measured = conditions.encoded(measured.target[indices], measured.discharge_pressure[indices])
+    extensions = form.rebuild(
+        scores, conditions_wanted, periodic_extensions(measured, indices, form.length), conditions_measured
+    )
+    signal = cut_extensions(extensions, measured, indices, stream(seed, name, "angle", label, pressure))
+    return fill_cell(signal, indices, train=measured, name=name, label=label, pressure=pressure, seed=seed)
 
 
 @dataclass(frozen=True)
-class _Known:
+class _HashableWindows:
     """Windows that are equal where their readings and facts are."""
 
     windows: WindowSet
     fingerprint: str
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Known) and self.fingerprint == other.fingerprint
+        return isinstance(other, _HashableWindows) and self.fingerprint == other.fingerprint
 
     def __hash__(self) -> int:
         return hash(self.fingerprint)
 
 
 @lru_cache(maxsize=1)
-def _learnt(model: Generative, known: _Known, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
-    windows = known.windows
+def _learnt(model: Generative, data: _HashableWindows, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
+    windows = data.windows
     lengths = [extension_length(windows, i) for i in range(len(windows))]
-    rings = periodic_extensions(windows, np.arange(len(windows)), max(lengths))
+    extensions = periodic_extensions(windows, np.arange(len(windows)), max(lengths))
     conditions = Conditions.fitted(windows)
     condition = conditions.encoded(windows.target, windows.discharge_pressure)
-    form = SpectralForm.fit(rings, condition, model.components, seed)
-    scores = form.scores(rings, condition)
+    form = SpectralForm.fit(extensions, condition, model.components, seed)
+    scores = form.scores(extensions, condition)
     return form, conditions, model.learnt(_tensor(scores), _tensor(condition), Batches.fitted(windows, seed))
 
 

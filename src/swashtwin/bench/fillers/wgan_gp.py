@@ -49,38 +49,38 @@ class WGANGP:
         generator = dense((self.latent + given, *hidden, size), derive_seed(batches.seed, "generator"))
         critic = dense((size + given, *hidden, 1), derive_seed(batches.seed, "critic"))
         making, judging = (
-            torch.optim.Adam(one.parameters(), self.learning_rate, (0.0, 0.9)) for one in (generator, critic)
+            torch.optim.Adam(network.parameters(), self.learning_rate, (0.0, 0.9)) for network in (generator, critic)
         )
-        falling = [torch.optim.lr_scheduler.CosineAnnealingLR(one, self.steps) for one in (making, judging)]
+        falling = [torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.steps) for optimizer in (making, judging)]
         random = torch.Generator().manual_seed(derive_seed(batches.seed, "noise"))
 
-        def draw(asked: Tensor, random: torch.Generator) -> Tensor:
-            z = torch.randn(len(asked), self.latent, generator=random)
-            return generator(torch.cat([z, asked], dim=1))
+        def draw(condition: Tensor, random: torch.Generator) -> Tensor:
+            z = torch.randn(len(condition), self.latent, generator=random)
+            return generator(torch.cat([z, condition], dim=1))
 
         order = batches.drawn(self.steps * (self.critic_steps + 1), self.batch)
         for chosen in order.reshape(self.steps, self.critic_steps + 1, self.batch):
-            for own in chosen[1:]:
-                x, c = scores[own], condition[own]
-                made = draw(c, random).detach()
-                judged = critic(torch.cat([torch.cat([made, x]), torch.cat([c, c])], dim=1))
+            for batch in chosen[1:]:
+                x, c = scores[batch], condition[batch]
+                generated = draw(c, random).detach()
+                judged = critic(torch.cat([torch.cat([generated, x]), torch.cat([c, c])], dim=1))
                 loss = judged[: self.batch].mean() - judged[self.batch :].mean()
                 judging.zero_grad()
-                (loss + self.penalty * _penalty(critic, x, made, c, random)).backward()
+                (loss + self.penalty * _penalty(critic, x, generated, c, random)).backward()
                 judging.step()
             c = condition[chosen[0]]
             making.zero_grad()
             (-critic(torch.cat([draw(c, random), c], dim=1)).mean()).backward()
             making.step()
-            for one in falling:
-                one.step()
+            for schedule in falling:
+                schedule.step()
         return draw
 
 
-def _penalty(critic: nn.Module, real: Tensor, made: Tensor, condition: Tensor, random: torch.Generator) -> Tensor:
+def _penalty(critic: nn.Module, real: Tensor, generated: Tensor, condition: Tensor, random: torch.Generator) -> Tensor:
     """Mean square by which the critic's slope leaves 1 between measured and made scores."""
     share = torch.rand(len(real), 1, generator=random)
-    between = (share * real + (1 - share) * made).requires_grad_()
+    between = (share * real + (1 - share) * generated).requires_grad_()
     judged = critic(torch.cat([between, condition], dim=1)).sum()
     (slope,) = torch.autograd.grad(judged, between, create_graph=True)
     return (slope.norm(dim=1) - 1).square().mean()

@@ -27,13 +27,13 @@ _ESTIMATORS = ("shared weights 0.01", "shared weights 0.1", "shared weights 1")
 
 def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The questions ``cwru/size`` (drive end) and ``cwru/drive_to_fan``."""
-    asked = [recording for recording in recordings if _is_asked(recording)]
-    if not asked:
+    selected = [recording for recording in recordings if _is_asked(recording)]
+    if not selected:
         raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
-    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in asked)
-    features = {name: np.concatenate([one[name] for one in described]) for name in described[0]}
-    units = units_of(asked, _group, lambda one: one.attributes["fault_size_mil"], features, _STRETCHES)
-    windows = usual_windows(asked, _WINDOW, _group)
+    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in selected)
+    features = {name: np.concatenate([table[name] for table in described]) for name in described[0]}
+    units = units_of(selected, _group, lambda recording: recording.attributes["fault_size_mil"], features, _STRETCHES)
+    windows = usual_windows(selected, _WINDOW, _group)
     settings = tuple(Setting(name, estimator) for name in features for estimator in _ESTIMATORS)
     drive, fan = (frozenset(f"{end} {size}" for size in _SIZES) for end in ("DE", "FE"))
     sizes = tuple(Fold(f"{size} mil", drive - {f"DE {size}"}, frozenset({f"DE {size}"})) for size in _SIZES)
@@ -62,16 +62,16 @@ def _described(recording: Recording) -> dict[str, Float[np.ndarray, "stretch fea
     """For each way of taking the envelope: greatest and mean prominence over the bands, seat after seat."""
     shaft, orders = stated_speed(recording), BEARINGS[_BEARING[recording.attributes["end"]]]
     length = round(_STRETCH * recording.sample_rate)
-    readings = recording.signal.shape[1]
-    if shaft is None or readings < length:
+    count = recording.signal.shape[1]
+    if shaft is None or count < length:
         raise DataError(f"{recording.recording_id} must state its speed and last {_STRETCH:g} s.")
-    starts = np.linspace(0, readings - length, _STRETCHES).astype(int)
-    found: dict[str, list[np.ndarray]] = {}
+    starts = np.linspace(0, count - length, _STRETCHES).astype(int)
+    features: dict[str, list[np.ndarray]] = {}
     for start in starts:
         stretch = recording.signal[:, start : start + length]
         for whitened, signal in (("as measured", stretch), ("prewhitened", prewhitened(stretch))):
             for name, bands in _BANDS.items():
                 measures = defect_prominences(signal[0], recording.sample_rate, shaft, orders, bands)
                 parts = [measures.max(axis=0)] if len(measures) == 1 else [measures.max(axis=0), measures.mean(axis=0)]
-                found.setdefault(f"{name}, {whitened}", []).append(np.concatenate(parts, axis=1).ravel())
-    return {name: np.array(rows) for name, rows in found.items()}
+                features.setdefault(f"{name}, {whitened}", []).append(np.concatenate(parts, axis=1).ravel())
+    return {name: np.array(rows) for name, rows in features.items()}

@@ -22,11 +22,11 @@ _ORDERS = np.array([1, 2, 3, 6, 12, 18])
 def cavitation_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The question ``pump_cavitation/speed``."""
     described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in recordings)
-    slip, shape = np.array([one[0] for one in described])[:, None], np.array([one[1] for one in described])
+    slip, shape = np.array([pair[0] for pair in described])[:, None], np.array([pair[1] for pair in described])
     features = {"load by slip": slip, "shape of spectrum": shape, "both": np.concatenate([slip, shape], axis=1)}
     units = units_of(recordings, _speed, _speed, features)
     speeds = sorted(set(units.group.tolist()), key=lambda text: parse(text, "rad/s"))
-    folds = tuple(Fold(held, frozenset(speeds) - {held}, frozenset({held})) for held in speeds)
+    folds = tuple(Fold(speed, frozenset(speeds) - {speed}, frozenset({speed})) for speed in speeds)
     estimators = ("linear discriminant", "logistic 1", "extra trees")
     settings = [Setting("load by slip", name) for name in estimators]
     settings += [
@@ -42,10 +42,10 @@ def _speed(recording: Recording) -> str:
 
 def _described(recording: Recording) -> tuple[float, Float[np.ndarray, " feature"]]:
     """(load coefficient by slip [1e-6 s/rad], lines and bands relative to each channel's whole power)."""
-    found = motor_slip(recording.signal, recording.sample_rate, parse(_speed(recording), "rad/s"))
-    shaft = found.speed / (2 * np.pi)
+    slip = motor_slip(recording.signal, recording.sample_rate, parse(_speed(recording), "rad/s"))
+    shaft = slip.speed / (2 * np.pi)
     lines = order_spectrum(recording.signal, recording.sample_rate, shaft, _ORDERS).amplitude
     power = recording.signal.var(axis=1, keepdims=True)
     relative = np.log10(np.maximum(lines**2 / power, 1e-6))
     bands = band_energies(recording.signal, 12) - np.log10(power)
-    return 1e6 * found.load_coefficient, np.concatenate([relative, bands], axis=1).ravel()
+    return 1e6 * slip.load_coefficient, np.concatenate([relative, bands], axis=1).ravel()

@@ -34,9 +34,9 @@ class SharedWeights(ClassifierMixin, BaseEstimator):
         """The estimator, fitted on columns class after class (sorted names), each with the same measures."""
         self.classes_, target, count = np.unique(y, return_inverse=True, return_counts=True)
         measures = X.reshape(len(X), len(self.classes_), -1)
-        own = np.take_along_axis(measures, target[:, None, None], axis=1)
+        of_class = np.take_along_axis(measures, target[:, None, None], axis=1)
         unit, other = np.nonzero(np.arange(len(self.classes_)) != target[:, None])
-        against = own[unit, 0] - measures[unit, other]
+        against = of_class[unit, 0] - measures[unit, other]
         self.scale_ = np.maximum(against.std(axis=0), 1e-12)
         pairs = np.concatenate([against, -against]) / self.scale_
         won = np.repeat([1, 0], len(against))
@@ -77,14 +77,14 @@ class GrowingSigns(ClassifierMixin, BaseEstimator):
         """The estimator, fitted on columns each of which grows with a fault."""
         self.classes_ = np.unique(y)
         self.mean_, self.scale_ = X.mean(axis=0), np.maximum(X.std(axis=0), 1e-12)
-        known, side = (X - self.mean_) / self.scale_, np.where(y == self.faulty, 1.0, -1.0)
+        scaled, side = (X - self.mean_) / self.scale_, np.where(y == self.faulty, 1.0, -1.0)
         share = np.where(side > 0, (side > 0).mean(), (side < 0).mean())
 
         def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
-            margin = side * (known @ weights[:-1] + weights[-1])
+            margin = side * (scaled @ weights[:-1] + weights[-1])
             pull = -side * expit(-margin) / (2 * share)
             penalty = 0.5 / self.strength * weights[:-1] @ weights[:-1]
-            slope = np.append(pull @ known + weights[:-1] / self.strength, pull.sum())
+            slope = np.append(pull @ scaled + weights[:-1] / self.strength, pull.sum())
             return float(np.sum(np.logaddexp(0, -margin) / (2 * share)) + penalty), slope
 
         bounds = [(0.0, None)] * X.shape[1] + [(None, None)]

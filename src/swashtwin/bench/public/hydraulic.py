@@ -46,7 +46,9 @@ def _folds(units: Units) -> tuple[Fold, ...]:
     if len(groups) < 2:
         raise DataError("the cycles are of one group only, so nothing can be held out; take the whole set.")
     if len(groups) <= 3:
-        return tuple(Fold(str(one), frozenset(groups.tolist()) - {str(one)}, frozenset({str(one)})) for one in groups)
+        return tuple(
+            Fold(str(group), frozenset(groups.tolist()) - {str(group)}, frozenset({str(group)})) for group in groups
+        )
     ids = np.array([int(text) for text in units.group])
     sides = GroupKFold(5).split(np.zeros(len(ids)), units.label, ids)
     return tuple(

@@ -104,9 +104,9 @@ def motor_slip(
     resolved = _RESOLVED * sample_rate / signal.shape[1]
     turning, counted = np.zeros_like(lag), np.zeros_like(lag)
     for order in _SHAFT_MULTIPLES:
-        own = (lag * order > resolved) if order in orders else np.ones_like(possible)
-        turning += np.where(own, np.interp(order * tried, frequency, level)[None, :], 0.0)
-        counted += own
+        is_resolved = (lag * order > resolved) if order in orders else np.ones_like(possible)
+        turning += np.where(is_resolved, np.interp(order * tried, frequency, level)[None, :], 0.0)
+        counted += is_resolved
     together = np.where(possible, field[:, None] / len(orders) + turning / np.maximum(counted, 1), -np.inf)
     first, second = np.unravel_index(int(together.argmax()), together.shape)
     clearness = float(together[first, second]) / 2
@@ -117,14 +117,14 @@ def _levels(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, top: float
 ) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, " line"]]:
     """Frequencies [Hz] up to `top`, and the logarithm of the power there over the level about it."""
-    readings = signal.shape[1]
-    centered = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(readings)
-    power = np.abs(np.fft.rfft(centered, _PADDING * readings, axis=1)) ** 2
-    width = sample_rate / (_PADDING * readings)
+    count = signal.shape[1]
+    centered = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(count)
+    power = np.abs(np.fft.rfft(centered, _PADDING * count, axis=1)) ** 2
+    width = sample_rate / (_PADDING * count)
     power = power[:, : math.ceil(top / width) + 1]
     size = max(3, round(_NEIGHBORHOOD / width / _PADDING))
     nearby = scipy.ndimage.median_filter(power[:, ::_PADDING], (1, size), mode="nearest")
-    place = np.arange(power.shape[1])
-    level = np.array([np.interp(place, place[::_PADDING], row) for row in nearby]) / math.log(2)
+    bins = np.arange(power.shape[1])
+    level = np.array([np.interp(bins, bins[::_PADDING], row) for row in nearby]) / math.log(2)
     mean = np.mean(power / np.maximum(level, 1e-300), axis=0)
-    return place * width, np.log(np.maximum(mean, 1e-300))
+    return bins * width, np.log(np.maximum(mean, 1e-300))

@@ -27,7 +27,7 @@ _QUARTERS = 4
 _HIGH = 200.0
 """Where the band of the bearings begins [Hz]."""
 _SHAFT = (47.0, 51.0)
-_LINE, _APART, _NEAR = 0.6, 1.5, 8.0
+_LINE, _BESIDE, _NEAR = 0.6, 1.5, 8.0
 """Half-width of a line, how far its neighborhood keeps off it, and how far it reaches [Hz]."""
 
 
@@ -36,7 +36,7 @@ def motor_questions(recordings: Sequence[Recording], jobs: int) -> list[Question
     del jobs  # nothing here takes long
     signs = np.stack([_fault_signs(recording) for recording in recordings])
     quarter = _quarters(recordings)
-    units = units_of(recordings, _block, lambda one: quarter[one.recording_id], {"signs of faults": signs})
+    units = units_of(recordings, _block, lambda recording: quarter[recording.recording_id], {"signs of faults": signs})
     settings = tuple(Setting("signs of faults", name) for name in ("growing signs 0.1", "growing signs 1"))
     folds = tuple(Fold(" + ".join(test), frozenset(train), frozenset(test)) for train, test in _PAIRS)
     windows = usual_windows(recordings, recordings[0].signal.shape[1], _block)
@@ -79,9 +79,9 @@ class _Lines:
     @classmethod
     def of(cls, signal: np.ndarray, rate: float, shaft: float | None = None) -> "_Lines":
         """Spectrum of a signal; the shaft is the highest line that a two-pole motor on 50 Hz can have."""
-        readings = signal.shape[1]
-        frequency = np.fft.rfftfreq(readings, 1 / rate)
-        power = np.abs(np.fft.rfft(signal * np.hanning(readings), axis=1)) ** 2
+        count = signal.shape[1]
+        frequency = np.fft.rfftfreq(count, 1 / rate)
+        power = np.abs(np.fft.rfft(signal * np.hanning(count), axis=1)) ** 2
         if shaft is None:
             possible = (frequency > _SHAFT[0]) & (frequency < _SHAFT[1])
             relative = power / signal.var(axis=1, keepdims=True)
@@ -95,7 +95,7 @@ class _Lines:
     def beside(self, order: float) -> np.ndarray:
         """Median power within 8 Hz of a line, the line itself left out."""
         distance = np.abs(self.frequency - order * self.shaft)
-        return np.median(self.power[:, (distance <= _NEAR) & (distance > _APART)], axis=1)
+        return np.median(self.power[:, (distance <= _NEAR) & (distance > _BESIDE)], axis=1)
 
     def around(self, order: float) -> np.ndarray:
         """Median power within 8 Hz of a line."""
@@ -112,7 +112,7 @@ def _quarters(recordings: Sequence[Recording]) -> dict[str, str]:
     for recording in recordings:
         blocks.setdefault(_block(recording), []).append(recording)
     return {
-        recording.recording_id: f"{block} {place * _QUARTERS // len(members)}"
+        recording.recording_id: f"{block} {index * _QUARTERS // len(members)}"
         for block, members in blocks.items()
-        for place, recording in enumerate(sorted(members, key=lambda one: int(one.recording_id.split("_")[-1])))
+        for index, recording in enumerate(sorted(members, key=lambda member: int(member.recording_id.split("_")[-1])))
     }

@@ -11,14 +11,14 @@ from joblib import Parallel, delayed
 from sklearn.metrics import confusion_matrix
 
 from swashtwin.bench.public.estimators import extra_trees
-from swashtwin.bench.public.filling import FILLINGS
+from swashtwin.bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin.bench.public.readers.registry import read_public_set
 from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.foundation import VERSION, DataError, InputError, derive_seed
 from swashtwin.learning import WindowSet, cut_windows, extract_features, g_mean, recalls
 from swashtwin.synthesis import NoNeighborsError
 
-KEPT = ("every recording", "one recording", "none")
+MEASURED = ("every recording", "one recording", "none")
 """What training has of the scarce cell: all, one repeat, or nothing."""
 _WINDOW = 3281
 
@@ -52,19 +52,24 @@ def run_scarce(
     recordings = read_public_set("pump_cavitation", Path(folder) / "pump_cavitation")
     windows = cut_windows(recordings, length=_WINDOW)
     features = extract_features(windows).values
-    facts = {one.recording_id: (one.attributes["speed_nominal"], one.attributes["repeat"]) for one in recordings}
+    facts = {
+        recording.recording_id: (recording.attributes["speed_nominal"], recording.attributes["repeat"])
+        for recording in recordings
+    }
     speed, repeat = np.array([facts[name] for name in windows.recording_id.tolist()]).T
     if len(np.unique(repeat)) < 3:
         raise DataError(f"{folder}: the drill needs three repeats of each state; {len(np.unique(repeat))} are there.")
     drill = _Drill(windows, features, speed, repeat)
-    cells = sorted({(str(label), str(own)) for label, own in zip(windows.label, speed, strict=True)})
+    cells = sorted({(str(label), str(cell_speed)) for label, cell_speed in zip(windows.label, speed, strict=True)})
     tries = list(product(cells, seeds))
-    tell = progress or (lambda what, done, total: None)
+    tell = progress or (lambda what, count, total: None)
     tell("scarce cells", 0, len(tries))
-    found = Parallel(n_jobs=jobs)(delayed(drill.trials)(*cell, seed) for cell, seed in tries)
+    trials_by_cell = Parallel(n_jobs=jobs)(delayed(drill.trials)(*cell, seed) for cell, seed in tries)
     tell("scarce cells", len(tries), len(tries))
-    order = {key: place for place, key in enumerate(_rows())}
-    trials = sorted((one for part in found for one in part), key=lambda one: order[tuple(one.factors.values())])
+    order = {key: position for position, key in enumerate(_rows())}
+    trials = sorted(
+        (trial for part in trials_by_cell for trial in part), key=lambda trial: order[tuple(trial.factors.values())]
+    )
     return StudyTable(
         study="scarce",
         title="A scarce cell on a real pump, filled from data alone",
@@ -88,11 +93,11 @@ def run_scarce(
 
 
 def _rows() -> list[tuple[str, str]]:
-    return [(KEPT[0], "nothing"), *product(KEPT[1:], FILLINGS)]
+    return [(MEASURED[0], "nothing"), *product(MEASURED[1:], FEATURE_FILLERS)]
 
 
 class _Drill:
-    """Windows of the set, and what is known of each."""
+    """Windows of the set, with features, speed and repeat of each."""
 
     def __init__(
         self, windows: WindowSet, features: Float[np.ndarray, "window feature"], speed: np.ndarray, repeat: np.ndarray
@@ -100,20 +105,22 @@ class _Drill:
         self.windows, self.features, self.speed, self.repeat = windows, features, speed, repeat
 
     def trials(self, label: str, speed: str, seed: int) -> list[Trial]:
-        """Every kept part and filling of one scarce cell."""
+        """Trials of every amount of measured recordings and every filler, in one scarce cell."""
         repeats = np.unique(self.repeat)
         first = derive_seed(seed, "repeats", label, speed) % len(repeats)
-        tested, kept = repeats[first], repeats[(first + 1) % len(repeats)]
+        tested_repeat, trained_repeat = repeats[first], repeats[(first + 1) % len(repeats)]
         cell = (self.windows.label == label) & (self.speed == speed)
-        test = (self.repeat == tested) & (self.speed == speed)
-        of_kept = {
-            KEPT[0]: self.repeat != tested,
-            KEPT[1]: (self.repeat != tested) & (~cell | (self.repeat == kept)),
-            KEPT[2]: (self.repeat != tested) & ~cell,
+        test = (self.repeat == tested_repeat) & (self.speed == speed)
+        train = {
+            MEASURED[0]: self.repeat != tested_repeat,
+            MEASURED[1]: (self.repeat != tested_repeat) & (~cell | (self.repeat == trained_repeat)),
+            MEASURED[2]: (self.repeat != tested_repeat) & ~cell,
         }
         return [
-            Trial({"kept": part, "filling": filling}, seed, self._score(of_kept[part], test, cell, filling, seed))
-            for part, filling in _rows()
+            Trial(
+                {"measured": measured, "filler": filler}, seed, self._score(train[measured], test, cell, filler, seed)
+            )
+            for measured, filler in _rows()
         ]
 
     def _score(
@@ -121,23 +128,23 @@ class _Drill:
         train: Bool[np.ndarray, " window"],
         test: Bool[np.ndarray, " window"],
         cell: Bool[np.ndarray, " window"],
-        filling: str,
+        filler: str,
         seed: int,
     ) -> dict[str, float]:
         X, label = self.features[train], self.windows.label[train]
         scarce = str(self.windows.label[cell][0])
         lacking = int((cell & ~test).sum() - (cell & train).sum())
-        filler = FILLINGS[filling]
-        if filler is not None:
+        fill = FEATURE_FILLERS[filler]
+        if fill is not None:
             pool = cell[train] if cell[train].any() else label == scarce
             try:
-                added = filler(self.windows.subset(train), X, pool, lacking, seed)
+                added = fill(self.windows.subset(train), X, pool, lacking, seed)
             except NoNeighborsError:
                 return {}
             X, label = np.concatenate([X, added]), np.concatenate([label, np.full(len(added), scarce)])
-        told = extra_trees(derive_seed(seed, "trees") % 2**32).fit(X, label).predict(self.features[test])
+        predicted = extra_trees(derive_seed(seed, "trees") % 2**32).fit(X, label).predict(self.features[test])
         classes = np.unique(self.windows.label)
-        confusion = confusion_matrix(self.windows.label[test], told, labels=classes)
+        confusion = confusion_matrix(self.windows.label[test], predicted, labels=classes)
         recall = recalls(confusion)
         return {
             "scarce_recall": float(recall[np.flatnonzero(classes == scarce)[0]]),
@@ -147,17 +154,20 @@ class _Drill:
 
 
 def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
-    def recall(kept: str, filling: str) -> float:
-        wanted = {"kept": kept, "filling": filling}
-        own = [one.values["scarce_recall"] for one in trials if one.factors == wanted and one.values]
-        return float(np.mean(own)) if own else float("nan")
+    def recall(measured: str, filler: str) -> float:
+        factors = {"measured": measured, "filler": filler}
+        recalls = [trial.values["scarce_recall"] for trial in trials if trial.factors == factors and trial.values]
+        return float(np.mean(recalls)) if recalls else float("nan")
 
     sentences = []
-    for kept in KEPT[1:]:
-        scores = {name: np.nan_to_num(recall(kept, name), nan=-1.0) for name in FILLINGS if name != "nothing"}
+    for measured in MEASURED[1:]:
+        scores = {
+            name: np.nan_to_num(recall(measured, name), nan=-1.0) for name in FEATURE_FILLERS if name != "nothing"
+        }
         best = max(scores, key=scores.__getitem__)
         sentences.append(
-            f"With {kept} of the scarce cell its recall is {recall(kept, 'nothing'):.2f} without filling; the best "
-            f"filling ({best}) gives {recall(kept, best):.2f}, and all recordings {recall(KEPT[0], 'nothing'):.2f}."
+            f"With {measured} of the scarce cell its recall is {recall(measured, 'nothing'):.2f} without filling. The "
+            f"best filler ({best}) gives {recall(measured, best):.2f}, and all recordings "
+            f"{recall(MEASURED[0], 'nothing'):.2f}."
         )
     return tuple(sentences)

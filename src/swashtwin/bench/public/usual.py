@@ -14,8 +14,8 @@ def usual_windows(recordings: Sequence[Recording], length: int, group: Callable[
     windows = cut_windows(recordings, length=length, allow_partial_revolution=True)
     features = extract_features(windows).values
     groups = {recording.recording_id: group(recording) for recording in recordings}
-    own = np.array([groups[name] for name in windows.recording_id.tolist()])
-    return Units(windows.label, windows.recording_id, own, own, {"usual": features})
+    group_of_window = np.array([groups[name] for name in windows.recording_id.tolist()])
+    return Units(windows.label, windows.recording_id, group_of_window, group_of_window, {"usual": features})
 
 
 def units_of(

@@ -13,7 +13,7 @@ from swashtwin.bench.public.estimators import ESTIMATORS, extra_trees
 from swashtwin.bench.public.question import Fold, Question, Setting, Units
 from swashtwin.foundation import DataError, derive_seed, stream
 
-_KEPT = 0.8
+_TRAIN_SHARE = 0.8
 """Share of the training units that a seed draws."""
 _FEW_GROUPS = 3
 """Up to so many inner groups each is held out once; more are dealt into as many folds."""
@@ -61,15 +61,15 @@ def choose(question: Question, drawn: Int[np.ndarray, " drawn"], seed: int) -> t
     label, recording = units.label[drawn], units.recording[drawn]
     inner = list(_inner_folds(label, units.inner[drawn], seed))
     ranked = []
-    for place, setting in enumerate(question.settings):
+    for index, setting in enumerate(question.settings):
         X = units.features[setting.features][drawn]
-        found = []
+        scores = []
         for train, test in inner:
             fitted = _maker(setting, seed).fit(X[train], label[train])
             score = _by_recording(fitted, X[test], label[test], recording[test])
-            found.append((score, _mean_log(fitted, X[test], label[test])))
-        accuracy, likelihood = np.mean(found, axis=0)
-        ranked.append((round(float(accuracy), 9), float(likelihood), -place))
+            scores.append((score, _mean_log(fitted, X[test], label[test])))
+        accuracy, likelihood = np.mean(scores, axis=0)
+        ranked.append((round(float(accuracy), 9), float(likelihood), -index))
     best = max(range(len(ranked)), key=ranked.__getitem__)
     return question.settings[best], ranked[best][0]
 
@@ -77,23 +77,23 @@ def choose(question: Question, drawn: Int[np.ndarray, " drawn"], seed: int) -> t
 def leaky_scores(question: Question, setting: Setting, seed: int) -> tuple[float, float]:
     """(chosen setting, extra trees): balanced accuracy over five folds of units dealt at random, as in most papers."""
     groups = set().union(*(fold.train | fold.test for fold in question.folds))
-    own = _at_random(question.units, groups, setting.features, _maker(setting, seed), seed)
+    balanced = _at_random(question.units, groups, setting.features, _maker(setting, seed), seed)
     trees = extra_trees(derive_seed(seed, "trees") % 2**32)
-    return own, _at_random(question.windows, groups, "usual", trees, seed)
+    return balanced, _at_random(question.windows, groups, "usual", trees, seed)
 
 
-def balanced_accuracy(label: Shaped[np.ndarray, " unit"], told: Shaped[np.ndarray, " unit"]) -> float:
+def balanced_accuracy(label: Shaped[np.ndarray, " unit"], predicted: Shaped[np.ndarray, " unit"]) -> float:
     """Mean recall of the classes that are there."""
-    return float(recall_score(label, told, labels=np.unique(label), average="macro"))
+    return float(recall_score(label, predicted, labels=np.unique(label), average="macro"))
 
 
 def _at_random(units: Units, groups: set[str], features: str, estimator: Any, seed: int) -> float:
-    kept = np.isin(units.group, sorted(groups))
-    X, label = units.features[features][kept], units.label[kept]
-    told = np.empty_like(label)
+    is_used = np.isin(units.group, sorted(groups))
+    X, label = units.features[features][is_used], units.label[is_used]
+    predicted = np.empty_like(label)
     for train, test in StratifiedKFold(5, shuffle=True, random_state=seed).split(X, label):
-        told[test] = estimator.fit(X[train], label[train]).predict(X[test])
-    return balanced_accuracy(label, told)
+        predicted[test] = estimator.fit(X[train], label[train]).predict(X[test])
+    return balanced_accuracy(label, predicted)
 
 
 def _maker(setting: Setting, seed: int) -> Any:
@@ -105,11 +105,11 @@ def _drawn(
 ) -> Int[np.ndarray, " drawn"]:
     """Training units of a seed: four fifths of each class, at least one."""
     random = stream(seed, "training units")
-    kept = []
+    chosen = []
     for name in np.unique(label[train]):
         of_class = np.flatnonzero(train & (label == name))
-        kept.append(random.choice(of_class, max(1, round(_KEPT * len(of_class))), replace=False))
-    return np.sort(np.concatenate(kept))
+        chosen.append(random.choice(of_class, max(1, round(_TRAIN_SHARE * len(of_class))), replace=False))
+    return np.sort(np.concatenate(chosen))
 
 
 def _inner_folds(
@@ -132,16 +132,16 @@ def _by_recording(
     recording: Shaped[np.ndarray, " unit"],
 ) -> float:
     """Balanced accuracy of recordings, each decided by the mean log-probability over its units."""
-    _, first, place = np.unique(recording, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(recording, return_index=True, return_inverse=True)
     logarithm = np.log(np.maximum(fitted.predict_proba(X), 1e-12))
     total = np.zeros((len(first), logarithm.shape[1]))
-    np.add.at(total, place, logarithm)
-    told = np.asarray(fitted.classes_)[total.argmax(axis=1)]
-    return balanced_accuracy(label[first], told)
+    np.add.at(total, inverse, logarithm)
+    predicted = np.asarray(fitted.classes_)[total.argmax(axis=1)]
+    return balanced_accuracy(label[first], predicted)
 
 
 def _mean_log(fitted: Any, X: Float[np.ndarray, "unit feature"], label: Shaped[np.ndarray, " unit"]) -> float:
     """Mean log-probability of the truth; a class that training lacked counts as the floor."""
     probability = fitted.predict_proba(X)
-    own = np.where(np.asarray(fitted.classes_)[None, :] == label[:, None], probability, 0.0).sum(axis=1)
-    return float(np.mean(np.log(np.maximum(own, 1e-12))))
+    of_true_class = np.where(np.asarray(fitted.classes_)[None, :] == label[:, None], probability, 0.0).sum(axis=1)
+    return float(np.mean(np.log(np.maximum(of_true_class, 1e-12))))

@@ -122,7 +122,7 @@ class _Pump:
     seed: int
     name: str
     train: list[tuple[Recording, Run]]
-    kept: tuple[Recording, Run]
+    held_out: tuple[Recording, Run]
     others: dict[str, list[Recording]]
 
 
@@ -153,13 +153,17 @@ def run_calibration_study(
     if not seeds:
         raise InputError("give at least one seed, which draws a fleet of pumps.")
     pumps = [pump for seed in seeds for pump in _fleet(seed, settings, jobs)]
-    found: list[list[_Case]] = []
-    for cases in Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_pump)(one, settings) for one in pumps):
-        found.append(cases)
+    cases_by_pump: list[list[_Case]] = []
+    for cases in Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_pump)(pump, settings) for pump in pumps):
+        cases_by_pump.append(cases)
         if progress is not None:
-            progress(len(found), len(pumps))
-    names = [case.trial.factors["twin"] for case in found[0]]
-    cases = [next(case for case in own if case.trial.factors["twin"] == name) for name in names for own in found]
+            progress(len(cases_by_pump), len(pumps))
+    names = [case.trial.factors["twin"] for case in cases_by_pump[0]]
+    cases = [
+        next(case for case in pump_cases if case.trial.factors["twin"] == name)
+        for name in names
+        for pump_cases in cases_by_pump
+    ]
     table = StudyTable(
         study="calibration",
         title="How near do calibrated twins come, and do their intervals hold the truth?",
@@ -167,7 +171,7 @@ def run_calibration_study(
         trials=tuple(case.trial for case in cases),
         answer=(),
         settings={**asdict(settings), "contenders": {name: _described(name) for name in settings.contenders}},
-        origin=origin_of([pumps[0].kept[0]]),
+        origin=origin_of([pumps[0].held_out[0]]),
         wall_s=time.perf_counter() - started,
         version=VERSION,
         command=command,
@@ -183,16 +187,16 @@ def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pu
         pairs = _with_thick_films(pairs, size.duration, seed)
     pumps = []
     for name in sorted({str(recording.specimen) for recording, _ in pairs}):
-        own = [pair for pair in pairs if pair[0].specimen == name]
+        pump_pairs = [pair for pair in pairs if pair[0].specimen == name]
         by_pressure: dict[float, list[tuple[Recording, Run]]] = {}
-        for pair in own:
+        for pair in pump_pairs:
             by_pressure.setdefault(_pressure(pair[0]), []).append(pair)
         if settings.pressure not in by_pressure:
             levels = ", ".join(f"{level / 1e6:g}" for level in by_pressure)
             raise InputError(f"the rig runs at {levels} MPa, not at {settings.pressure / 1e6:g} MPa.")
-        *train, kept = by_pressure.pop(settings.pressure)
+        *train, held_out = by_pressure.pop(settings.pressure)
         others = {f"{level / 1e6:g} MPa": [pair[0] for pair in rest] for level, rest in by_pressure.items()}
-        pumps.append(_Pump(seed, name, train, kept, others))
+        pumps.append(_Pump(seed, name, train, held_out, others))
     return pumps
 
 
@@ -246,20 +250,31 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
     truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
     cases = [_case(pump, "nominal", nominal, {})]
     for name in settings.contenders:
-        one = CONTENDERS[name]
-        found = calibrate(nominal, train, method=one.method, nuisances=one.nuisances, phases=one.phases, seed=pump.seed)
-        intervals = tuple(_interval(pump, name, found, place, float(truth[place])) for place in range(6))
-        sure = [one["held"] for one in intervals if one["verdict"] == "identified"]
-        values = {"wall_s": found.wall_s, "simulations": float(found.simulations), "identified": float(len(sure))}
+        contender = CONTENDERS[name]
+        calibration = calibrate(
+            nominal,
+            train,
+            method=contender.method,
+            nuisances=contender.nuisances,
+            phases=contender.phases,
+            seed=pump.seed,
+        )
+        intervals = tuple(_interval(pump, name, calibration, index, float(truth[index])) for index in range(6))
+        sure = [interval["held"] for interval in intervals if interval["verdict"] == "identified"]
+        values = {
+            "wall_s": calibration.wall_s,
+            "simulations": float(calibration.simulations),
+            "identified": float(len(sure)),
+        }
         values["coverage"] = float(np.mean(sure)) if sure else float("nan")
-        cases.append(replace(_case(pump, name, found.twin, values), intervals=intervals))
-    for name, run in (("rig_truth_of_another_recording", pump.train[0][1]), ("rig_truth", pump.kept[1])):
+        cases.append(replace(_case(pump, name, calibration.twin, values), intervals=intervals))
+    for name, run in (("rig_truth_of_another_recording", pump.train[0][1]), ("rig_truth", pump.held_out[1])):
         cases.append(_truth_case(pump, nominal, name, run))
     return cases
 
 
-def _interval(pump: _Pump, method: str, found: Calibration, place: int, truth: float) -> dict[str, Any]:
-    estimate = found.estimates[place]
+def _interval(pump: _Pump, method: str, calibration: Calibration, index: int, truth: float) -> dict[str, Any]:
+    estimate = calibration.estimates[index]
     low, high = estimate.interval
     return {
         "seed": pump.seed,
@@ -276,7 +291,7 @@ def _interval(pump: _Pump, method: str, found: Calibration, place: int, truth: f
 
 
 def _case(pump: _Pump, name: str, twin: Twin, values: Mapping[str, float]) -> _Case:
-    near = _near(twin, [pump.kept[0]])
+    near = _near(twin, [pump.held_out[0]])
     others = {level: _near(twin, recordings) for level, recordings in pump.others.items()}
     return _Case(Trial({"twin": name}, pump.seed, {**_errors(near), **values}), others)
 
@@ -290,7 +305,7 @@ def _near(twin: Twin, recordings: Sequence[Recording]) -> Agreement:
 
 def _truth_case(pump: _Pump, nominal: Twin, name: str, run: Run) -> _Case:
     """The rig's own lines without noise, in place of a twin's."""
-    measurement, lines = measure(nominal, [pump.kept[0]]), sensor_lines(run)
+    measurement, lines = measure(nominal, [pump.held_out[0]]), sensor_lines(run)
     orders = np.arange(1, lines.shape[1] + 1)
     amplitude = np.abs(lines[:, measurement.orders - 1])
     near = mean_agreement([agreement_of_lines(measurement, lines, orders, amplitude)[0]])
@@ -302,20 +317,24 @@ def _errors(near: Agreement) -> dict[str, float]:
 
 
 def _described(name: str) -> dict[str, Any]:
-    one = CONTENDERS[name]
-    return {"method": type(one.method).__name__, "nuisances": asdict(one.nuisances), "phases": one.phases}
+    contender = CONTENDERS[name]
+    return {
+        "method": type(contender.method).__name__,
+        "nuisances": asdict(contender.nuisances),
+        "phases": contender.phases,
+    }
 
 
 def _intervals(cases: Sequence[_Case]) -> dict[str, Any]:
     """For each way to calibrate: how often intervals held, of all pumps together, and every single one."""
-    told: dict[str, Any] = {}
+    table: dict[str, Any] = {}
     for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
         rows = [row for case in cases if case.trial.factors["twin"] == name for row in case.intervals]
         sure = [row for row in rows if row["verdict"] == "identified"]
         if not rows:
             continue
         letters = list(dict.fromkeys(row["letter"] for row in rows))
-        told[name] = {
+        table[name] = {
             "values": len(rows),
             "identified": len(sure),
             "held_of_identified": _share([row["held"] for row in sure]),
@@ -327,21 +346,21 @@ def _intervals(cases: Sequence[_Case]) -> dict[str, Any]:
             },
             "single": rows,
         }
-    return told
+    return table
 
 
-def _share(held: Sequence[bool]) -> float | None:
-    return float(np.mean(held)) if held else None
+def _share(hits: Sequence[bool]) -> float | None:
+    return float(np.mean(hits)) if hits else None
 
 
 def _other_pressures(cases: Sequence[_Case]) -> list[dict[str, Any]]:
     """Mean errors at the pressures that nothing was calibrated at."""
     rows = []
     for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
-        own = [case.others for case in cases if case.trial.factors["twin"] == name]
+        others = [case.others for case in cases if case.trial.factors["twin"] == name]
         rows += [
-            {"twin": name, "pressure": level, **_errors(mean_agreement([one[level] for one in own]))}
-            for level in own[0]
+            {"twin": name, "pressure": level, **_errors(mean_agreement([agreements[level] for agreements in others]))}
+            for level in others[0]
         ]
     return rows
 

@@ -107,19 +107,19 @@ def run_conditions(
     started, settings = time.perf_counter(), settings or ConditionStudySettings()
     windows = _thinned(cut_windows(recordings, length=settings.length), settings.windows)
     tasks = [task for seed in seeds for task in _tasks(windows, seed)]
-    found: list[tuple[Trial, str]] = []
+    results: list[tuple[Trial, str]] = []
     running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_scored)(windows, task, settings) for task in tasks)
-    for one in running:
-        found.append(one)
+    for result in running:
+        results.append(result)
         if progress is not None:
-            progress(len(found), len(tasks))
-    order = {(name, level): place for place, (name, level) in enumerate(_rows())}
-    found.sort(key=lambda one: order[one[0].factors["classifier"], one[0].factors["level"]])
+            progress(len(results), len(tasks))
+    order = {(name, level): position for position, (name, level) in enumerate(_rows())}
+    results.sort(key=lambda result: order[result[0].factors["classifier"], result[0].factors["level"]])
     table = StudyTable(
         study="conditions",
         title="What a condition that was never trained on costs, and what helps",
         metrics=METRICS,
-        trials=tuple(trial for trial, _ in found),
+        trials=tuple(trial for trial, _ in results),
         answer=(),
         settings=asdict(settings),
         origin=origin_of(recordings),
@@ -130,7 +130,12 @@ def run_conditions(
             "L3: every condition held out in turn, a trial each; L2: recordings of known conditions held out. "
             "Remedies and their strengths were fixed beforehand; none was chosen by these scores.",
         ),
-        details={"single": [{**one.factors, "held_out": held, "seed": one.seed, **one.values} for one, held in found]},
+        details={
+            "single": [
+                {**trial.factors, "held_out": held_out, "seed": trial.seed, **trial.values}
+                for trial, held_out in results
+            ]
+        },
     )
     return replace(table, answer=_answer(table))
 
@@ -141,19 +146,21 @@ def _rows() -> list[tuple[str, str]]:
 
 def _thinned(windows: WindowSet, count: int) -> WindowSet:
     """At most so many windows of each recording, evenly spaced."""
-    kept = []
+    indices = []
     for name in dict.fromkeys(windows.recording_id.tolist()):
-        own = np.flatnonzero(windows.recording_id == name)
-        kept.append(own[np.unique(np.linspace(0, len(own) - 1, min(count, len(own))).astype(int))])
-    return windows.subset(np.concatenate(kept))
+        of_recording = np.flatnonzero(windows.recording_id == name)
+        indices.append(
+            of_recording[np.unique(np.linspace(0, len(of_recording) - 1, min(count, len(of_recording))).astype(int))]
+        )
+    return windows.subset(np.concatenate(indices))
 
 
 def _tasks(windows: WindowSet, seed: int) -> list[_Task]:
     conditions = window_groups(windows, "condition")
-    known = np.unique(conditions)
-    if known.size < 2:
+    names = np.unique(conditions)
+    if names.size < 2:
         raise DataError(
-            f"all recordings are of one condition ({', '.join(known)}); holding one out takes two. Give recordings at "
+            f"all recordings are of one condition ({', '.join(names)}); holding one out takes two. Give recordings at "
             "another speed or pressure, and state both in the index."
         )
     splits = [
@@ -197,10 +204,10 @@ def _answer(table: StudyTable) -> tuple[str, ...]:
     mean = {
         (name, level): float(np.mean(table.values("recall", classifier=name, level=level))) for name, level in _rows()
     }
-    plain, known = mean["bitcn", "L3"], mean["bitcn", "L2"]
+    plain, familiar = mean["bitcn", "L3"], mean["bitcn", "L2"]
     best = max((*REMEDIES, TREES), key=lambda name: mean[name, "L3"])
     return (
-        f"Macro recall of BiTCN falls from {known:.3f} on recordings of known conditions to {plain:.3f} at a condition "
-        f"that it was never trained on; extra trees from {mean[TREES, 'L2']:.3f} to {mean[TREES, 'L3']:.3f}.",
+        f"Macro recall of BiTCN falls from {familiar:.3f} on recordings of known conditions to {plain:.3f} at a "
+        f"condition that it was never trained on; extra trees from {mean[TREES, 'L2']:.3f} to {mean[TREES, 'L3']:.3f}.",
         f"Highest at a new condition: {best} ({mean[best, 'L3']:.3f}).",
     )

@@ -105,15 +105,17 @@ def run_confidence(
     running = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_task)(parts[seed], kind, left_out, seed, settings) for seed, kind, left_out in tasks
     )
-    found: dict[tuple[int, str, str, str], dict[str, float]] = {}
-    for done, (task, result) in enumerate(zip(tasks, running, strict=True), 1):
+    values_by_key: dict[tuple[int, str, str, str], dict[str, float]] = {}
+    for count, (task, result) in enumerate(zip(tasks, running, strict=True), 1):
         for (taught, level), values in result.items():
-            found.setdefault((task[0], task[1], taught, level), {}).update(values)
+            values_by_key.setdefault((task[0], task[1], taught, level), {}).update(values)
         if progress is not None:
-            progress(done, len(tasks))
+            progress(count, len(tasks))
     trials = tuple(
         Trial(
-            {"classifier": kind, "taught_on": taught, "level": level}, seed, _averaged(found[seed, kind, taught, level])
+            {"classifier": kind, "taught_on": taught, "level": level},
+            seed,
+            _averaged(values_by_key[seed, kind, taught, level]),
         )
         for kind in kinds
         for taught in TAUGHT
@@ -150,16 +152,16 @@ def _recorded(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Re
     """Recordings by role; the rig gives the same ones whichever others are taken with them."""
     trained = RigSize(settings.trained_pumps, 3, settings.duration)
     all_pumps = RigSize(settings.trained_pumps + settings.teaching_pumps + settings.unseen_pumps, 1, settings.duration)
-    of_trained = [one for one, _ in rig_recordings(seed, trained)]
-    names = sorted({str(one.specimen) for one in of_trained})
-    others = [one for one, _ in rig_recordings(seed, all_pumps) if one.specimen not in names]
-    teaching = sorted({str(one.specimen) for one in others})[: settings.teaching_pumps]
+    of_trained = [recording for recording, _ in rig_recordings(seed, trained)]
+    names = sorted({str(recording.specimen) for recording in of_trained})
+    others = [recording for recording, _ in rig_recordings(seed, all_pumps) if recording.specimen not in names]
+    teaching = sorted({str(recording.specimen) for recording in others})[: settings.teaching_pumps]
     return {
-        "train": [one for one in of_trained if one.recording_id.endswith("_1")],
-        "same": [one for one in of_trained if one.recording_id.endswith("_2")],
-        "other": [one for one in others if one.specimen in teaching],
-        "L2": [one for one in of_trained if one.recording_id.endswith("_3")],
-        "L4": [one for one in others if one.specimen not in teaching],
+        "train": [recording for recording in of_trained if recording.recording_id.endswith("_1")],
+        "same": [recording for recording in of_trained if recording.recording_id.endswith("_2")],
+        "other": [recording for recording in others if recording.specimen in teaching],
+        "L2": [recording for recording in of_trained if recording.recording_id.endswith("_3")],
+        "L4": [recording for recording in others if recording.specimen not in teaching],
     }
 
 
@@ -174,21 +176,23 @@ def _task(
     torch.set_num_threads(1)
     classes = tuple(name for name in CLASSES if name != left_out)
     cut = {
-        role: cut_windows([one for one in some if one.label != left_out], length=settings.length, classes=classes)
+        role: cut_windows(
+            [recording for recording in some if recording.label != left_out], length=settings.length, classes=classes
+        )
         for role, some in parts.items()
     }
     classifier = _fitted(kind, cut["train"], seed, settings)
     results: dict[tuple[str, str], dict[str, float]] = {}
     for taught in TAUGHT:
-        told = learn_confidence(classifier, cut[taught], error_rate=settings.error_rate)
+        sure_classifier = learn_confidence(classifier, cut[taught], error_rate=settings.error_rate)
         for level in LEVELS:
             if left_out is None:
-                scores = score_confidence(told, cut[level])
+                scores = score_confidence(sure_classifier, cut[level])
                 values = {name: value for name, value in scores.to_dict().items() if name in METRICS}
             else:
-                strange = [one.relabeled(None) for one in parts[level] if one.label == left_out]
+                strange = [part.relabeled(None) for part in parts[level] if part.label == left_out]
                 foreign = cut_windows(strange, length=settings.length, classes=classes)
-                values = _unknown(told, cut[level], foreign, left_out)
+                values = _unknown(sure_classifier, cut[level], foreign, left_out)
             results[taught, level] = {name: math.nan if v is None else v for name, v in values.items()}
     if left_out is None:
         for values in results.values():
@@ -203,16 +207,16 @@ def _fitted(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySet
     return fit(network, train, settings=settings.training, seed=seed)
 
 
-def _unknown(told: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str) -> dict[str, float]:
+def _unknown(classifier: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str) -> dict[str, float]:
     """How well recordings of the class left out are told from those of the known classes."""
-    known, strange = recording_answers(told, test), recording_answers(told, foreign)
-    confidence = told.confidence
-    is_strange = np.repeat([False, True], [len(known.target), len(strange.target)])
-    doubt = 1 - np.concatenate([known.probability.max(axis=1), strange.probability.max(axis=1)])
+    familiar, strange = recording_answers(classifier, test), recording_answers(classifier, foreign)
+    confidence = classifier.confidence
+    is_strange = np.repeat([False, True], [len(familiar.target), len(strange.target)])
+    doubt = 1 - np.concatenate([familiar.probability.max(axis=1), strange.probability.max(axis=1)])
     caught = math.nan
     if confidence is not None:
         caught = float(np.mean(confidence.ood_p_value(strange.ood_score) <= confidence.error_rate))
-    ood_score = np.concatenate([known.ood_score, strange.ood_score])
+    ood_score = np.concatenate([familiar.ood_score, strange.ood_score])
     return {
         f"auroc_{left_out}": float(roc_auc_score(is_strange, ood_score)),
         f"probability_auroc of {left_out}": float(roc_auc_score(is_strange, doubt)),
@@ -227,8 +231,8 @@ def _averaged(values: Mapping[str, float]) -> dict[str, float]:
         "probability_auroc": [values[f"probability_auroc of {label}"] for label in CLASSES],
         "unknown_caught": [values[f"unknown_caught of {label}"] for label in CLASSES],
     }
-    kept = {name: value for name, value in values.items() if name in METRICS}
-    return {**kept, **{name: float(np.mean(found)) for name, found in means.items()}}
+    averages = {name: value for name, value in values.items() if name in METRICS}
+    return {**averages, **{name: float(np.mean(mean)) for name, mean in means.items()}}
 
 
 def _answer(study: StudyTable) -> Iterator[str]:

@@ -89,11 +89,11 @@ def run_fault_map(
     pumps = [(seed, name) for seed in seeds for name in PUMPS]
     moves: list[_Move] = []
     parallel = Parallel(n_jobs=jobs, return_as="generator")
-    for done, found in enumerate(parallel(delayed(_of_pump)(*one) for one in pumps), 1):
-        moves += found
+    for count, pump_moves in enumerate(parallel(delayed(_of_pump)(*pump) for pump in pumps), 1):
+        moves += pump_moves
         if progress is not None:
-            progress(done, len(pumps))
-    sound = [one for one in moves if one.model == "healthy"]
+            progress(count, len(pumps))
+    sound = [move for move in moves if move.model == "healthy"]
     named = _nearest(sound)
     return StudyTable(
         study="fault-map",
@@ -113,26 +113,26 @@ def run_fault_map(
             "The rig takes a pump apart before each recording: normal rows show what that alone moves.",
             "Nearest patterns were taken on other pumps than those they name; pumps of one fleet are alike.",
         ),
-        details={"moves": [asdict(one) for one in moves]},
+        details={"moves": [asdict(move) for move in moves]},
     )
 
 
 def _of_pump(seed: int, specimen: str) -> list[_Move]:
     torch.set_num_threads(1)
-    taken = list(trend_recordings(seed, specimen, severities=SEVERITIES, healthy=HEALTHY))
-    condition = taken[0][0].condition
+    pairs = list(trend_recordings(seed, specimen, severities=SEVERITIES, healthy=HEALTHY))
+    condition = pairs[0][0].condition
     assert condition is not None
     twin = Twin(load_pump("25scy14-1b"), condition)
-    sound = [one for one, run in taken if run.fault is None]
-    known = _calibrated(twin, sound[: HEALTHY // 2])
+    sound = [recording for recording, run in pairs if run.fault is None]
+    healthy_calibration = _calibrated(twin, sound[: HEALTHY // 2])
     moves = []
-    for recording, run in taken[HEALTHY // 2 :]:
-        kinds = [name for name, one in TRENDS.items() if type(one) is type(run.fault)]
+    for recording, run in pairs[HEALTHY // 2 :]:
+        kinds = [name for name, fault in TRENDS.items() if type(fault) is type(run.fault)]
         kind = kinds[0] if kinds else "normal"
         for model in MODELS if kinds else MODELS[:1]:
-            own = twin if model == "healthy" else twin.with_fault(TRENDS[kind])
-            found = _calibrated(own, [replace(recording, label=own.label)])
-            moves.append(_moved(known, found, kind, model, seed, specimen))
+            start = twin if model == "healthy" else twin.with_fault(TRENDS[kind])
+            calibration = _calibrated(start, [replace(recording, label=start.label)])
+            moves.append(_moved(healthy_calibration, calibration, kind, model, seed, specimen))
     return moves
 
 
@@ -143,28 +143,30 @@ def _calibrated(twin: Twin, recordings: Sequence[Recording]) -> Calibration:
     return calibrate(twin, recordings, method=method, nuisances=nuisances, phases=False, band=band)
 
 
-def _moved(known: Calibration, found: Calibration, kind: str, model: str, seed: int, specimen: str) -> _Move:
-    variance = np.diag(found.posterior.covariance) + np.diag(known.posterior.covariance)
-    spectra = found.fits[0].spectra
+def _moved(
+    healthy_calibration: Calibration, calibration: Calibration, kind: str, model: str, seed: int, specimen: str
+) -> _Move:
+    variance = np.diag(calibration.posterior.covariance) + np.diag(healthy_calibration.posterior.covariance)
+    spectra = calibration.fits[0].spectra
     miss = np.linalg.norm(spectra.measured - spectra.calibrated) / np.linalg.norm(spectra.measured)
     return _Move(
         kind=kind,
         model=model,
         seed=seed,
         specimen=specimen,
-        parameters=found.posterior.unknowns.names,
-        move=tuple((found.posterior.point - known.posterior.point).tolist()),
+        parameters=calibration.posterior.unknowns.names,
+        move=tuple((calibration.posterior.point - healthy_calibration.posterior.point).tolist()),
         deviation=tuple(np.sqrt(variance).tolist()),
         misfit=float(miss),
     )
 
 
 def _move_trials(moves: Sequence[_Move]) -> Iterable[Trial]:
-    for kind, model in dict.fromkeys((one.kind, one.model) for one in moves):
-        own = [one for one in moves if (one.kind, one.model) == (kind, model)]
-        for place, name in enumerate(own[0].parameters):
-            for seed in sorted({one.seed for one in own}):
-                move, deviation = np.array([(o.move[place], o.deviation[place]) for o in own if o.seed == seed]).T
+    for kind, model in dict.fromkeys((move.kind, move.model) for move in moves):
+        matching = [move for move in moves if (move.kind, move.model) == (kind, model)]
+        for index, name in enumerate(matching[0].parameters):
+            for seed in sorted({move.seed for move in matching}):
+                move, deviation = np.array([(o.move[index], o.deviation[index]) for o in matching if o.seed == seed]).T
                 yield Trial(
                     {"fault": kind, "model": model, "parameter": name},
                     seed,
@@ -178,46 +180,46 @@ def _move_trials(moves: Sequence[_Move]) -> Iterable[Trial]:
 
 def _nearest(moves: Sequence[_Move]) -> list[str]:
     """Class of each recording by the nearest pattern of the other pumps."""
-    pattern = np.array([_pattern(one) for one in moves])
-    labels, pumps = np.array([one.label for one in moves]), np.array([one.pump for one in moves])
+    pattern = np.array([_pattern(move) for move in moves])
+    labels, pumps = np.array([move.label for move in moves]), np.array([move.pump for move in moves])
     named = np.empty(len(moves), dtype=object)
     for pump in np.unique(pumps):
-        own = pumps == pump
+        of_pump = pumps == pump
         rule = make_pipeline(StandardScaler(), NearestCentroid())
-        named[own] = rule.fit(pattern[~own], labels[~own]).predict(pattern[own])
-    return [str(one) for one in named]
+        named[of_pump] = rule.fit(pattern[~of_pump], labels[~of_pump]).predict(pattern[of_pump])
+    return [str(name) for name in named]
 
 
-def _pattern(one: _Move) -> Float[np.ndarray, " feature"]:
-    return np.array([*one.move, math.log(one.misfit)])
+def _pattern(move: _Move) -> Float[np.ndarray, " feature"]:
+    return np.array([*move.move, math.log(move.misfit)])
 
 
 def _recall_trials(moves: Sequence[_Move], named: Sequence[str]) -> Iterable[Trial]:
-    for kind in dict.fromkeys(one.kind for one in moves):
-        for seed in sorted({one.seed for one in moves}):
+    for kind in dict.fromkeys(move.kind for move in moves):
+        for seed in sorted({move.seed for move in moves}):
             hits = [
-                name == one.label
-                for one, name in zip(moves, named, strict=True)
-                if (one.kind, one.seed) == (kind, seed)
+                name == move.label
+                for move, name in zip(moves, named, strict=True)
+                if (move.kind, move.seed) == (kind, seed)
             ]
             yield Trial({"fault": kind, "model": "healthy", "parameter": "all"}, seed, {"recall": float(np.mean(hits))})
 
 
 def _answer(moves: Sequence[_Move], named: Sequence[str]) -> Iterable[str]:
-    labels = [one.label for one in moves]
+    labels = [move.label for move in moves]
     recall = recall_score(labels, list(named), average="macro")
     yield (
         f"The nearest pattern of the moves names the class of held-out pumps' recordings with a macro recall of "
         f"{recall:.2f}; guessing gives {1 / len(set(labels)):.2f}."
     )
-    for kind in dict.fromkeys(one.kind for one in moves):
-        own = [one for one in moves if one.kind == kind]
-        move, deviation = (np.array([getattr(one, name) for one in own]) for name in ("move", "deviation"))
+    for kind in dict.fromkeys(move.kind for move in moves):
+        matching = [move for move in moves if move.kind == kind]
+        move, deviation = (np.array([getattr(move, name) for move in matching]) for name in ("move", "deviation"))
         share = np.mean(np.abs(move) > QUANTILE * deviation, axis=0)
-        told = [
-            f"{name} x{math.exp(move[:, place].mean()):.2g}"
-            for place, name in enumerate(own[0].parameters)
-            if share[place] >= 0.5
+        sentences = [
+            f"{name} x{math.exp(move[:, index].mean()):.2g}"
+            for index, name in enumerate(matching[0].parameters)
+            if share[index] >= 0.5
         ]
-        what = ", ".join(told) or "nothing moves beyond its interval in half of the recordings"
+        what = ", ".join(sentences) or "nothing moves beyond its interval in half of the recordings"
         yield f"{kind.replace('_', ' ')} under a healthy model: {what}."

@@ -98,19 +98,19 @@ def run_leakage(
     running = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_probabilities)(features, windows.target, _dealt(windows, *task), n_trees, task[2]) for task in tasks
     )
-    told: dict[tuple[str | None, int, int], Float[np.ndarray, "window class"]] = {}
+    probabilities: dict[tuple[str | None, int, int], Float[np.ndarray, "window class"]] = {}
     for (plan, count, seed), probability in zip(tasks, running, strict=True):
-        told[plan.name if plan else None, count, seed] = probability
+        probabilities[plan.name if plan else None, count, seed] = probability
         if progress is not None:
-            progress(len(told), len(tasks))
+            progress(len(probabilities), len(tasks))
     trials, intervals, answer = [], {}, []
     for plan in plans:
-        held = [told[plan.name, plan.n_folds, seed] for seed in seeds]
-        free = [told[None, plan.n_folds, seed] for seed in seeds]
-        trials += [_trial(plan, windows, *three) for three in zip(seeds, held, free, strict=True)]
-        intervals[plan.name] = _intervals(plan, windows, held, free)
+        held_out = [probabilities[plan.name, plan.n_folds, seed] for seed in seeds]
+        free = [probabilities[None, plan.n_folds, seed] for seed in seeds]
+        trials += [_trial(plan, windows, *three) for three in zip(seeds, held_out, free, strict=True)]
+        intervals[plan.name] = _intervals(plan, windows, held_out, free)
         answer.append(_sentence(plan, intervals[plan.name]))
-    found = [one for one in confounding(recordings) if one.is_warning]
+    warnings = [finding for finding in confounding(recordings) if finding.is_warning]
     return StudyTable(
         study="leakage",
         title="How much of the score is memory?",
@@ -122,29 +122,37 @@ def run_leakage(
         wall_s=time.perf_counter() - began,
         version=VERSION,
         command=command,
-        notes=(*notes, *left_out, *(one.message for one in found)),
+        notes=(*notes, *left_out, *(finding.message for finding in warnings)),
         details={
             "windows": len(windows),
             "classes": list(windows.classes),
             "intervals": intervals,
-            "confounding": [{"attribute": one.attribute, "kind": one.kind, "p_value": one.p_value} for one in found],
+            "confounding": [
+                {"attribute": finding.attribute, "kind": finding.kind, "p_value": finding.p_value}
+                for finding in warnings
+            ],
         },
     )
 
 
 def _usable(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings with a label, without channels that stand still in one of them."""
-    labeled = [one for one in recordings if one.label and not one.synthetic]
+    labeled = [recording for recording in recordings if recording.label and not recording.synthetic]
     if not labeled:
         raise DataError("no measured recording has a label; classes come from the index.")
     notes = []
     if len(labeled) < len(recordings):
         notes.append(f"{len(recordings) - len(labeled)} recordings without a label, or synthetic, were left out.")
-    still = {name for one in labeled for name, row in zip(one.channels, one.signal, strict=True) if np.ptp(row) == 0}
-    kept = [name for name in labeled[0].channels if name not in still]
-    if still and kept:
+    still = {
+        name
+        for recording in labeled
+        for name, row in zip(recording.channels, recording.signal, strict=True)
+        if np.ptp(row) == 0
+    }
+    moving = [name for name in labeled[0].channels if name not in still]
+    if still and moving:
         notes.append(f"{', '.join(sorted(still))} stand still in some recordings and were left out.")
-        labeled = [one.picked(kept) for one in labeled]
+        labeled = [recording.picked(moving) for recording in labeled]
     return labeled, notes
 
 
@@ -156,7 +164,7 @@ def _plans(
     seeds: Sequence[int],
 ) -> tuple[list[_Plan], list[str]]:
     """Groupings that can be held out, and why others cannot."""
-    shared = set.intersection(*({*one.attributes} for one in recordings))
+    shared = set.intersection(*({*recording.attributes} for recording in recordings))
     plans: list[_Plan] = []
     reasons: list[str] = []
     partitions: dict[bytes, str] = {}
@@ -190,7 +198,7 @@ def _fold_count(
     name: str,
 ) -> int:
     """Most folds, up to `n_folds`, of which each leaves every class to train on under every seed."""
-    fewest = min(np.unique(groups[windows.target == place]).size for place in range(len(windows.classes)))
+    fewest = min(np.unique(groups[windows.target == index]).size for index in range(len(windows.classes)))
     for count in range(min(n_folds, fewest), 1, -1):
         try:
             for seed in seeds:
@@ -215,32 +223,32 @@ def _probabilities(
     seed: int,
 ) -> Float[np.ndarray, "window class"]:
     """Of each window, by trees of the fold that tests it."""
-    told = np.zeros((len(target), int(target.max()) + 1))
+    probabilities = np.zeros((len(target), int(target.max()) + 1))
     for number, (trained, tested) in enumerate(folds):
         state = derive_seed(seed, "leakage trees", number) % 2**32
         trees = ExtraTreesClassifier(n_trees, random_state=state, n_jobs=1)
-        told[tested] = trees.fit(features[trained], target[trained]).predict_proba(features[tested])
-    return told
+        probabilities[tested] = trees.fit(features[trained], target[trained]).predict_proba(features[tested])
+    return probabilities
 
 
 def _trial(
     plan: _Plan,
     windows: WindowSet,
     seed: int,
-    held: Float[np.ndarray, "window class"],
+    held_out: Float[np.ndarray, "window class"],
     free: Float[np.ndarray, "window class"],
 ) -> Trial:
-    ids, place = np.unique(windows.recording_id, return_inverse=True)
-    votes = np.zeros((len(ids), held.shape[1]))
-    np.add.at(votes, place, held)
+    ids, inverse = np.unique(windows.recording_id, return_inverse=True)
+    votes = np.zeros((len(ids), held_out.shape[1]))
+    np.add.at(votes, inverse, held_out)
     truth = np.zeros(len(ids), dtype=np.int64)
-    truth[place] = windows.target
-    honest, drawn = (_recall(windows.target, one.argmax(axis=1)).mean() for one in (held, free))
+    truth[inverse] = windows.target
+    honest, drawn = (_recall(windows.target, probabilities.argmax(axis=1)).mean() for probabilities in (held_out, free))
     values = {
         "balanced_accuracy": float(honest),
         "random_window": float(drawn),
         "premium": float(drawn - honest),
-        "macro_f1": float(f1_score(windows.target, held.argmax(axis=1), average="macro", zero_division=0.0)),
+        "macro_f1": float(f1_score(windows.target, held_out.argmax(axis=1), average="macro", zero_division=0.0)),
         "recording_accuracy": float(_recall(truth, votes.argmax(axis=1)).mean()),
     }
     factors = {"split": plan.name, "groups": str(np.unique(plan.groups).size), "folds": str(plan.n_folds)}
@@ -256,17 +264,17 @@ def _recall(target: Int[np.ndarray, " n"], predicted: Int[np.ndarray, " n"]) -> 
 def _intervals(
     plan: _Plan,
     windows: WindowSet,
-    held: Sequence[Float[np.ndarray, "window class"]],
+    held_out: Sequence[Float[np.ndarray, "window class"]],
     free: Sequence[Float[np.ndarray, "window class"]],
 ) -> dict[str, Any]:
     """Means over the seeds with 95 % intervals by resampling groups; the premium's is paired."""
-    names, place = np.unique(plan.groups, return_inverse=True)
+    names, inverse = np.unique(plan.groups, return_inverse=True)
     shape = (len(names), len(windows.classes))
     counts = [np.zeros(shape) for _ in range(3)]
-    np.add.at(counts[0], (place, windows.target), 1.0)
-    for table, told in zip(counts[1:], (held, free), strict=True):
-        hits = np.mean([one.argmax(axis=1) == windows.target for one in told], axis=0)
-        np.add.at(table, (place, windows.target), hits)
+    np.add.at(counts[0], (inverse, windows.target), 1.0)
+    for table, draws in zip(counts[1:], (held_out, free), strict=True):
+        hits = np.mean([probabilities.argmax(axis=1) == windows.target for probabilities in draws], axis=0)
+        np.add.at(table, (inverse, windows.target), hits)
     random = stream(0, "leakage intervals", plan.name)
     drawn = random.multinomial(len(names), np.full(len(names), 1 / len(names)), size=_RESAMPLES)
     weights = np.concatenate([np.ones((1, len(names)), dtype=np.int64), drawn])
@@ -283,9 +291,9 @@ def _intervals(
     } | {"groups": len(names)}
 
 
-def _sentence(plan: _Plan, told: Mapping[str, Any]) -> str:
-    honest, drawn, premium = (told[name] for name in ("balanced_accuracy", "random_window", "premium"))
-    coarse = f" With {told['groups']} groups the interval is coarse." if told["groups"] < _FEW else ""
+def _sentence(plan: _Plan, values: Mapping[str, Any]) -> str:
+    honest, drawn, premium = (values[name] for name in ("balanced_accuracy", "random_window", "premium"))
+    coarse = f" With {values['groups']} groups the interval is coarse." if values["groups"] < _FEW else ""
     return (
         f"{plan.name} held out: {honest['mean']:.2f} ({honest['interval'][0]:.2f} to {honest['interval'][1]:.2f}), "
         f"random windows {drawn['mean']:.2f}; the leak premium is {premium['mean']:+.2f} "

@@ -76,23 +76,21 @@ def run_misspecification(
     """
     started = time.perf_counter()
     cases = [case for background in backgrounds for seed in seeds for case in _cases(background, seed, pumps, jobs)]
-    mistakes = [one for one in wrong_twins() if wrong is None or one.name in wrong]
-    found = Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_case)(case, mistakes) for case in cases)
-    done: list[Trial] = []
-    for number, trials in enumerate(found):
-        done += trials
+    mistakes = [mistake for mistake in wrong_twins() if wrong is None or mistake.name in wrong]
+    results = Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_case)(case, mistakes) for case in cases)
+    trials: list[Trial] = []
+    for number, case_trials in enumerate(results):
+        trials += case_trials
         if progress is not None:
             progress(number + 1, len(cases))
-    order = [one.name for one in mistakes]
-    trials = tuple(
-        sorted(done, key=lambda one: (BACKGROUNDS.index(one.factors["background"]), order.index(one.factors["wrong"])))
-    )
+    order = [mistake.name for mistake in mistakes]
+    trials.sort(key=lambda trial: (BACKGROUNDS.index(trial.factors["background"]), order.index(trial.factors["wrong"])))
     settings = {"pumps": pumps, "method": "GaussNewton(starts=2)", "nuisances": list(NUISANCES), "pressure_mpa": 10}
     return StudyTable(
         study="misspecification",
         title="What a wrong twin does to a calibration, and whether it says so",
         metrics=METRICS,
-        trials=trials,
+        trials=tuple(trials),
         answer=_answer(trials),
         settings={**settings, "own_spread": OWN_SPREAD},
         origin=_origin(cases),
@@ -114,13 +112,13 @@ _NOTES = (
 
 
 def _origin(cases: Sequence[_Case]) -> str:
-    told = []
-    if any(one.background == "own" for one in cases):
-        told.append(
+    sentences = []
+    if any(case.background == "own" for case in cases):
+        sentences.append(
             "Own: simulations of the twin with noise 30 dB below, in which all but the stated mistake is right."
         )
-    of_rig = [one.used for one in cases if one.background == "rig"]
-    return " ".join([*told, *([origin_of(of_rig)] if of_rig else [])])
+    of_rig = [case.used for case in cases if case.background == "rig"]
+    return " ".join([*sentences, *([origin_of(of_rig)] if of_rig else [])])
 
 
 def study_twin() -> Twin:
@@ -133,12 +131,14 @@ def study_twin() -> Twin:
 def _cases(background: str, seed: int, pumps: int, jobs: int) -> list[_Case]:
     if background == "own":
         return [_own_case(seed, number) for number in range(pumps)]
-    taken: dict[str, list[tuple[Recording, Run]]] = {}
+    recordings_by_pump: dict[str, list[tuple[Recording, Run]]] = {}
     size = RigSize(specimens=pumps, repeats=2)
     for recording, run in rig_recordings(seed, size, labels=("swash_plate",), jobs=jobs):
         if recording.condition is not None and recording.condition.discharge_pressure == MPa(10):
-            taken.setdefault(run.specimen.name, []).append((recording, run))
-    return [_Case("rig", seed, first[0], second[0], _truth_of(first[1])) for first, second in taken.values()]
+            recordings_by_pump.setdefault(run.specimen.name, []).append((recording, run))
+    return [
+        _Case("rig", seed, first[0], second[0], _truth_of(first[1])) for first, second in recordings_by_pump.values()
+    ]
 
 
 def _truth_of(run: Run) -> Float[np.ndarray, " 6"]:
@@ -153,12 +153,12 @@ def _own_case(seed: int, number: int) -> _Case:
     twin = study_twin()
     truth = twin.values.numpy() * np.exp(OWN_SPREAD * rng.standard_normal(6))
     true = twin.with_interfaces(Interfaces.from_values(truth))
-    made = []
+    recordings = []
     for which in ("used", "held_out"):
-        one = true.simulate(2.0, 6400.0, phase=rng.uniform(0, 6.28), recording_id=f"own_{seed}_{number}_{which}")
-        noisy = add_noise(one.signal, 30.0, int(rng.integers(2**31)))
-        made.append(replace(one, signal=noisy))
-    return _Case("own", seed, made[0], made[1], truth)
+        recording = true.simulate(2.0, 6400.0, phase=rng.uniform(0, 6.28), recording_id=f"own_{seed}_{number}_{which}")
+        noisy = add_noise(recording.signal, 30.0, int(rng.integers(2**31)))
+        recordings.append(replace(recording, signal=noisy))
+    return _Case("own", seed, recordings[0], recordings[1], truth)
 
 
 def _of_case(case: _Case, mistakes: Sequence[Wrong]) -> list[Trial]:
@@ -179,22 +179,22 @@ def _values(case: _Case, wrong: Wrong, nuisances: Nuisances) -> dict[str, float]
     twin = wrong.twin(study_twin())
     used, held_out = wrong.recording(case.used), wrong.recording(case.held_out)
     try:
-        found = calibrate(twin, [used], method=GaussNewton(starts=2), nuisances=nuisances, phases=False)
+        calibration = calibrate(twin, [used], method=GaussNewton(starts=2), nuisances=nuisances, phases=False)
     except SwashTwinError as refusal:
         return {"warned": 1.0, "named": _named(wrong, (str(refusal),))}
     measurement = measure(twin, [held_out])
     comparison = objective_of(twin, measurement).comparisons[0]
-    near, _, _ = agreement(comparison.measurement, found.twin, comparison.amplitude_of(found.twin))
-    sure = np.array([one.verdict == "identified" for one in found.estimates])
-    low, high = np.array([one.interval for one in found.estimates]).T
-    held = (low <= case.truth) & (case.truth <= high)
-    off = np.abs(np.log([one.value for one in found.estimates] / case.truth))
-    warnings = tuple(note for note in found.notes if is_warning(note))
+    near, _, _ = agreement(comparison.measurement, calibration.twin, comparison.amplitude_of(calibration.twin))
+    sure = np.array([estimate.verdict == "identified" for estimate in calibration.estimates])
+    low, high = np.array([estimate.interval for estimate in calibration.estimates]).T
+    is_covered = (low <= case.truth) & (case.truth <= high)
+    off = np.abs(np.log([estimate.value for estimate in calibration.estimates] / case.truth))
+    warnings = tuple(note for note in calibration.notes if is_warning(note))
     return {
         "rmse": near.relative_rmse,
         "sve": near.spectrum_value_error,
         "error": float(off[sure].mean()) if sure.any() else float("nan"),
-        "coverage": float(held[sure].mean()) if sure.any() else float("nan"),
+        "coverage": float(is_covered[sure].mean()) if sure.any() else float("nan"),
         "identified": float(sure.mean()),
         "warned": float(bool(warnings)),
         "named": _named(wrong, warnings),
@@ -210,27 +210,27 @@ def _named(wrong: Wrong, warnings: Sequence[str]) -> float:
 
 def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
     """Silent failures, and what the rest came to."""
-    told = []
-    for background in dict.fromkeys(one.factors["background"] for one in trials):
-        rows = _means([one for one in trials if one.factors["background"] == background])
+    sentences = []
+    for background in dict.fromkeys(trial.factors["background"] for trial in trials):
+        rows = _means([trial for trial in trials if trial.factors["background"] == background])
         silent = [
             f"{wrong} (nuisances {nuisances})"
             for (wrong, nuisances), mean in rows.items()
             if wrong != "nothing" and mean["warned"] < 0.5 and (mean["coverage"] < 0.7 or mean["error"] > 0.2)
         ]
         where = {"own": "On the twin's own recordings", "rig": "On the virtual rig"}[background]
-        told.append(
+        sentences.append(
             f"{where} {'no mistake' if not silent else '; '.join(silent)} passes without a warning while the values "
             "called identified are off."
         )
-    return tuple(told)
+    return tuple(sentences)
 
 
 def _means(trials: Sequence[Trial]) -> dict[tuple[str, str], dict[str, Any]]:
-    keys = dict.fromkeys((one.factors["wrong"], one.factors["nuisances"]) for one in trials)
+    keys = dict.fromkeys((trial.factors["wrong"], trial.factors["nuisances"]) for trial in trials)
     means = {}
     for key in keys:
-        some = [one.values for one in trials if (one.factors["wrong"], one.factors["nuisances"]) == key]
-        rows = {name: [one[name] for one in some if np.isfinite(one.get(name, np.nan))] for name in METRICS}
+        some = [trial.values for trial in trials if (trial.factors["wrong"], trial.factors["nuisances"]) == key]
+        rows = {name: [values[name] for values in some if np.isfinite(values.get(name, np.nan))] for name in METRICS}
         means[key] = {name: float(np.mean(values)) if values else float("nan") for name, values in rows.items()}
     return means

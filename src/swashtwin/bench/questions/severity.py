@@ -21,8 +21,8 @@ from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 
 METRICS = {
-    "error": "median |ln(found / truth)|",
-    "bias": "mean ln(found / truth)",
+    "error": "median |ln(estimate / truth)|",
+    "bias": "mean ln(estimate / truth)",
     "coverage": "share of 90 % intervals that hold the truth",
     "identified": "share identified",
     "detected": "share detected",
@@ -40,7 +40,7 @@ PUMPS = ("A",)
 
 @dataclass(frozen=True)
 class _Case:
-    """One dimension found in one recording."""
+    """One dimension estimated from one recording."""
 
     kind: str
     dimension: str
@@ -48,7 +48,7 @@ class _Case:
     specimen: str
     recording_id: str
     truth: float
-    found: float
+    estimate: float
     low: float
     high: float
     verdict: str
@@ -60,8 +60,8 @@ class _Case:
 
     @property
     def error(self) -> float:
-        """Logarithm of found over truth; of a severity found to be zero that of the limit."""
-        return math.log(max(self.found, 0.05 * self.truth) / self.truth)
+        """Logarithm of the estimate over the truth; an estimate near zero counts as a twentieth of the truth."""
+        return math.log(max(self.estimate, 0.05 * self.truth) / self.truth)
 
 
 def run_severity(
@@ -88,10 +88,10 @@ def run_severity(
     pumps = [(seed, name) for seed in seeds for name in PUMPS]
     cases: list[_Case] = []
     parallel = Parallel(n_jobs=jobs, return_as="generator")
-    for done, found in enumerate(parallel(delayed(_of_pump)(*one, severities) for one in pumps), 1):
-        cases += found
+    for count, pump_cases in enumerate(parallel(delayed(_of_pump)(*pump, severities) for pump in pumps), 1):
+        cases += pump_cases
         if progress is not None:
-            progress(done, len(pumps))
+            progress(count, len(pumps))
     return StudyTable(
         study="severity",
         title="How severe is the fault? Severity by inversion against the hidden truth",
@@ -109,17 +109,17 @@ def run_severity(
             "The rig takes a pump apart before each recording, so films move by 12 % between points of a trend.",
             "Phases are dropped: which piston or bore is damaged is not searched.",
         ),
-        details={"cases": [{**asdict(one), "detected": bool(one.detected)} for one in cases]},
+        details={"cases": [{**asdict(case), "detected": bool(case.detected)} for case in cases]},
     )
 
 
 def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Case]:
     torch.set_num_threads(1)
-    taken = list(trend_recordings(seed, specimen, severities=severities))
-    healthy = [one for one, run in taken if run.fault is None]
+    pairs = list(trend_recordings(seed, specimen, severities=severities))
+    healthy = [recording for recording, run in pairs if run.fault is None]
     assert healthy[0].condition is not None
     twin = Twin(load_pump("25scy14-1b"), healthy[0].condition)
-    known = calibrate(
+    calibration = calibrate(
         twin,
         healthy[:-1],
         method=GaussNewton(),
@@ -129,12 +129,14 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
     )
     cases: list[_Case] = []
     for kind, typical in TRENDS.items():
-        own = [pair for pair in taken if type(pair[1].fault) is type(typical)] + [
-            pair for pair in taken if pair[0] is healthy[-1]
+        trend_pairs = [pair for pair in pairs if type(pair[1].fault) is type(typical)] + [
+            pair for pair in pairs if pair[0] is healthy[-1]
         ]
-        trend = estimate_severity(known, [one for one, _ in own], _start(kind), healthy=healthy[:-1])
-        for (recording, run), found in zip(own, trend.estimates, strict=True):
-            cases += _cases(kind, seed, recording, run, found)
+        trend = estimate_severity(
+            calibration, [recording for recording, _ in trend_pairs], _start(kind), healthy=healthy[:-1]
+        )
+        for (recording, run), severity in zip(trend_pairs, trend.estimates, strict=True):
+            cases += _cases(kind, seed, recording, run, severity)
     return cases
 
 
@@ -144,59 +146,59 @@ def _start(kind: str) -> Fault:
     return replace(fault, length=START) if isinstance(fault, SwashPlateDefect) else fault
 
 
-def _cases(kind: str, seed: int, recording: Recording, run: Run, found: Severity) -> list[_Case]:
+def _cases(kind: str, seed: int, recording: Recording, run: Run, severity: Severity) -> list[_Case]:
     cases = []
-    for place, one in enumerate(found.dimensions):
-        if place and run.fault is None:
+    for index, estimate in enumerate(severity.dimensions):
+        if index and run.fault is None:
             continue  # a healthy pump's recess has no length
         cases.append(
             _Case(
                 kind=kind,
-                dimension=one.dimension.name,
+                dimension=estimate.dimension.name,
                 seed=seed,
                 specimen=str(recording.specimen),
                 recording_id=recording.recording_id,
-                truth=0.0 if run.fault is None else float(getattr(run.fault, one.dimension.name)),
-                found=one.value,
-                low=one.interval[0],
-                high=one.interval[1],
-                verdict=one.verdict,
-                detected=found.evidence > found.threshold,
-                limit=found.detection_limit if place == 0 else None,
-                per_unit=one.dimension.per_unit,
-                unit=one.dimension.unit,
-                wall_s=found.wall_s,
+                truth=0.0 if run.fault is None else float(getattr(run.fault, estimate.dimension.name)),
+                estimate=estimate.value,
+                low=estimate.interval[0],
+                high=estimate.interval[1],
+                verdict=estimate.verdict,
+                detected=severity.evidence > severity.threshold,
+                limit=severity.detection_limit if index == 0 else None,
+                per_unit=estimate.dimension.per_unit,
+                unit=estimate.dimension.unit,
+                wall_s=severity.wall_s,
             )
         )
     return cases
 
 
 def _trials(cases: Sequence[_Case], seeds: Sequence[int]) -> list[Trial]:
-    keys = dict.fromkeys((one.kind, one.dimension) for one in cases)
+    keys = dict.fromkeys((case.kind, case.dimension) for case in cases)
     trials = []
     for kind, dimension in keys:
         for seed in seeds:
-            own = [one for one in cases if (one.kind, one.dimension, one.seed) == (kind, dimension, seed)]
-            trials.append(Trial({"fault": kind, "dimension": dimension}, seed, _values(own)))
+            matching = [case for case in cases if (case.kind, case.dimension, case.seed) == (kind, dimension, seed)]
+            trials.append(Trial({"fault": kind, "dimension": dimension}, seed, _values(matching)))
     return trials
 
 
 def _values(cases: Sequence[_Case]) -> dict[str, float]:
-    faulty, healthy = [one for one in cases if one.truth > 0], [one for one in cases if one.truth == 0]
-    error = np.array([one.error for one in faulty])
+    faulty, healthy = [case for case in cases if case.truth > 0], [case for case in cases if case.truth == 0]
+    error = np.array([case.error for case in faulty])
     values = {
         "error": float(np.median(np.abs(error))),
         "bias": float(error.mean()),
-        "coverage": float(np.mean([one.low <= one.truth <= one.high for one in faulty])),
-        "identified": float(np.mean([one.verdict == "identified" for one in faulty])),
-        "wall_s": float(np.mean([one.wall_s for one in cases])),
+        "coverage": float(np.mean([case.low <= case.truth <= case.high for case in faulty])),
+        "identified": float(np.mean([case.verdict == "identified" for case in faulty])),
+        "wall_s": float(np.mean([case.wall_s for case in cases])),
     }
     if healthy:
         typical = TRENDS[cases[0].kind].severity
-        limits = [one.limit / typical for one in faulty if one.limit is not None]
+        limits = [case.limit / typical for case in faulty if case.limit is not None]
         values |= {
-            "detected": float(np.mean([one.detected for one in faulty])),
-            "false_alarms": float(np.mean([one.detected for one in healthy])),
+            "detected": float(np.mean([case.detected for case in faulty])),
+            "false_alarms": float(np.mean([case.detected for case in healthy])),
             "limit": float(np.median(limits)) if limits else math.nan,
             **_along(faulty),
         }
@@ -206,12 +208,12 @@ def _values(cases: Sequence[_Case]) -> dict[str, float]:
 def _along(faulty: Sequence[_Case]) -> dict[str, float]:
     """Rank correlation and error of a change, along the trend of each pump."""
     ranks, changes = [], []
-    for pump in dict.fromkeys((one.seed, one.specimen) for one in faulty):
-        own = sorted((one for one in faulty if (one.seed, one.specimen) == pump), key=lambda one: one.truth)
-        truth, found = [one.truth for one in own], [one.found for one in own]
-        if len(set(found)) > 1 and len(own) > 2:
-            ranks.append(float(scipy.stats.spearmanr(truth, found)[0]))
-        changes += [later.error - earlier.error for earlier, later in pairwise(own)]
+    for pump in dict.fromkeys((case.seed, case.specimen) for case in faulty):
+        along = sorted((case for case in faulty if (case.seed, case.specimen) == pump), key=lambda case: case.truth)
+        truth, estimated = [case.truth for case in along], [case.estimate for case in along]
+        if len(set(estimated)) > 1 and len(along) > 2:
+            ranks.append(float(scipy.stats.spearmanr(truth, estimated)[0]))
+        changes += [later.error - earlier.error for earlier, later in pairwise(along)]
     return {
         "rank": float(np.mean(ranks)) if ranks else math.nan,
         "change": float(np.median(np.abs(changes))) if changes else math.nan,
@@ -219,19 +221,19 @@ def _along(faulty: Sequence[_Case]) -> dict[str, float]:
 
 
 def _answer(cases: Sequence[_Case]) -> list[str]:
-    told = []
-    for kind in dict.fromkeys(one.kind for one in cases):
-        own = [one for one in cases if one.kind == kind and one.dimension == _severity_of(cases, kind)]
-        values = _values(own)
-        told.append(
+    sentences = []
+    for kind in dict.fromkeys(case.kind for case in cases):
+        matching = [case for case in cases if case.kind == kind and case.dimension == _severity_of(cases, kind)]
+        values = _values(matching)
+        sentences.append(
             f"{kind.replace('_', ' ')}: {_severity_of(cases, kind)} off by {math.expm1(values['error']):.0%} in the "
             f"median, {values['coverage']:.0%} of the 90 % intervals hold the truth, rank correlation along a trend "
             f"{values['rank']:.2f}, detected {values['detected']:.0%}, healthy taken for faulty "
             f"{values['false_alarms']:.0%}."
         )
-    return told
+    return sentences
 
 
 def _severity_of(cases: Sequence[_Case], kind: str) -> str:
     """Name of the dimension that carries the severity of `kind`."""
-    return next(one.dimension for one in cases if one.kind == kind)
+    return next(case.dimension for case in cases if case.kind == kind)

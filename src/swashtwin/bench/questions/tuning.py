@@ -20,7 +20,7 @@ from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rivals.models import Model, models_of, train_model
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.dataset import prepare
-from swashtwin.bench.studies.sources import Known, Source
+from swashtwin.bench.studies.sources import SameRecordings, Source
 from swashtwin.bench.studies.workers import Workers
 from swashtwin.foundation import VERSION, InputError, MissingExtraError, derive_seed
 from swashtwin.learning import NETWORKS, WindowSet, evaluate, group_folds
@@ -41,20 +41,20 @@ NETWORK_SPACE: Mapping[str, tuple[Any, ...]] = {"dropout": (0.0, 0.1, 0.2, 0.3, 
 """Settings of a network that are searched where it has them."""
 
 
-OWN = "own"
+UNCHANGED = "own"
 """Mark of the trial that is the unchanged model."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Settings that were tried, and what came of them."""
+    """Settings with their validation scores."""
 
     settings: Mapping[str, Any]
     """By name."""
     recall: tuple[float, ...]
     """Macro recall on each validation fold."""
-    is_own: bool = False
-    """Whether they are the study's own, unchanged."""
+    is_unchanged: bool = False
+    """Whether they are the unchanged settings of the study."""
 
     @property
     def mean(self) -> float:
@@ -95,33 +95,39 @@ def run_tuning(
         Optuna is not installed.
     """
     started, workers = time.perf_counter(), workers or Workers()
-    own = models_of(size, [model])[model]
-    if not own.is_network:
+    study_model = models_of(size, [model])[model]
+    if not study_model.is_network:
         raise InputError(f"{model} has no settings to search; name a network, such as bitcn.")
-    recordings, fingerprint = (data if isinstance(data, Source) else Known(data)).taken(seed)
+    recordings, fingerprint = (data if isinstance(data, Source) else SameRecordings(data)).recordings_for(seed)
     windows = prepare(recordings, SCENARIOS[size], seed, ()).measured
     folds = validation_folds(windows)
-    space = _space(own)
-    held = json.dumps([own.described(), SCENARIOS[size].described(), seed, fingerprint, space], sort_keys=True)
-    name = f"{model}-{hashlib.sha256(held.encode()).hexdigest()[:12]}"
+    space = _space(study_model)
+    decisive = json.dumps(
+        [study_model.described(), SCENARIOS[size].described(), seed, fingerprint, space], sort_keys=True
+    )
+    name = f"{model}-{hashlib.sha256(decisive.encode()).hexdigest()[:12]}"
     with workers.started():
-        search = _opened(Path(out) / "tune" / f"{name}.journal", name, seed)
-        while (done := len(_complete(search))) < trials or not any(map(_is_own, _complete(search))):
+        search = _open_search(Path(out) / "tune" / f"{name}.journal", name, seed)
+        while (count := len(_complete(search))) < trials or not any(map(_is_unchanged, _complete(search))):
             if progress is not None:
-                progress(done, trials)
-            asked = [search.ask() for _ in range(max(1, min(workers.jobs, trials - done)))]
-            models = [own if _is_own(one) else _with(own, _suggested(one, space)) for one in asked]
+                progress(count, trials)
+            batch = [search.ask() for _ in range(max(1, min(workers.jobs, trials - count)))]
+            models = [
+                study_model if _is_unchanged(trial) else _with(study_model, _suggest(trial, space)) for trial in batch
+            ]
             calls = [(model, windows, folds, seed, device) for model in models]
-            for place, recall in workers.each(validated, calls):
-                asked[place].set_user_attr("recall", list(recall))
-                search.tell(asked[place], float(np.mean(recall)))
-    tried = [
+            for index, recall in workers.each(validate, calls):
+                batch[index].set_user_attr("recall", list(recall))
+                search.tell(batch[index], float(np.mean(recall)))
+    candidates = [
         Candidate(
-            _own_settings(own, space) if _is_own(one) else one.params, tuple(one.user_attrs["recall"]), _is_own(one)
+            _unchanged_settings(study_model, space) if _is_unchanged(trial) else trial.params,
+            tuple(trial.user_attrs["recall"]),
+            _is_unchanged(trial),
         )
-        for one in _complete(search)
+        for trial in _complete(search)
     ]
-    return _table(tried, model, size, seed, origin_of(recordings), command, time.perf_counter() - started, device)
+    return _table(candidates, model, size, seed, origin_of(recordings), command, time.perf_counter() - started, device)
 
 
 def validation_folds(windows: WindowSet) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -137,51 +143,50 @@ def validation_folds(windows: WindowSet) -> list[tuple[np.ndarray, np.ndarray]]:
     return list(group_folds(windows, group="specimen", dealing="each"))
 
 
-def validated(
+def validate(
     model: Model, windows: WindowSet, folds: Sequence[tuple[np.ndarray, np.ndarray]], seed: int, device: str
 ) -> tuple[float, ...]:
     """Macro recall of a model on each validation fold."""
-    found = []
-    for trained, held in folds:
-        train = windows.subset(trained)
-        classifier = train_model(model, train, seed=seed, device=device)
-        found.append(evaluate(classifier, windows.subset(held), level="L4").macro_recall)
-    return tuple(found)
+    recalls = []
+    for train, validation in folds:
+        classifier = train_model(model, windows.subset(train), seed=seed, device=device)
+        recalls.append(evaluate(classifier, windows.subset(validation), level="L4").macro_recall)
+    return tuple(recalls)
 
 
-def _taken(model: Model) -> dict[str, Any]:
-    """Settings that a model's network takes, with its own defaults."""
-    taken: dict[str, Any] = {}
+def _network_defaults(model: Model) -> dict[str, Any]:
+    """Settings that a model's network takes, with their defaults."""
+    defaults: dict[str, Any] = {}
     for kind in reversed(NETWORKS[model.kind].__mro__):
-        taken |= {name: one.default for name, one in inspect.signature(kind).parameters.items()}
-    return taken
+        defaults |= {name: parameter.default for name, parameter in inspect.signature(kind).parameters.items()}
+    return defaults
 
 
 def _space(model: Model) -> dict[str, tuple[Any, ...]]:
     """What is searched of a model: of the normalizations those that go with how it is trained."""
-    taken = _taken(model)
+    defaults = _network_defaults(model)
     suitable = tuple(name for name in TRAINING_SPACE["normalization"] if model.training.fits_normalization(name))
     training = {**TRAINING_SPACE, "normalization": suitable}
-    return {**training, **{name: values for name, values in NETWORK_SPACE.items() if name in taken}}
+    return {**training, **{name: values for name, values in NETWORK_SPACE.items() if name in defaults}}
 
 
-def _own_settings(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+def _unchanged_settings(model: Model, space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
     """What the unchanged model has of what is searched, be it within the space or not."""
-    known = {**_taken(model), **vars(model.training), **model.network}
-    return {name: known[name] for name in space}
+    settings = {**_network_defaults(model), **vars(model.training), **model.network}
+    return {name: settings[name] for name in space}
 
 
 def _is_range(values: tuple[Any, ...]) -> bool:
     return len(values) == 2 and all(isinstance(value, float) for value in values)
 
 
-def _suggested(trial: "optuna.Trial", space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
-    def one(name: str, values: tuple[Any, ...]) -> Any:
+def _suggest(trial: "optuna.Trial", space: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    def suggest(name: str, values: tuple[Any, ...]) -> Any:
         if _is_range(values):
             return trial.suggest_float(name, *values, log=True)
         return trial.suggest_categorical(name, values)
 
-    return {name: one(name, values) for name, values in space.items()}
+    return {name: suggest(name, values) for name, values in space.items()}
 
 
 def _with(model: Model, settings: Mapping[str, Any]) -> Model:
@@ -190,7 +195,7 @@ def _with(model: Model, settings: Mapping[str, Any]) -> Model:
     return replace(model.with_training(**training), network={**model.network, **network})
 
 
-def _opened(path: Path, name: str, seed: int) -> "optuna.Study":
+def _open_search(path: Path, name: str, seed: int) -> "optuna.Study":
     """The search in a journal; the unchanged model is next, unless it has a score.
 
     It is a trial without parameters, for the space need not hold its settings; an interrupt may have lost it before.
@@ -206,13 +211,13 @@ def _opened(path: Path, name: str, seed: int) -> "optuna.Study":
     storage = JournalStorage(JournalFileBackend(str(path)))
     search = optuna.create_study(study_name=name, storage=storage, direction="maximize", load_if_exists=True)
     search.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, "tuning", len(search.trials)) % 2**32)
-    if not any(_is_own(trial) and trial.state.name in ("COMPLETE", "WAITING") for trial in search.trials):
-        search.enqueue_trial({}, user_attrs={OWN: True})
+    if not any(_is_unchanged(trial) and trial.state.name in ("COMPLETE", "WAITING") for trial in search.trials):
+        search.enqueue_trial({}, user_attrs={UNCHANGED: True})
     return search
 
 
-def _is_own(trial: "optuna.Trial | optuna.trial.FrozenTrial") -> bool:
-    return bool(trial.user_attrs.get(OWN))
+def _is_unchanged(trial: "optuna.Trial | optuna.trial.FrozenTrial") -> bool:
+    return bool(trial.user_attrs.get(UNCHANGED))
 
 
 def _complete(search: "optuna.Study") -> list[Any]:
@@ -220,7 +225,7 @@ def _complete(search: "optuna.Study") -> list[Any]:
 
 
 def _table(
-    tried: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     model: str,
     size: str,
     seed: int,
@@ -229,16 +234,16 @@ def _table(
     wall_s: float,
     device: str,
 ) -> StudyTable:
-    best = sorted(tried, key=lambda one: -one.mean)
+    best = sorted(candidates, key=lambda candidate: -candidate.mean)
     trials = [
-        Trial({"settings": _words(one)}, fold, {"recall": value})
-        for one in best
-        for fold, value in enumerate(one.recall)
+        Trial({"settings": _words(candidate)}, fold, {"recall": value})
+        for candidate in best
+        for fold, value in enumerate(candidate.recall)
     ]
-    own = next(one for one in tried if one.is_own)
+    unchanged = next(candidate for candidate in candidates if candidate.is_unchanged)
     answer = (
-        f"Best of {len(tried)} on validation recordings: {_words(best[0])}, macro recall {best[0].mean:.3f}; "
-        f"the study's own settings: {own.mean:.3f}.",
+        f"Best of {len(candidates)} on validation recordings: {_words(best[0])}, macro recall {best[0].mean:.3f}; "
+        f"the study's own settings: {unchanged.mean:.3f}.",
     )
     return StudyTable(
         study="tune",
@@ -259,13 +264,20 @@ def _table(
         device=device,
         details={
             "candidates": [
-                {"settings": dict(one.settings), "recall": list(one.recall), "own": one.is_own} for one in tried
+                {
+                    "settings": dict(candidate.settings),
+                    "recall": list(candidate.recall),
+                    "unchanged": candidate.is_unchanged,
+                }
+                for candidate in candidates
             ]
         },
     )
 
 
-def _words(one: Candidate) -> str:
-    plain = {name: f"{value:.3g}" if isinstance(value, float) else str(value) for name, value in one.settings.items()}
-    told = ", ".join(f"{name}={value}" for name, value in plain.items())
-    return f"the study's own: {told}" if one.is_own else told
+def _words(candidate: Candidate) -> str:
+    settings = ", ".join(
+        f"{name}={value:.3g}" if isinstance(value, float) else f"{name}={value}"
+        for name, value in candidate.settings.items()
+    )
+    return f"the study's own: {settings}" if candidate.is_unchanged else settings

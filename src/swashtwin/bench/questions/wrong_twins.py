@@ -49,9 +49,9 @@ def wrong_twins() -> tuple[Wrong, ...]:
         Wrong("9 pistons", _on_pump(_nine_pistons), clue="piston count"),
         Wrong("cover_z sensor 40 mm off", _on_pump(_moved_sensor)),
         Wrong("body_x and body_y swapped", recording=_swapped, clue="have each other's name"),
-        Wrong("cover_z in g", recording=lambda one: _in_g(one, ("cover_z",)), clue="in g?"),
-        Wrong("all channels in g", recording=lambda one: _in_g(one, one.channels), clue="in g?"),
-        Wrong("unit stated as g", recording=lambda one: replace(one, unit="g"), clue="needs m/s^2"),
+        Wrong("cover_z in g", recording=lambda recording: _in_g(recording, ("cover_z",)), clue="in g?"),
+        Wrong("all channels in g", recording=lambda recording: _in_g(recording, recording.channels), clue="in g?"),
+        Wrong("unit stated as g", recording=lambda recording: replace(recording, unit="g"), clue="needs m/s^2"),
         Wrong("pressure stated 10 % high", _at_pressure(1.1), _stated_pressure(1.1)),
         Wrong("pressure stated 10 % low", _at_pressure(0.9), _stated_pressure(0.9)),
         Wrong("speed stated 3 % high", _at_speed(1.03), _stated_speed(1.03), clue="rev/min"),
@@ -62,9 +62,9 @@ _CONSTANTS = {"mount": ("mounting", "the mounting's stiffness"), "bearing": ("be
 
 
 def _scaled(name: str, percent: int) -> Wrong:
-    told, clue = _CONSTANTS[name]
+    words, clue = _CONSTANTS[name]
     scales = replace(Scales(), **{name: 1 + percent / 100})
-    return Wrong(f"{told} {percent:+d} %", lambda twin: replace(twin, scales=scales), clue=clue)
+    return Wrong(f"{words} {percent:+d} %", lambda twin: replace(twin, scales=scales), clue=clue)
 
 
 def _defect(twin: Twin) -> SwashPlateDefect:
@@ -119,10 +119,10 @@ def _nine_pistons(pump: Pump) -> Pump:
 
 def _moved_sensor(pump: Pump) -> Pump:
     moved = [
-        replace(one, position=(one.position[0], one.position[1] + 0.04, one.position[2]))
-        if one.name == "cover_z"
-        else one
-        for one in pump.sensors
+        replace(sensor, position=(sensor.position[0], sensor.position[1] + 0.04, sensor.position[2]))
+        if sensor.name == "cover_z"
+        else sensor
+        for sensor in pump.sensors
     ]
     return replace(pump, sensors=tuple(moved))
 
@@ -144,7 +144,7 @@ def _at_pressure(factor: float) -> Callable[[Twin], Twin]:
 
 
 def _stated_pressure(factor: float) -> Callable[[Recording], Recording]:
-    return lambda one: replace(one, condition=_pressed(_condition(one), factor))
+    return lambda recording: replace(recording, condition=_pressed(_condition(recording), factor))
 
 
 def _pressed(condition: OperatingCondition, factor: float) -> OperatingCondition:
@@ -156,7 +156,9 @@ def _at_speed(factor: float) -> Callable[[Twin], Twin]:
 
 
 def _stated_speed(factor: float) -> Callable[[Recording], Recording]:
-    return lambda one: replace(one, condition=_condition(one).replaced(speed=factor * _condition(one).speed))
+    return lambda recording: replace(
+        recording, condition=_condition(recording).replaced(speed=factor * _condition(recording).speed)
+    )
 
 
 def _condition(recording: Recording) -> OperatingCondition:

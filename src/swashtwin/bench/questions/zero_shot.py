@@ -64,7 +64,7 @@ from swashtwin.bench.rivals.order_levels import (
     order_lines,
 )
 from swashtwin.bench.rivals.order_threshold import OrderThreshold, rising_orders, threshold_orders
-from swashtwin.bench.studies.twin_draws import pump_of
+from swashtwin.bench.studies.priors import pump_of
 from swashtwin.foundation import VERSION, InputError, derive_seed
 from swashtwin.learning import (
     BiTCN,
@@ -142,12 +142,12 @@ def run_zero_shot(
         delayed(_fleet)(recordings, settings, seed) for seed in seeds
     )
     fleets = []
-    for done, fleet in enumerate(running, 1):
+    for count, fleet in enumerate(running, 1):
         fleets.append(fleet)
         if progress is not None:
-            progress("fleets" if recordings is None else "splits", done, len(seeds))
+            progress("fleets" if recordings is None else "splits", count, len(seeds))
     classes = fleets[0].outcomes[0].scores.classes
-    trials = tuple(trial_of(one, fleet.seed) for fleet in fleets for one in fleet.outcomes)
+    trials = tuple(trial_of(outcome, fleet.seed) for fleet in fleets for outcome in fleet.outcomes)
     study = StudyTable(
         study="zero-shot",
         title="Zero-shot: faults that nobody has measured",
@@ -178,7 +178,9 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, s
     origin = origin_of(recordings)
     data = prepare_zero_shot(recordings, settings, seed)
     views = _views(settings, data)
-    outcomes = [one for name, train in data.sets.items() for one in _learned(name, train, data, views, settings)]
+    outcomes = [
+        outcome for name, train in data.sets.items() for outcome in _learned(name, train, data, views, settings)
+    ]
     rules = _rules(data, views)
     for name, rule in rules.items():
         outcomes += _scored(HEALTHY_ONLY, name, rule, data)
@@ -188,8 +190,10 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, s
         "oracle": sorted(data.split.faulty),
         **{name: sorted(ids) for name, ids in data.split.tests.items()},
     }
-    told = {name: {label: list(columns) for label, columns in rule.rule.items()} for name, rule in rules.items()}
-    return Fleet(seed, tuple(outcomes), told, roles, origin)
+    rule_columns = {
+        name: {label: list(columns) for label, columns in rule.rule.items()} for name, rule in rules.items()
+    }
+    return Fleet(seed, tuple(outcomes), rule_columns, roles, origin)
 
 
 def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extractor]:
@@ -208,15 +212,21 @@ def _learned(
     name: str, train: WindowSet, data: ZeroShotData, views: Mapping[str, Extractor], settings: ZeroShotSettings
 ) -> Iterator[Outcome]:
     """Every classifier of one training set."""
-    own = _twin_windows(name, data)
-    references = (data.healthy if own is None else data.healthy + own) + data.strangers
-    taken: dict[str, Extractor] = {TREES_HEALTHY: against_healthy(views["orders"], references)}
+    twin_windows = _twin_windows(name, data)
+    references = (data.healthy if twin_windows is None else data.healthy + twin_windows) + data.strangers
+    views_taken: dict[str, Extractor] = {TREES_HEALTHY: against_healthy(views["orders"], references)}
     if name in PLAIN_ON:
-        taken |= {TREES_ORDERS: views["orders"], TREES: views["usual"]}
-    for kind, view in taken.items():
-        trees = fit_extra_trees(train, seed=data.seed, manifest=data.known(name), features=view, n_trees=settings.trees)
+        views_taken |= {TREES_ORDERS: views["orders"], TREES: views["usual"]}
+    for kind, view in views_taken.items():
+        trees = fit_extra_trees(
+            train, seed=data.seed, manifest=data.manifest_of(name), features=view, n_trees=settings.trees
+        )
         yield from _scored(
-            name, kind, trees, data, None if own is None else _discriminator(own, data, view, settings.trees // 3)
+            name,
+            kind,
+            trees,
+            data,
+            None if twin_windows is None else _discriminator(twin_windows, data, view, settings.trees // 3),
         )
     if name not in NETWORKS_ON:
         return
@@ -240,7 +250,7 @@ def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
 def _trained(
     network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings
 ) -> FittedClassifier:
-    return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.known(name))
+    return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.manifest_of(name))
 
 
 def _as_orders(windows: WindowSet, lines: Extractor) -> WindowSet:
@@ -255,7 +265,7 @@ def _rules(data: ZeroShotData, views: Mapping[str, Extractor]) -> dict[str, Orde
     for name, view in ((RULE, views["orders"]), (ENVELOPE_RULE, views["envelope"])):
         relative = against_healthy(view, data.healthy + nominal)
         rule = rising_orders(relative(nominal), nominal)
-        rules[name] = threshold_orders(data.healthy, relative, rule, manifest=data.known(NOMINAL))
+        rules[name] = threshold_orders(data.healthy, relative, rule, manifest=data.manifest_of(NOMINAL))
     return rules
 
 
@@ -266,8 +276,8 @@ def _scored(
     for test, windows in data.tests.items():
         level = "L5" if training_set != ORACLE else "L2" if test == SAME else "L4"
         scores = evaluate(classifier, windows, level=level)
-        told = float("nan") if discriminator is None else discriminator
-        yield Outcome(training_set, kind, test, scores, strangers, told)
+        auroc = float("nan") if discriminator is None else discriminator
+        yield Outcome(training_set, kind, test, scores, strangers, auroc)
 
 
 def _stranger_recall(classifier: Classifier, data: ZeroShotData) -> float:
@@ -276,10 +286,10 @@ def _stranger_recall(classifier: Classifier, data: ZeroShotData) -> float:
     return float(recall_score(data.strangers.target, predicted, average="macro"))
 
 
-def _discriminator(own: WindowSet, data: ZeroShotData, view: Extractor, n_trees: int) -> float:
+def _discriminator(twin_windows: WindowSet, data: ZeroShotData, view: Extractor, n_trees: int) -> float:
     """AUROC of measured against synthetic healthy windows, each judged by trees that saw other pumps only."""
     measured = data.healthy.subset(np.isin(data.healthy.specimen, data.split.pumps))
-    both = measured + own.subset(own.label == "normal")
+    both = measured + twin_windows.subset(twin_windows.label == "normal")
     group = np.array([pump_of(name) for name in both.specimen.tolist()])
     if len(data.split.pumps) < 2:
         return float("nan")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.studies.cells import cut_evenly, recordings_by_cell
-from swashtwin.bench.studies.twin_draws import (
+from swashtwin.bench.studies.priors import (
     Draw,
     any_fault,
     posterior_twins,
@@ -114,9 +114,9 @@ def split_zero_shot(recordings: Sequence[Recording], held_out: int, seed: int) -
                 f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; the study needs one "
                 "to learn from and one to test."
             )
-        known = order[max(1, len(order) // 3) :] if label == "normal" or cell[0].specimen not in unseen else []
-        where |= set(order) - set(known)
-        (healthy if label == "normal" else faulty).update(known)
+        trained_on = order[max(1, len(order) // 3) :] if label == "normal" or cell[0].specimen not in unseen else []
+        where |= set(order) - set(trained_on)
+        (healthy if label == "normal" else faulty).update(trained_on)
     return ZeroShotSplit(
         tuple(name for name in specimens if name not in unseen),
         frozenset(healthy),
@@ -142,7 +142,7 @@ class ZeroShotData:
     calibrations: Mapping[str, Calibration]
     """Of each specimen with a twin."""
 
-    def known(self, training_set: str) -> tuple[str, ...]:
+    def manifest_of(self, training_set: str) -> tuple[str, ...]:
         """Recordings that had a part in a training set, or are what features are compared with."""
         return tuple(sorted(self.split.healthy | (self.split.faulty if training_set == ORACLE else frozenset())))
 
@@ -151,16 +151,16 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
     """Split, calibrations on healthy recordings alone, synthesis, test windows."""
     split = split_zero_shot(recordings, settings.held_out, seed)
 
-    def taken(ids: Iterable[str], like: WindowSet | None = None) -> WindowSet:
+    def cut(ids: Iterable[str], like: WindowSet | None = None) -> WindowSet:
         wanted = set(ids)
         chosen = [r for r in recordings if r.recording_id in wanted]
         return cut_evenly(chosen, length=settings.length, count=settings.windows, like=like)
 
-    healthy = taken(split.healthy)
-    own = [r for r in recordings if r.recording_id in split.healthy and r.specimen in split.pumps]
-    conditions = _conditions(own)
+    healthy = cut(split.healthy)
+    of_twins = [r for r in recordings if r.recording_id in split.healthy and r.specimen in split.pumps]
+    conditions = _conditions(of_twins)
     calibrations = {
-        pump: _calibrated(pump, [r for r in own if r.specimen == pump], conditions, settings, seed)
+        pump: _calibrated(pump, [r for r in of_twins if r.specimen == pump], conditions, settings, seed)
         for pump in split.pumps
     }
     sets = _synthetic_sets(calibrations, conditions, healthy, settings, seed)
@@ -169,14 +169,14 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
     sets[BOTH_NORMALS] = drawn + of_pumps
     sets[MEASURED_NORMALS] = drawn.subset(drawn.label != "normal") + of_pumps
     if split.faulty:
-        sets[ORACLE] = of_pumps + taken(split.faulty, like=healthy)
+        sets[ORACLE] = of_pumps + cut(split.faulty, like=healthy)
     return ZeroShotData(
         seed=seed,
         split=split,
         healthy=healthy,
         sets=sets,
         strangers=_synthesis(calibrations, conditions, healthy, settings, seed, "stranger", wide_fault),
-        tests={name: taken(ids, like=healthy) for name, ids in split.tests.items() if ids},
+        tests={name: cut(ids, like=healthy) for name, ids in split.tests.items() if ids},
         calibrations=calibrations,
     )
 
@@ -190,14 +190,14 @@ def _conditions(recordings: Sequence[Recording]) -> list[OperatingCondition]:
 
 def _calibrated(
     pump: str,
-    known: Sequence[Recording],
+    healthy: Sequence[Recording],
     conditions: Sequence[OperatingCondition],
     settings: ZeroShotSettings,
     seed: int,
 ) -> Calibration:
     named = replace(settings.pump, name=f"{settings.pump.name} ({pump})")
     twins = [Twin(named, condition) for condition in conditions]
-    return calibrate(twins, known, method=settings.method, nuisances=settings.nuisances, phases=False, seed=seed)
+    return calibrate(twins, healthy, method=settings.method, nuisances=settings.nuisances, phases=False, seed=seed)
 
 
 def _twins(kind: str, calibration: Calibration, count: int, seed: int) -> list[Twin]:
@@ -219,8 +219,8 @@ def _synthesis(
     fault: Draw,
 ) -> WindowSet:
     twins = {
-        pump: _twins(kind, own, settings.draws, derive_seed(seed, "zero-shot twins", kind, pump))
-        for pump, own in calibrations.items()
+        pump: _twins(kind, calibration, settings.draws, derive_seed(seed, "zero-shot twins", kind, pump))
+        for pump, calibration in calibrations.items()
     }
     return synthetic_windows(twins, conditions, healthy, fault, kind=kind, count=settings.synthetic, seed=seed)
 

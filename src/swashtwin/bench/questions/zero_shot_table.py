@@ -77,9 +77,9 @@ NOTES = (
 )
 
 
-def trial_of(one: Outcome, seed: int) -> Trial:
+def trial_of(outcome: Outcome, seed: int) -> Trial:
     """Its row's numbers."""
-    scores = one.scores
+    scores = outcome.scores
     values = {
         "accuracy": scores.accuracy,
         "balanced_accuracy": scores.macro_recall,
@@ -87,19 +87,21 @@ def trial_of(one: Outcome, seed: int) -> Trial:
         "recording_accuracy": scores.recording_accuracy,
         "false_alarm_rate": scores.false_alarm_rate,
         "missed_fault_rate": scores.missed_fault_rate,
-        "strangers": one.strangers,
-        "discriminator": one.discriminator,
+        "strangers": outcome.strangers,
+        "discriminator": outcome.discriminator,
         **{f"recall_{name}": recall for name, recall in scores.recall.items()},
     }
-    return Trial({"training_set": one.training_set, "classifier": one.classifier, "test": one.test}, seed, values)
+    return Trial(
+        {"training_set": outcome.training_set, "classifier": outcome.classifier, "test": outcome.test}, seed, values
+    )
 
 
 def confusions_of(fleets: Sequence[Fleet]) -> list[dict[str, Any]]:
     """Windows by actual and predicted class, all seeds together."""
     summed: dict[tuple[str, str, str], np.ndarray] = {}
-    for one in (outcome for fleet in fleets for outcome in fleet.outcomes):
-        key = (one.training_set, one.classifier, one.test)
-        summed[key] = summed.get(key, 0) + one.scores.confusion
+    for outcome in (outcome for fleet in fleets for outcome in fleet.outcomes):
+        key = (outcome.training_set, outcome.classifier, outcome.test)
+        summed[key] = summed.get(key, 0) + outcome.scores.confusion
     return [
         {
             "training_set": key[0],
@@ -125,7 +127,7 @@ def chosen_zero_shot(study: StudyTable) -> tuple[str, str]:
 def answer_of(study: StudyTable) -> tuple[str, ...]:
     """What came out, in sentences."""
 
-    def told(training_set: str, classifier: str, test: str = SAME) -> str:
+    def score(training_set: str, classifier: str, test: str = SAME) -> str:
         rows = [
             row
             for row in study.rows()
@@ -136,13 +138,13 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
     best = chosen_zero_shot(study)
     return (
         f"Chosen on synthetic strangers alone: {best[1]}, taught by {best[0]}; on measured faults it scores a balanced "
-        f"accuracy of {told(*best)} on the same pumps and {told(*best, UNSEEN)} on pumps without a twin.",
-        f"On the same pumps, trees on orders against healthy: nominal twin {told(NOMINAL, TREES_HEALTHY)}, calibrated "
-        f"{told(CALIBRATED, TREES_HEALTHY)}, draws from the posterior {told(POSTERIOR, TREES_HEALTHY)}, measured "
-        f"faults (an oracle) {told(ORACLE, TREES_HEALTHY)}; the rule that learns nothing {told(HEALTHY_ONLY, RULE)}, "
-        f"on the envelope {told(HEALTHY_ONLY, ENVELOPE_RULE)}.",
+        f"accuracy of {score(*best)} on the same pumps and {score(*best, UNSEEN)} on pumps without a twin.",
+        f"On the same pumps, trees on orders against healthy: nominal twin {score(NOMINAL, TREES_HEALTHY)}, calibrated "
+        f"{score(CALIBRATED, TREES_HEALTHY)}, draws from the posterior {score(POSTERIOR, TREES_HEALTHY)}, measured "
+        f"faults (an oracle) {score(ORACLE, TREES_HEALTHY)}; the rule that learns nothing {score(HEALTHY_ONLY, RULE)}, "
+        f"on the envelope {score(HEALTHY_ONLY, ENVELOPE_RULE)}.",
         f"Without a comparison with the machine's own healthy recordings the same windows give "
-        f"{told(POSTERIOR, TREES_ORDERS)} (orders) and {told(POSTERIOR, TREES)} (the usual features).",
+        f"{score(POSTERIOR, TREES_ORDERS)} (orders) and {score(POSTERIOR, TREES)} (the usual features).",
     )
 
 

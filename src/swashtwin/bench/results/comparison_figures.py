@@ -53,38 +53,38 @@ def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
     return [
         _curves(
             study,
-            [row for row in rows if row["classifier"] == one],
+            [row for row in rows if row["classifier"] == classifier],
             factor,
-            f"{key}_{factor}_{one}",
-            title=f"{classifier_words(one)}: ",
+            f"{key}_{factor}_{classifier}",
+            title=f"{classifier_words(classifier)}: ",
         )
-        for one in classifiers
+        for classifier in classifiers
     ]
 
 
 @figure_style()
 def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *, title: str) -> Drawing:
-    places = list(dict.fromkeys(row[factor] for row in rows))
+    values = list(dict.fromkeys(row[factor] for row in rows))
     levels = sorted({row["level"] for row in rows})
     metrics = {"accuracy": "accuracy", "scarce_recall": "recall in the scarce cell"}
     series = list(dict.fromkeys((row["classifier"], row["training_set"]) for row in rows))
     figure, axes = panels(len(metrics), len(levels), 1.2 + 2.7 * len(metrics), sharex=True, sharey=True)
     looks = _looks(series)
-    for place, (metric, heading) in zip(axes, metrics.items(), strict=True):
-        for panel, level in zip(place, levels, strict=True):
-            for one in series:
-                own = {
+    for ax, (metric, heading) in zip(axes, metrics.items(), strict=True):
+        for panel, level in zip(ax, levels, strict=True):
+            for pair in series:
+                rows_by_value = {
                     row[factor]: row[metric]
                     for row in rows
-                    if (row["classifier"], row["training_set"], row["level"]) == (*one, level)
+                    if (row["classifier"], row["training_set"], row["level"]) == (*pair, level)
                 }
-                _curve(panel, [own.get(at) for at in places], looks[one])
-            panel.set(title=level, xticks=range(len(places)), xticklabels=places, ylim=(0, 1.03))
-        place[0].set_ylabel(f"{heading} [1]")
+                _curve(panel, [rows_by_value.get(at) for at in values], looks[pair])
+            panel.set(title=level, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
+        ax[0].set_ylabel(f"{heading} [1]")
     for panel in axes[-1]:
         panel.set_xlabel(words(factor))
-    marks = [Line2D([], [], markersize=4, **looks[one]) for one in series]
-    names = [_series_words(one, series) for one in series]
+    marks = [Line2D([], [], markersize=4, **looks[pair]) for pair in series]
+    names = [_series_words(pair, series) for pair in series]
     across = max(1, min(4, LEGEND_WIDTH // (max(map(len, names)) + 7)))
     figure.legend(marks, names, loc="outside lower center", ncols=across)
     columns = tabulate(
@@ -99,18 +99,22 @@ def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *,
 
 
 def _curve(panel: Axes, spreads: Sequence[dict | None], look: dict) -> None:
-    found = [(i, one["mean"], one["std"] or 0.0) for i, one in enumerate(spreads) if one and one["mean"] is not None]
-    if not found:
+    points = [
+        (i, spread["mean"], spread["std"] or 0.0)
+        for i, spread in enumerate(spreads)
+        if spread and spread["mean"] is not None
+    ]
+    if not points:
         return
-    at, mean, deviation = (np.array(column, dtype=float) for column in zip(*found, strict=True))
-    if len(found) == 1 and len(spreads) > 1:
+    at, mean, deviation = (np.array(column, dtype=float) for column in zip(*points, strict=True))
+    if len(points) == 1 and len(spreads) > 1:
         panel.axhline(float(mean[0]), color=look["color"], linestyle=":", linewidth=1)
     panel.errorbar(at, mean, yerr=deviation, markersize=4, linewidth=1.3, elinewidth=0.8, **look)
 
 
 def _looks(series: Sequence[tuple[str, str]]) -> dict[tuple[str, str], dict]:
     """Color, marker and line of each (classifier, training set)."""
-    classifiers, sets = ([one[i] for one in series] for i in (0, 1))
+    classifiers, sets = ([pair[i] for pair in series] for i in (0, 1))
     first, second = list(dict.fromkeys(classifiers)), list(dict.fromkeys(sets))
     colors = series_colors(first if len(second) <= MOST_TOGETHER and len(first) > 1 else second)
     return {
@@ -123,14 +127,14 @@ def _looks(series: Sequence[tuple[str, str]]) -> dict[tuple[str, str], dict]:
     }
 
 
-def _series_words(one: tuple[str, str], series: Sequence[tuple[str, str]]) -> str:
-    parts = (classifier_words(one[0]), training_set_words(one[1]))
-    kept = [part for part, i in zip(parts, (0, 1), strict=True) if len({other[i] for other in series}) > 1]
-    return ", ".join(kept) or parts[0]
+def _series_words(pair: tuple[str, str], series: Sequence[tuple[str, str]]) -> str:
+    parts = (classifier_words(pair[0]), training_set_words(pair[1]))
+    words = [part for part, i in zip(parts, (0, 1), strict=True) if len({other[i] for other in series}) > 1]
+    return ", ".join(words) or parts[0]
 
 
 def _alone(series: Sequence[tuple[str, str]], rows: Sequence[dict], factor: str) -> str:
-    counts = {one: len({r[factor] for r in rows if (r["classifier"], r["training_set"]) == one}) for one in series}
+    counts = {pair: len({r[factor] for r in rows if (r["classifier"], r["training_set"]) == pair}) for pair in series}
     most = max(counts.values())
     return "Dotted: training sets that the factor does not change." if 1 in counts.values() and most > 1 else ""
 
@@ -145,12 +149,12 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
     figure, axes = panels(1, len(levels), 1.1 + 0.28 * len(names), sharey=True)
     for panel, level in zip(axes[0], levels, strict=True):
         for line, name in enumerate(names):
-            found = next(row["accuracy"] for row in rows if (row["classifier"], row["level"]) == (name, level))
-            color = "#0072b2" if name == study.own else "#9aa3ad"
+            spread = next(row["accuracy"] for row in rows if (row["classifier"], row["level"]) == (name, level))
+            color = "#0072b2" if name == study.main_classifier else "#9aa3ad"
             panel.barh(
-                line, found["mean"] or 0.0, xerr=found["std"], color=color, height=0.7, ecolor="black", capsize=2
+                line, spread["mean"] or 0.0, xerr=spread["std"], color=color, height=0.7, ecolor="black", capsize=2
             )
-            values = [value for value in found["values"] if value is not None]
+            values = [value for value in spread["values"] if value is not None]
             panel.plot(values, [line] * len(values), "o", color="white", markeredgecolor="black", markersize=3)
         ticks = {"yticks": range(len(names)), "yticklabels": [_counted(name, study) for name in names]}
         panel.set(title=level, xlabel="accuracy [1]", xlim=(0, 1.02), ylim=(len(names) - 0.4, -0.6), **ticks)
@@ -179,14 +183,14 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
     figure, axes = panels(1, len(levels), 4.6, sharey=True)
     for panel, level in zip(axes[0], levels, strict=True):
         shown = [row for row in rows if row["level"] == level]
-        places = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
-        heights = spread_labels([accuracy for _, accuracy in places], gap, lowest, highest)
-        for row, place, height in zip(shown, places, heights, strict=True):
-            color = "#0072b2" if row["classifier"] == study.own else "#5b6470"
-            panel.plot(*place, "o", color=color, markersize=5)
+        points = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
+        heights = spread_labels([accuracy for _, accuracy in points], gap, lowest, highest)
+        for row, point, height in zip(shown, points, heights, strict=True):
+            color = "#0072b2" if row["classifier"] == study.main_classifier else "#5b6470"
+            panel.plot(*point, "o", color=color, markersize=5)
             panel.annotate(
                 _counted(row["classifier"], study),
-                place,
+                point,
                 (1.04, height),
                 textcoords=panel.get_yaxis_transform(),
                 arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.4, "relpos": (0, 0.5)},

@@ -98,19 +98,3 @@ def signed_rank_p(differences: Sequence[float]) -> float:
         return 1.0
     signs = stats.PermutationMethod(n_resamples=_MOST_SIGNS, rng=np.random.default_rng(0))
     return float(stats.wilcoxon(values, zero_method="zsplit", method=signs).pvalue)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values corrected for being several (Holm 1979); NaN stays NaN and does not count.
-
-    Examples
-    --------
-    >>> holm([0.01, 0.04, 0.03, math.nan])
-    [0.03, 0.06, 0.06, nan]
-    """
-    order = sorted((value, place) for place, value in enumerate(p_values) if not math.isnan(value))
-    corrected, least = [math.nan] * len(p_values), 0.0
-    for rank, (value, place) in enumerate(order):
-        least = max(least, min(1.0, round((len(order) - rank) * value, 12)))
-        corrected[place] = least
-    return corrected

@@ -7,15 +7,16 @@ Its JSON is a `StudyTable`'s with ``size``, ``rivals``, ``contrasts``, ``cells``
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from swashtwin.bench.results.contrasts import Contrast, holm, paired_interval, signed_rank_p
+from swashtwin.bench.results.contrasts import Contrast, paired_interval, signed_rank_p
 from swashtwin.bench.results.runs import Outcome, Run
 from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.calibration import Calibration
+from swashtwin.foundation import holm_correction
 from swashtwin.learning import Epoch
 
 METRICS = {
@@ -60,7 +61,7 @@ class StudyResult(StudyTable):
     """Name of the settings, such as ``"quick"``."""
     runs: tuple[Run, ...]
     """Every task that is done."""
-    own: str
+    main_classifier: str
     """The study's own classifier."""
     rival_names: tuple[str, ...] = ()
     """Classifiers told beside the study's rows, not among them."""
@@ -72,18 +73,20 @@ class StudyResult(StudyTable):
     @property
     def commands(self) -> tuple[str, ...]:
         """Command lines that repeat it: its own, or where it was put together from runs of several, each of theirs."""
-        own = (self.command,) if self.command else (run.command for run in self.runs)
-        return tuple(dict.fromkeys(command for command in own if command))
+        commands = (self.command,) if self.command else (run.command for run in self.runs)
+        return tuple(dict.fromkeys(command for command in commands if command))
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """Every score of the study's rows."""
-        return tuple(one for run in self.runs for one in run.outcomes if one.classifier not in self.rival_names)
+        return tuple(
+            outcome for run in self.runs for outcome in run.outcomes if outcome.classifier not in self.rival_names
+        )
 
     @property
     def rivals(self) -> tuple[Outcome, ...]:
         """Every score of the rivals beside them."""
-        return tuple(one for run in self.runs for one in run.outcomes if one.classifier in self.rival_names)
+        return tuple(outcome for run in self.runs for outcome in run.outcomes if outcome.classifier in self.rival_names)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -96,12 +99,12 @@ class StudyResult(StudyTable):
         return tuple(TrainingCurve(run.task.factors, run.task.seed, run.history) for run in self.runs if run.history)
 
     @property
-    def laid_out(self) -> tuple[Run, ...]:
+    def embedded_runs(self) -> tuple[Run, ...]:
         """Networks under the first seed whose features stand beside each other: the study's own on each training set,
         or all of them where there is one training set only."""
         first = [run for run in self.runs if run.task.seed == self.seeds[0] and run.history]
         several = len({trained_on(run) for run in first}) > 1
-        return tuple(run for run in first if not several or run.task.factors["classifier"] == self.own)
+        return tuple(run for run in first if not several or run.task.factors["classifier"] == self.main_classifier)
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:
@@ -112,9 +115,9 @@ class StudyResult(StudyTable):
         tested: dict[str, dict[str, int]] = {}
         for run in first:
             for name in run.cells.keys() - {"train"}:
-                own = dict(run.cells[name])
-                if tested.setdefault(name, own) != own:
-                    tested[", ".join([name, *varied_of(run)])] = own
+                counts = dict(run.cells[name])
+                if tested.setdefault(name, counts) != counts:
+                    tested[", ".join([name, *varied_of(run)])] = counts
         return {**trained, **dict(sorted(tested.items()))}
 
     def contrast(self, first: Mapping[str, str], second: Mapping[str, str], *, metric: str = "accuracy") -> Contrast:
@@ -131,21 +134,21 @@ class StudyResult(StudyTable):
         splits: dict[str, dict[str, Any]] = {}
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
-            place = ", ".join([str(run.task.seed), *varied_of(run)])
-            splits[place] = dict(run.roles)
+            name = ", ".join([str(run.task.seed), *varied_of(run)])
+            splits[name] = dict(run.roles)
             names = {name: trained_on(run) if name == "train" else name for name in run.fingerprints}
-            own = {names[name]: value for name, value in run.fingerprints.items()}
-            fingerprints[place] = {**fingerprints.get(place, {}), **own}
+            named = {names[name]: value for name, value in run.fingerprints.items()}
+            fingerprints[name] = {**fingerprints.get(name, {}), **named}
         return {
             **super().to_dict(),
             "command": " && ".join(self.commands),
             "size": self.size,
             "rivals": self.rows(rivals=True),
-            "contrasts": [one.to_dict() for one in self.contrasts],
+            "contrasts": [contrast.to_dict() for contrast in self.contrasts],
             "cells": self.cells,
             "splits": splits,
             "fingerprints": fingerprints,
-            "calibrations": [_calibration_row(one) for one in self.calibrations],
+            "calibrations": [_calibration_row(calibration) for calibration in self.calibrations],
             "runs": [
                 {
                     "key": run.task.key,
@@ -172,9 +175,9 @@ def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
     """One trial for each row and seed: the mean over draws of noise."""
     grouped: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
     for run in runs:
-        for one in run.outcomes:
-            key = (tuple(one.factors.items()), one.seed)
-            grouped.setdefault(key, []).append({**values_of(one), **run.values, "wall_s": run.wall_s})
+        for outcome in run.outcomes:
+            key = (tuple(outcome.factors.items()), outcome.seed)
+            grouped.setdefault(key, []).append({**values_of(outcome), **run.values, "wall_s": run.wall_s})
     return tuple(
         Trial(dict(factors), seed, {name: float(np.mean([value[name] for value in values])) for name in values[0]})
         for (factors, seed), values in grouped.items()
@@ -211,16 +214,19 @@ def contrasts_of(
     bare : value of the varied factor for rows of no synthetic window, which are compared with those of every value.
     """
     rows = list(dict.fromkeys(_row(trial) for trial in trials))
-    found: list[Contrast] = []
+    contrasts: list[Contrast] = []
     for factor, wanted, others in _families(rows, compared):
         for key in (row for row in rows if dict(row).get(factor) == wanted):
-            own = [
+            compared_rows = [
                 row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor, bare)
             ]
-            family = [one for row in own if (one := _contrast(trials, runs, key, row))[1]]
-            corrected = holm([math.nan if one.is_corrected else signed_rank_p(points) for one, points in family])
-            found += [Contrast(**{**vars(one), "p_value": p}) for (one, _), p in zip(family, corrected, strict=True)]
-    return tuple(found)
+            family = [pair for row in compared_rows if (pair := _contrast(trials, runs, key, row))[1]]
+            raw = [math.nan if contrast.is_corrected else signed_rank_p(points) for contrast, points in family]
+            contrasts += [
+                replace(contrast, p_value=round(float(p_value), 12))
+                for (contrast, _), p_value in zip(family, holm_correction(np.array(raw)), strict=True)
+            ]
+    return tuple(contrasts)
 
 
 Row = tuple[tuple[str, str], ...]

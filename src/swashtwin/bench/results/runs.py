@@ -1,4 +1,4 @@
-"""One task of a study, what came out of it, and the folder it lies in.
+"""One task of a study, its result, and the folder it lies in.
 
 A task is study × seed × training set × classifier. Its key is a hash of everything that decides its result: seed,
 settings and the data themselves. A finished task lies in ``OUT/STUDY/KEY/result.json``, whole or not at all; so a
@@ -9,7 +9,8 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -45,14 +46,12 @@ class Task:
     """Everything that decides its result, as JSON can hold it: ``scenario``, ``training_set``, ``model``, ``tests``."""
     data: str
     """SHA-256 of the recordings (`fingerprint_of`)."""
-    place: int = 0
-    """Where it stands in the study's plan; no part of the key."""
 
     @property
     def key(self) -> str:
         """Name of its folder: seed and factors to be read, and the hash that counts."""
-        held = [FORMAT, self.study, self.seed, dict(self.factors), dict(self.settings), self.data]
-        digest = hashlib.sha256(json.dumps(held, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        parts = [FORMAT, self.study, self.seed, dict(self.factors), dict(self.settings), self.data]
+        digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:16]
         words = "-".join("".join(c if c.isalnum() else "_" for c in word) for word in self.factors.values())
         return f"seed{self.seed}-{words[:80]}-{digest}"
 
@@ -79,7 +78,7 @@ class Outcome:
 
     @property
     def training_set(self) -> str:
-        """``"measured"``, ``"nominal"``, ``"calibrated"``, or another filling."""
+        """``"measured"``, ``"nominal"``, ``"calibrated"``, or another training set."""
         return self.factors["training_set"]
 
     @property
@@ -104,7 +103,7 @@ class Embedding:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What one task came to."""
+    """Result of one task."""
 
     task: Task
     """The task."""
@@ -141,14 +140,14 @@ class Run:
         """All of it but the embedding, as JSON can hold it."""
         outcomes = [
             {
-                "factors": dict(one.factors),
-                "repeat": one.repeat,
-                "scarce_recall": None if math.isnan(one.scarce_recall) else one.scarce_recall,
-                "scores": one.scores.to_dict(),
+                "factors": dict(outcome.factors),
+                "repeat": outcome.repeat,
+                "scarce_recall": None if math.isnan(outcome.scarce_recall) else outcome.scarce_recall,
+                "scores": outcome.scores.to_dict(),
             }
-            for one in self.outcomes
+            for outcome in self.outcomes
         ]
-        kept = ("roles", "fingerprints", "cells", "calibrations", "origin", "wall_s", "cpu_s", "device", "version")
+        names = ("roles", "fingerprints", "cells", "calibrations", "origin", "wall_s", "cpu_s", "device", "version")
         return {
             "format": FORMAT,
             "key": self.task.key,
@@ -156,7 +155,7 @@ class Run:
             "outcomes": outcomes,
             "history": [asdict(epoch) for epoch in self.history],
             "values": {name: None if math.isnan(value) else value for name, value in self.values.items()},
-            **{name: getattr(self, name) for name in (*kept, "command")},
+            **{name: getattr(self, name) for name in (*names, "command")},
         }
 
 
@@ -202,32 +201,32 @@ def load_run(folder: Path) -> Run:
     return run
 
 
-def load_runs(folder: Path) -> list[Run]:
-    """Every finished run below `folder`, in the order of their plans."""
-    runs = [load_run(path.parent) for path in sorted(Path(folder).rglob("result.json"))]
-    return sorted(runs, key=lambda run: (run.task.study, run.task.place, run.task.seed))
-
-
 def fingerprint_of(recordings: Iterable[Recording]) -> str:
-    """SHA-256 over the readings and the facts of recordings, whatever their order, hexadecimal."""
+    """SHA-256 over the samples and the facts of recordings, whatever their order, hexadecimal."""
     digest = hashlib.sha256()
-    for one in sorted(recordings, key=lambda recording: recording.recording_id):
-        facts = (one.recording_id, one.label, one.specimen, repr(one.condition), one.fingerprint())
+    for recording in sorted(recordings, key=attrgetter("recording_id")):
+        facts = (
+            recording.recording_id,
+            recording.label,
+            recording.specimen,
+            repr(recording.condition),
+            recording.fingerprint(),
+        )
         digest.update(repr(facts).encode())
     return digest.hexdigest()
 
 
 def _run(table: Mapping[str, Any], folder: Path) -> Run:
-    task = Task(**table["task"])
+    task = Task(**{entry.name: table["task"][entry.name] for entry in fields(Task)})
     outcomes = tuple(
         Outcome(
-            factors=one["factors"],
+            factors=outcome["factors"],
             seed=task.seed,
-            scores=Scores.from_dict(one["scores"]),
-            scarce_recall=math.nan if one["scarce_recall"] is None else one["scarce_recall"],
-            repeat=one["repeat"],
+            scores=Scores.from_dict(outcome["scores"]),
+            scarce_recall=math.nan if outcome["scarce_recall"] is None else outcome["scarce_recall"],
+            repeat=outcome["repeat"],
         )
-        for one in table["outcomes"]
+        for outcome in table["outcomes"]
     )
     return Run(
         task=task,

@@ -25,20 +25,20 @@ from swashtwin.report import (
 @figure_style()
 def severity_drawing(study: StudyTable, key: str) -> Drawing:
     """Found against true dimensions with their intervals, a panel for each."""
-    cases = [one for one in study.details["cases"] if one["truth"] > 0]
-    kinds = list(dict.fromkeys((one["kind"], one["dimension"]) for one in cases))
+    cases = [case for case in study.details["cases"] if case["truth"] > 0]
+    kinds = list(dict.fromkeys((case["kind"], case["dimension"]) for case in cases))
     per_line = min(2, len(kinds))
     lines = math.ceil(len(kinds) / per_line)
     figure, axes = panels(lines, per_line, 0.3 + 3.0 * lines)
-    for place, (kind, dimension) in zip(axes.flat, kinds, strict=False):
-        own = [one for one in cases if (one["kind"], one["dimension"]) == (kind, dimension)]
-        _panel(place, own)
-        unit = f" [{own[0]['unit']}]" if own[0]["unit"] else ""
-        place.set_title(f"{words(kind)}: {words(dimension)}")
-        ratio_axis(place, "x", f"truth{unit}")
-        ratio_axis(place, "y", f"found{unit}")
-    for place in axes.flat[len(kinds) :]:
-        place.set_visible(False)
+    for ax, (kind, dimension) in zip(axes.flat, kinds, strict=False):
+        matching = [case for case in cases if (case["kind"], case["dimension"]) == (kind, dimension)]
+        _panel(ax, matching)
+        unit = f" [{matching[0]['unit']}]" if matching[0]["unit"] else ""
+        ax.set_title(f"{words(kind)}: {words(dimension)}")
+        ratio_axis(ax, "x", f"truth{unit}")
+        ratio_axis(ax, "y", f"found{unit}")
+    for ax in axes.flat[len(kinds) :]:
+        ax.set_visible(False)
     return render_drawing(
         f"{key}_found",
         figure,
@@ -49,16 +49,16 @@ def severity_drawing(study: StudyTable, key: str) -> Drawing:
     )
 
 
-def _panel(place: Axes, cases: Sequence[dict[str, Any]]) -> None:
-    truth, found, low, high = (
-        np.array([one[name] / one["per_unit"] for one in cases]) for name in ("truth", "found", "low", "high")
+def _panel(ax: Axes, cases: Sequence[dict[str, Any]]) -> None:
+    truth, estimated, low, high = (
+        np.array([case[name] / case["per_unit"] for case in cases]) for name in ("truth", "estimate", "low", "high")
     )
     least, most = 0.15 * truth.min(), 6 * truth.max()
-    place.plot([least, most], [least, most], color=LIGHT, linewidth=2, zorder=1)
-    shown = np.clip(found, 1.1 * least, most)
+    ax.plot([least, most], [least, most], color=LIGHT, linewidth=2, zorder=1)
+    shown = np.clip(estimated, 1.1 * least, most)
     bars = [shown - np.clip(low, least, shown), np.clip(high, shown, most) - shown]
-    place.errorbar(truth, shown, yerr=bars, fmt="none", ecolor=MEASURED, elinewidth=0.8, alpha=0.5, zorder=2)
-    sure = np.array([one["detected"] for one in cases])
+    ax.errorbar(truth, shown, yerr=bars, fmt="none", ecolor=MEASURED, elinewidth=0.8, alpha=0.5, zorder=2)
+    sure = np.array([case["detected"] for case in cases])
     for part, fill in ((sure, CALIBRATED), (~sure, "white")):
-        place.plot(truth[part], shown[part], "o", color=fill, markeredgecolor=CALIBRATED, markersize=4, zorder=3)
-    place.set(xscale="log", yscale="log", xlim=(0.7 * truth.min(), 1.4 * truth.max()), ylim=(least, most))
+        ax.plot(truth[part], shown[part], "o", color=fill, markeredgecolor=CALIBRATED, markersize=4, zorder=3)
+    ax.set(xscale="log", yscale="log", xlim=(0.7 * truth.min(), 1.4 * truth.max()), ylim=(least, most))

@@ -25,13 +25,13 @@ _DESCRIBED = {
 
 def study_answer(study: StudyResult) -> tuple[str, ...]:
     """First what was compared and what came out, then more for each level, nearest first."""
-    sets = [name for name in EXPECTED if any(one.training_set == name for one in study.outcomes)]
-    levels = sorted({one.level for one in study.outcomes})
+    sets = [name for name in EXPECTED if any(outcome.training_set == name for outcome in study.outcomes)]
+    levels = sorted({outcome.level for outcome in study.outcomes})
     name = classifier_words(study.outcomes[0].classifier)
-    lead = [f"{name} was trained {_listed([_DESCRIBED[one] for one in sets])}."]
+    lead = [f"{name} was trained {_listed([_DESCRIBED[name] for name in sets])}."]
     if {"calibrated", "measured"} <= set(sets):
-        told = [f"at {level} calibrated {_compared(study, level, 'calibrated', 'measured')}" for level in levels]
-        lead += [f"Accuracy: {'; '.join(told)}."]
+        sentences = [f"at {level} calibrated {_compared(study, level, 'calibrated', 'measured')}" for level in levels]
+        lead += [f"Accuracy: {'; '.join(sentences)}."]
     lead += _better_rivals(study, levels, name)
     how = (
         "All tests are on measured recordings that had no part in training or calibration. Means over "
@@ -42,37 +42,39 @@ def study_answer(study: StudyResult) -> tuple[str, ...]:
 
 
 def _at_level(study: StudyResult, level: str) -> str:
-    mean, recall = (_means(study.outcomes, level, value) for value in (_accuracy, lambda one: one.scarce_recall))
-    sentences = [f"{level}, {LEVELS.get(level, 'not described')}: accuracy {_told(mean)}."]
+    mean, recall = (
+        _means(study.outcomes, level, value) for value in (_accuracy, lambda outcome: outcome.scarce_recall)
+    )
+    sentences = [f"{level}, {LEVELS.get(level, 'not described')}: accuracy {_accuracy_words(mean)}."]
     if len(mean) == len(EXPECTED):
         sentences += [_order(study, level, mean), f"Calibrated {_compared(study, level, 'calibrated', 'nominal')}."]
     if recall:
-        sentences.append(f"Recall of the measured windows of the scarce cell: {_told(recall)}.")
+        sentences.append(f"Recall of the measured windows of the scarce cell: {_accuracy_words(recall)}.")
     if best := _best_rival(study, level):
         rival = f"{classifier_words(best[0])}, {training_set_words(best[1])}"
         sentences.append(f"Best rival: {rival}, accuracy {score(best[2])}.")
     return " ".join(sentences)
 
 
-def _told(means: dict[str, float]) -> str:
+def _accuracy_words(means: dict[str, float]) -> str:
     return _listed([f"{score(value)} ({training_set_words(name)})" for name, value in means.items()])
 
 
 def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
     """By how much `first` is above `second`, paired by seed, and whether its interval leaves that to chance."""
-    found, other = _contrast(study, level, first, second), "measured only" if second == "measured" else second
-    if not found.pairs:
+    contrast, other = _contrast(study, level, first, second), "measured only" if second == "measured" else second
+    if not contrast.pairs:
         return f"has no seed in common with {other}"
-    mean = 100 * found.mean
-    if abs(mean) < 0.05 and not found.is_clear:
+    mean = 100 * contrast.mean
+    if abs(mean) < 0.05 and not contrast.is_clear:
         return f"scored the same as {other}"
-    if found.pairs < 2:
+    if contrast.pairs < 2:
         verb = "scored higher than" if mean > 0 else "scored lower than"
         return f"{verb} {other} by {abs(mean):.1f} points (one seed: nobody can say whether that is chance)"
-    if found.interval[0] == found.interval[1]:
+    if contrast.interval[0] == contrast.interval[1]:
         return f"differed from {other} by {mean:+.1f} points under every seed (no spread to judge it by)"
-    interval = " to ".join(f"{100 * value:+.1f}" for value in found.interval)
-    if found.is_clear:
+    interval = " to ".join(f"{100 * value:+.1f}" for value in contrast.interval)
+    if contrast.is_clear:
         verb = "beat" if mean > 0 else "fell behind"
         return f"{verb} {other} by {abs(mean):.1f} points (95 % interval {interval})"
     return f"differed from {other} by {mean:+.1f} points, which may be chance (95 % interval {interval})"
@@ -80,18 +82,18 @@ def _compared(study: StudyResult, level: str, first: str, second: str) -> str:
 
 def _contrast(study: StudyResult, level: str, first: str, second: str) -> Contrast:
     """How much the study's own classifier gains by one training set over another."""
-    rows = [{"classifier": study.own, "training_set": name, "level": level} for name in (first, second)]
+    rows = [{"classifier": study.main_classifier, "training_set": name, "level": level} for name in (first, second)]
     return study.contrast(*rows)
 
 
 def _order(study: StudyResult, level: str, mean: dict[str, float]) -> str:
     """Whether the means rise as the paper's do, and whether each step is more than chance."""
-    found = sorted(EXPECTED, key=lambda name: mean[name])
-    signs = ["=" if mean[a] == mean[b] else "<" for a, b in pairwise(found)]
+    order = sorted(EXPECTED, key=lambda name: mean[name])
+    signs = ["=" if mean[a] == mean[b] else "<" for a, b in pairwise(order)]
     paper = "measured only < nominal < calibrated"
-    if tuple(found) != EXPECTED or "=" in signs:
+    if tuple(order) != EXPECTED or "=" in signs:
         return (
-            f"The paper's order, {paper}, was NOT found: it is {found[0]} {signs[0]} {found[1]} {signs[1]} {found[2]}."
+            f"The paper's order, {paper}, was NOT found: it is {order[0]} {signs[0]} {order[1]} {signs[1]} {order[2]}."
         )
     if all(_contrast(study, level, b, a).is_clear for a, b in pairwise(EXPECTED)):
         return f"The order is the paper's, {paper}, and each step's interval excludes zero."
@@ -102,35 +104,35 @@ def _better_rivals(study: StudyResult, levels: Sequence[str], name: str) -> list
     """Rivals that score higher than the study's own network ever does."""
     said = []
     for level in levels:
-        own, best = max(_means(study.outcomes, level, _accuracy).values()), _best_rival(study, level)
-        if best is not None and best[2] > own:
-            said.append(f"at {level} by {classifier_words(best[0])} ({score(best[2])} against {score(own)})")
+        best_mean, best = max(_means(study.outcomes, level, _accuracy).values()), _best_rival(study, level)
+        if best is not None and best[2] > best_mean:
+            said.append(f"at {level} by {classifier_words(best[0])} ({score(best[2])} against {score(best_mean)})")
     return [f"{name} was beaten {_listed(said)}."] if said else []
 
 
 def _best_rival(study: StudyResult, level: str) -> tuple[str, str, float] | None:
     """Classifier, training set and mean accuracy of the best rival of all seeds: means of others do not compare."""
-    seeds = {name: {one.seed for one in study.rivals if one.classifier == name} for name in study.rival_names}
+    seeds = {name: {rival.seed for rival in study.rivals if rival.classifier == name} for name in study.rival_names}
     scored = [
         (name, training_set, value)
         for name in study.rival_names
         if seeds[name] >= set(study.seeds)
         for training_set, value in _means(
-            [one for one in study.rivals if one.classifier == name], level, _accuracy
+            [rival for rival in study.rivals if rival.classifier == name], level, _accuracy
         ).items()
     ]
     return max(scored, key=lambda entry: entry[2], default=None)
 
 
-def _accuracy(one: Outcome) -> float:
-    return one.scores.accuracy
+def _accuracy(outcome: Outcome) -> float:
+    return outcome.scores.accuracy
 
 
 def _means(outcomes: Sequence[Outcome], level: str, value: Callable[[Outcome], float]) -> dict[str, float]:
     """Mean over the seeds for each training set that has any, in the expected order."""
     means = {}
     for name in EXPECTED:
-        values = [value(one) for one in outcomes if one.level == level and one.training_set == name]
+        values = [value(outcome) for outcome in outcomes if outcome.level == level and outcome.training_set == name]
         if finite := [number for number in values if math.isfinite(number)]:
             means[name] = float(np.mean(finite))
     return means

@@ -51,66 +51,66 @@ _MARK_WIDTH = 7
 
 def accuracy_drawing(study: StudyResult, key: str) -> Drawing:
     """Accuracy and G-mean by level and training set."""
-    metrics = {"accuracy": lambda one: one.scores.accuracy, "G-mean": lambda one: one.scores.g_mean}
+    metrics = {"accuracy": lambda outcome: outcome.scores.accuracy, "G-mean": lambda outcome: outcome.scores.g_mean}
     return _bars(study, f"{key}_scores", metrics, title="Accuracy and G-mean by training set")
 
 
 def scarce_drawing(study: StudyResult, key: str) -> Drawing:
     """Recall in the scarce cell by level and training set."""
-    metrics = {"recall in the scarce cell": lambda one: one.scarce_recall}
+    metrics = {"recall in the scarce cell": lambda outcome: outcome.scarce_recall}
     return _bars(study, f"{key}_scarce_recall", metrics, title="Recall of the measured windows of the scarce cell")
 
 
 @figure_style()
 def _bars(study: StudyResult, name: str, metrics: dict[str, Callable[[Outcome], float]], *, title: str) -> Drawing:
-    sets = list(dict.fromkeys(one.training_set for one in study.outcomes))
-    levels, marks = sorted({one.level for one in study.outcomes}), _marks(study)
+    sets = list(dict.fromkeys(outcome.training_set for outcome in study.outcomes))
+    levels, marks = sorted({outcome.level for outcome in study.outcomes}), _marks(study)
     figure, axes = panels(len(metrics), 1, 0.8 + 2.5 * len(metrics), sharex=True)
     rows, step = [], 0.78 / max(3, len(sets))
-    for place, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
+    for ax, (metric, value) in zip(axes[:, 0], metrics.items(), strict=True):
         for i, level in enumerate(levels):
             for j, training_set in enumerate(sets):
                 for mark in ("", *marks):
-                    own = [
-                        one
-                        for one in (study.rivals if mark else study.outcomes)
-                        if (one.level, one.training_set) == (level, training_set)
-                        and one.classifier == (mark or study.own)
+                    bars = [
+                        outcome
+                        for outcome in (study.rivals if mark else study.outcomes)
+                        if (outcome.level, outcome.training_set) == (level, training_set)
+                        and outcome.classifier == (mark or study.main_classifier)
                     ]
                     rows += [
                         {
                             "metric": metric,
                             "level": level,
                             "training_set": training_set,
-                            "classifier": one.classifier,
-                            "seed": one.seed,
-                            "value": value(one),
+                            "classifier": outcome.classifier,
+                            "seed": outcome.seed,
+                            "value": value(outcome),
                         }
-                        for one in own
+                        for outcome in bars
                     ]
                     position = i + step * (j - (len(sets) - 1) / 2)
                     color = series_colors(sets)[training_set]
-                    _column(place, position, 0.9 * step, own, value, color, marks.get(mark, ""))
+                    _column(ax, position, 0.9 * step, bars, value, color, marks.get(mark, ""))
         chance = metric == "accuracy"
-        _score_axis(place, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
+        _score_axis(ax, metric, levels, 1 / len(study.outcomes[0].scores.classes) if chance else None)
     _bar_legend(axes[0, 0], study, sets)
     caption = (
-        f"Bars: mean of {classifier_words(study.own)} over {plural(len(study.seeds), 'seed')}; "
+        f"Bars: mean of {classifier_words(study.main_classifier)} over {plural(len(study.seeds), 'seed')}; "
         "points: single seeds; whiskers: one standard deviation, cut at 0 and 1."
     )
     if study.rivals:
-        rivals = ", ".join(dict.fromkeys(classifier_words(one.classifier) for one in study.rivals))
+        rivals = ", ".join(dict.fromkeys(classifier_words(rival.classifier) for rival in study.rivals))
         caption += f" Open marks: means of {rivals}, trained on the same windows."
     return render_drawing(name, figure, tabulate(rows), title=title, caption=caption)
 
 
 def _marks(study: StudyResult) -> dict[str, str]:
     """Marker of each rival."""
-    return dict(zip(dict.fromkeys(one.classifier for one in study.rivals), "Ds^vP*X", strict=False))
+    return dict(zip(dict.fromkeys(rival.classifier for rival in study.rivals), "Ds^vP*X", strict=False))
 
 
 def _column(
-    place: Axes,
+    ax: Axes,
     position: float,
     width: float,
     outcomes: Sequence[Outcome],
@@ -118,38 +118,38 @@ def _column(
     color: str,
     rival_mark: str,
 ) -> None:
-    values = np.array([value(one) for one in outcomes if math.isfinite(value(one))])
+    values = np.array([value(outcome) for outcome in outcomes if math.isfinite(value(outcome))])
     if not values.size:
         if not rival_mark:
-            place.text(position, 0.02, "—", ha="center")
+            ax.text(position, 0.02, "—", ha="center")
         return
     mean = values.mean()
     if rival_mark:
-        place.plot(position + 0.35 * width, mean, rival_mark, color="white", mec="black", ms=6, zorder=4)
+        ax.plot(position + 0.35 * width, mean, rival_mark, color="white", mec="black", ms=6, zorder=4)
         return
-    place.bar(position, mean, width=width, color=color, alpha=0.85)
+    ax.bar(position, mean, width=width, color=color, alpha=0.85)
     deviation = values.std(ddof=1) if values.size > 1 else 0.0
     if values.size > 1:
         whisker = [[min(deviation, mean)], [min(deviation, 1 - mean)]]
-        place.errorbar(position, mean, yerr=whisker, color="black", capsize=3, linewidth=1.2, zorder=3)
+        ax.errorbar(position, mean, yerr=whisker, color="black", capsize=3, linewidth=1.2, zorder=3)
         aside = position - 0.25 * width + 0.08 * width * np.linspace(-1, 1, values.size)
-        place.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3, clip_on=False)
-    place.text(position, max(min(mean + deviation, 1), values.max()) + 0.04, f"{mean:.2f}", ha="center", fontsize=9)
+        ax.plot(aside, values, "o", color="white", markeredgecolor="black", markersize=4, zorder=3, clip_on=False)
+    ax.text(position, max(min(mean + deviation, 1), values.max()) + 0.04, f"{mean:.2f}", ha="center", fontsize=9)
 
 
-def _score_axis(place: Axes, metric: str, levels: Sequence[str], chance: float | None) -> None:
-    place.set(ylim=(0, 1.16), ylabel=f"{metric} [1]")
+def _score_axis(ax: Axes, metric: str, levels: Sequence[str], chance: float | None) -> None:
+    ax.set(ylim=(0, 1.16), ylabel=f"{metric} [1]")
     meanings = [textwrap.fill(f"{level}: {LEVELS.get(level, 'not described')}", 42) for level in levels]
-    place.set_xticks(range(len(levels)), meanings)
-    place.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1])
-    place.set_xlim(-0.55, len(levels) - 0.45 + 0.14)
-    place.grid(axis="x", visible=False)
+    ax.set_xticks(range(len(levels)), meanings)
+    ax.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1])
+    ax.set_xlim(-0.55, len(levels) - 0.45 + 0.14)
+    ax.grid(axis="x", visible=False)
     if chance is not None:
-        place.axhline(chance, color="black", linewidth=0.8, linestyle=":")
-        place.text(len(levels) - 0.32, chance + 0.01, "guessing", ha="right", va="bottom", fontsize=8)
+        ax.axhline(chance, color="black", linewidth=0.8, linestyle=":")
+        ax.text(len(levels) - 0.32, chance + 0.01, "guessing", ha="right", va="bottom", fontsize=8)
 
 
-def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
+def _bar_legend(ax: Axes, study: StudyResult, sets: Sequence[str]) -> None:
     colors = series_colors(sets)
     entries = [Line2D([], [], marker="s", linestyle="", markersize=9, color=colors[name]) for name in sets]
     names = [training_set_words(name) for name in sets]
@@ -158,27 +158,27 @@ def _bar_legend(place: Axes, study: StudyResult, sets: Sequence[str]) -> None:
         names.append(classifier_words(rival))
     widths = [len(name) + _MARK_WIDTH for name in names]
     across = len(names) if sum(widths) <= LEGEND_WIDTH else max(1, LEGEND_WIDTH // max(widths))
-    place.figure.legend(entries, names, loc="outside upper center", ncols=across)
+    ax.figure.legend(entries, names, loc="outside upper center", ncols=across)
 
 
 @figure_style()
 def training_drawing(study: StudyResult, key: str) -> Drawing:
     """Loss and accuracy over the epochs, for each training set or classifier, and seed."""
     by = "training_set" if len({curve.training_set for curve in study.curves}) > 1 else "classifier"
-    kept = [one for one in study.curves if by == "classifier" or one.classifier == study.own]
-    sets = list(dict.fromkeys(curve.factors[by] for curve in kept))
+    curves = [curve for curve in study.curves if by == "classifier" or curve.classifier == study.main_classifier]
+    sets = list(dict.fromkeys(curve.factors[by] for curve in curves))
     colors = series_colors(sets)
     figure, axes = panels(1, 2, 3.4, sharex=True)
     validated = False
-    for curve in kept:
+    for curve in curves:
         number = [epoch.number for epoch in curve.epochs]
-        for place, name in zip(axes[0], ("loss", "accuracy"), strict=True):
+        for ax, name in zip(axes[0], ("loss", "accuracy"), strict=True):
             color = colors[curve.factors[by]]
-            place.plot(number, [getattr(epoch, name) for epoch in curve.epochs], color=color, linewidth=1, alpha=0.8)
-            held = [getattr(epoch, f"validation_{name}") for epoch in curve.epochs]
-            if None not in held:
+            ax.plot(number, [getattr(epoch, name) for epoch in curve.epochs], color=color, linewidth=1, alpha=0.8)
+            validation = [getattr(epoch, f"validation_{name}") for epoch in curve.epochs]
+            if None not in validation:
                 validated = True
-                place.plot(number, held, ":", color=color, linewidth=1, alpha=0.8)
+                ax.plot(number, validation, ":", color=color, linewidth=1, alpha=0.8)
     axes[0, 0].set(xlabel="epoch", ylabel="cross-entropy [1]", yscale="log")
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     name_decades(axes[0, 0])
@@ -191,7 +191,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
         {"classifier": curve.classifier, "training_set": curve.training_set, "seed": curve.seed,
          "epoch": e.number, "loss": e.loss,
          "accuracy": e.accuracy, "validation_loss": e.validation_loss, "validation_accuracy": e.validation_accuracy}
-        for curve in kept
+        for curve in curves
         for e in curve.epochs
     ]  # fmt: skip
     caption = (
@@ -205,26 +205,27 @@ def confusion_of(study: StudyResult, key: str) -> Drawing:
     """Confusion matrix of the study's network for each level and training set, all seeds added."""
     matrices: dict[tuple[str, str], np.ndarray] = {}
     columns = _confused(study)
-    for one in sorted(study.outcomes, key=lambda one: one.level):
-        column = _column_of(one)
+    for outcome in sorted(study.outcomes, key=lambda outcome: outcome.level):
+        column = _column_of(outcome)
         if column in columns:
-            place = (one.level, columns[column])
-            matrices[place] = matrices.get(place, 0) + one.scores.confusion
+            cell = (outcome.level, columns[column])
+            matrices[cell] = matrices.get(cell, 0) + outcome.scores.confusion
     seeds = plural(len(study.seeds), "seed")
     caption = f"Windows of each actual class in percent, over {seeds} together; rows add up to 100."
     return confusion_drawing(f"{key}_confusion", matrices, study.outcomes[0].scores.classes, caption=caption)
 
 
-def _column_of(one: Outcome) -> tuple[str, ...]:
-    return tuple(value for name, value in one.factors.items() if name != "level")
+def _column_of(outcome: Outcome) -> tuple[str, ...]:
+    return tuple(value for name, value in outcome.factors.items() if name != "level")
 
 
 def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
     """Rows whose confusions are drawn, and what they are called: all of a few, else the first one and the best."""
-    names = list(dict.fromkeys(_column_of(one) for one in study.outcomes))
+    names = list(dict.fromkeys(_column_of(outcome) for outcome in study.outcomes))
     if len(names) > MOST_MATRICES:
         accuracy = {
-            name: np.mean([one.scores.accuracy for one in study.outcomes if _column_of(one) == name]) for name in names
+            name: np.mean([outcome.scores.accuracy for outcome in study.outcomes if _column_of(outcome) == name])
+            for name in names
         }
         names = list(dict.fromkeys([names[0], *sorted(names, key=lambda name: -accuracy[name])]))[:MOST_MATRICES]
     return _told_apart(names)
@@ -234,38 +235,38 @@ def _told_apart(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """Rows by (classifier, training set, what else is varied), in words that say only what differs between them."""
     shown = {name: (classifier_words(name[0]), training_set_words(name[1]), *map(words, name[2:])) for name in names}
     varying = [i for i in range(len(names[0])) if len({name[i] for name in names}) > 1] or [1]
-    return {name: ", ".join(told[i] for i in varying) for name, told in shown.items()}
+    return {name: ", ".join(values[i] for i in varying) for name, values in shown.items()}
 
 
 @figure_style()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
-    titles = _told_apart([tuple(run.task.factors.values()) for run in study.laid_out])
-    found = [one for one in (run.embedding for run in study.laid_out) if can_embed(one)]
-    shown = [found[i] for i in _spread_evenly(len(found), MOST_PANELS)]
+    titles = _told_apart([tuple(run.task.factors.values()) for run in study.embedded_runs])
+    embeddings = [embedding for embedding in (run.embedding for run in study.embedded_runs) if can_embed(embedding)]
+    shown = [embeddings[i] for i in _spread_evenly(len(embeddings), MOST_PANELS)]
     classes = list(study.outcomes[0].scores.classes)
     colors = class_colors(classes)
-    levels = sorted({str(level) for one in shown for level in one.level})
+    levels = sorted({str(level) for embedding in shown for level in embedding.level})
     down = math.ceil(len(shown) / _ACROSS)
     figure, axes = panels(down, min(len(shown), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
     most = MOST_POINTS if down == 1 else MOST_POINTS // 3
     rows = []
-    for place in axes.flat[len(shown) :]:
-        place.set_axis_off()
-    for place, embedding in zip(axes.flat, shown, strict=False):
+    for ax in axes.flat[len(shown) :]:
+        ax.set_axis_off()
+    for ax, embedding in zip(axes.flat, shown, strict=False):
         named = dict(embedding.factors)
         picked = _spread_evenly(len(embedding.label), most)
         points = _tsne(embedding.features[picked])
         label, level = embedding.label[picked].astype(str), embedding.level[picked].astype(str)
         for name in classes:
-            for one in levels:
-                own = (label == name) & (level == one)
-                marker = _LEVEL_MARKERS.get(one, "o")
-                place.plot(*points[own].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
-        place.set(title=textwrap.fill(titles[tuple(named.values())], 28), xticks=[], yticks=[])
+            for level_name in levels:
+                selected = (label == name) & (level == level_name)
+                marker = _LEVEL_MARKERS.get(level_name, "o")
+                ax.plot(*points[selected].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
+        ax.set(title=textwrap.fill(titles[tuple(named.values())], 28), xticks=[], yticks=[])
         rows += [{**named, "level": level[i], "label": label[i], "x": x, "y": y} for i, (x, y) in enumerate(points)]
     marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
-    kinds = [Line2D([], [], marker=_LEVEL_MARKERS.get(one, "o"), linestyle="", color="#888888") for one in levels]
+    kinds = [Line2D([], [], marker=_LEVEL_MARKERS.get(level, "o"), linestyle="", color="#888888") for level in levels]
     names = [words(name) for name in classes] + levels
     figure.legend(marks + kinds, names, loc="outside lower center", ncols=len(names))
     caption = (
@@ -274,7 +275,7 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     )
     if len(shown) < len(titles):
         caption += f" {len(shown)} of {len(titles)} trainings" + (
-            "." if len(found) == len(titles) else "; of the others no features were kept, or all are the same."
+            "." if len(embeddings) == len(titles) else "; of the others no features were kept, or all are the same."
         )
     return render_drawing(
         f"{key}_tsne", figure, tabulate(rows), title="Features of the test windows (t-SNE)", caption=caption

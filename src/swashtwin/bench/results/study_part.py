@@ -74,10 +74,10 @@ def paper_words(study: StudyResult, key: dict[str, str]) -> str:
     """
     if key["level"] != "L2" or key["classifier"] in study.rival_names:
         return ""
-    found = [(wanted, text) for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
-    if not found:
+    matches = [(wanted, text) for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
+    if not matches:
         return ""
-    wanted, text = found[0]
+    wanted, text = matches[0]
     name = key["classifier"]
     is_papers = name == "bitcn_paper" or ("classifier" in wanted and not name.startswith(("spectral_", "bitcn")))
     return text if is_papers else f"the paper's BiTCN: {text}"
@@ -109,14 +109,17 @@ def study_part(study: StudyResult, key: str) -> Part:
         answer=study_answer(study) if study.study in ("case1", "case2") else study.answer,
         notice=study.origin,
         sections=tuple(sections),
-        results={"studies": [study.to_dict()], "calibrations": [one.to_dict() for one in study.calibrations]},
+        results={
+            "studies": [study.to_dict()],
+            "calibrations": [calibration.to_dict() for calibration in study.calibrations],
+        },
     )
 
 
 def _score_blocks(study: StudyResult, key: str) -> tuple:
     reasons = _reasons([*study.outcomes, *study.rivals])
     return (
-        levels_table(sorted({one.level for one in study.outcomes})),
+        levels_table(sorted({outcome.level for outcome in study.outcomes})),
         metrics_table(study),
         Bullets("To be read with it", study.notes),
         Bullets("Where a number is missing (—) or rests on less than it should (*)", reasons),
@@ -127,10 +130,10 @@ def _score_blocks(study: StudyResult, key: str) -> tuple:
 
 
 def _score_drawings(study: StudyResult, key: str) -> list[Drawing]:
-    several = len({one.classifier for one in study.outcomes}) > 1
+    several = len({outcome.classifier for outcome in study.outcomes}) > 1
     if curve_factor(study) is not None:
         first = curve_drawings(study, key)
-    elif several and len({one.training_set for one in study.outcomes}) == 1:
+    elif several and len({outcome.training_set for outcome in study.outcomes}) == 1:
         first = [classifier_drawing(study, key), time_drawing(study, key)]
     else:
         first = [accuracy_drawing(study, key), scarce_drawing(study, key)]
@@ -149,29 +152,29 @@ def with_origin(drawing: Drawing, study: StudyResult) -> Drawing:
 
 def contrast_table(study: StudyResult) -> Table:
     """Differences of accuracy, paired by seed."""
-    corrected = any(one.is_corrected for one in study.contrasts)
+    corrected = any(contrast.is_corrected for contrast in study.contrasts)
     no_test = "splits of the same recordings are no independent pairs" if corrected else "fewer than six seeds"
     rows = []
-    for one in study.contrasts:
-        factor = next(name for name in one.first if one.first[name] != one.second[name])
+    for contrast in study.contrasts:
+        factor = next(name for name in contrast.first if contrast.first[name] != contrast.second[name])
         named = training_set_words if factor == "training_set" else classifier_words
-        held = [
+        fixed = [
             classifier_words(value) if name == "classifier" else words(value)
-            for name, value in one.first.items()
+            for name, value in contrast.first.items()
             if name != factor
         ]
-        low, high = one.interval
+        low, high = contrast.interval
         interval = f"{100 * low:+.1f} to {100 * high:+.1f}" if low == low else "—"
         why = "" if low == low else "one seed"
         rows.append(
             (
-                Cell(f"{named(one.first[factor])} less {named(one.second[factor])}"),
-                Cell(", ".join(held)),
-                Cell(f"{100 * one.mean:+.1f}"),
+                Cell(f"{named(contrast.first[factor])} less {named(contrast.second[factor])}"),
+                Cell(", ".join(fixed)),
+                Cell(f"{100 * contrast.mean:+.1f}"),
                 Cell(interval, why),
-                Cell(str(one.pairs)),
-                Cell(number(one.p_value), "" if one.p_value == one.p_value else no_test),
-                Cell("—" if low != low else "yes" if one.is_clear else "no", why),
+                Cell(str(contrast.pairs)),
+                Cell(number(contrast.p_value), "" if contrast.p_value == contrast.p_value else no_test),
+                Cell("—" if low != low else "yes" if contrast.is_clear else "no", why),
             )
         )
     kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"
@@ -193,7 +196,7 @@ def metrics_table(study: StudyResult) -> Table:
     rows = []
     for row in table:
         key = {name: row[name] for name in study.factors}
-        same = [one for one in (*study.outcomes, *study.rivals) if one.factors == key]
+        same = [outcome for outcome in (*study.outcomes, *study.rivals) if outcome.factors == key]
         cells = [_spread_cell(row[metric], _why(same, reason)) for metric, (_, reason) in _METRICS.items()]
         if with_paper:
             cells.append(Cell(paper_words(study, key)))
@@ -225,18 +228,20 @@ def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
 
 def _why(outcomes: Sequence[Outcome], name: str) -> str:
     if name == "scarce_recall":
-        missing = any(math.isnan(one.scarce_recall) for one in outcomes)
+        missing = any(math.isnan(outcome.scarce_recall) for outcome in outcomes)
         return "no test window in the scarce cell" if missing else ""
-    return "; ".join(dict.fromkeys(one.scores.reasons[name] for one in outcomes if name in one.scores.reasons))
+    return "; ".join(
+        dict.fromkeys(outcome.scores.reasons[name] for outcome in outcomes if name in outcome.scores.reasons)
+    )
 
 
 def _reasons(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
-    found: dict[str, None] = {}
-    for one in outcomes:
+    reasons: dict[str, None] = {}
+    for outcome in outcomes:
         for heading, name in _METRICS.values():
-            if reason := _why([one], name):
-                found[f"{one.level}, {heading}: {reason}"] = None
-    return tuple(found)
+            if reason := _why([outcome], name):
+                reasons[f"{outcome.level}, {heading}: {reason}"] = None
+    return tuple(reasons)
 
 
 def _about_the_paper(study: StudyResult) -> list[Paragraph]:
@@ -256,21 +261,24 @@ def _calibration_sections(study: StudyResult, key: str) -> tuple:
     several = len(study.calibrations) > 1
     blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
     blocks.append(Bullets("Used away from where they were calibrated", _extrapolated(study)))
-    for place, calibration in enumerate(study.calibrations):
-        own_key = f"{key}_calibration_{place + 1}" if several else f"{key}_calibration"
-        inner = calibration_blocks(calibration, own_key, with_excitation=place == 0)
+    for index, calibration in enumerate(study.calibrations):
+        own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
+        inner = calibration_blocks(calibration, own_key, with_excitation=index == 0)
         title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
-        blocks.append(Group(title, inner, is_open=place == 0))
+        blocks.append(Group(title, inner, is_open=index == 0))
     return tuple(blocks)
 
 
 def _extrapolated(study: StudyResult) -> tuple[str, ...]:
     """Twins whose windows were simulated at another pressure than that of their recordings."""
     wanted = study.settings.get("pressure_Pa")
-    found = [(one.twin.pump.name, one.twin.condition.discharge_pressure) for one in study.calibrations]
+    pressures = [
+        (calibration.twin.pump.name, calibration.twin.condition.discharge_pressure)
+        for calibration in study.calibrations
+    ]
     return tuple(
         f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {wanted / 1e6:.3g} MPa."
-        for name, pressure in found
+        for name, pressure in pressures
         if isinstance(wanted, float) and not values_match(pressure, wanted, PRESSURE_TOLERANCE)
     )
 
@@ -279,9 +287,9 @@ def _training_blocks(study: StudyResult, key: str) -> tuple:
     blocks: list[Any] = [_cells_table(study)]
     if study.curves:
         blocks.append(Picture(with_origin(training_drawing(study, key), study)))
-    if any(can_embed(run.embedding) for run in study.laid_out):
+    if any(can_embed(run.embedding) for run in study.embedded_runs):
         blocks.append(Picture(with_origin(embedding_drawing(study, key), study)))
-    elif study.laid_out:
+    elif study.embedded_runs:
         reason = "no features were kept, there are fewer than 10 test windows, or all of them have the same features"
         blocks.append(Paragraph(f"No t-SNE: {reason}."))
     return tuple(blocks)
@@ -306,8 +314,9 @@ def _cells_table(study: StudyResult) -> Table:
 
 def _provenance(study: StudyResult) -> tuple:
     used = tuple(
-        f"{one.twin.pump.name}, {one.method} {one.version}: {', '.join(one.recording_ids)}"
-        for one in study.calibrations
+        f"{calibration.twin.pump.name}, {calibration.method} {calibration.version}: "
+        f"{', '.join(calibration.recording_ids)}"
+        for calibration in study.calibrations
     )
     entries = [
         ("command" if len(study.commands) < 2 else "commands", list(study.commands) or "not recorded"),

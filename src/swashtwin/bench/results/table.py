@@ -82,8 +82,8 @@ class StudyTable:
         rows = []
         for key in keys:
             factors = dict(key)
-            told = {metric: spread(self.values(metric, **factors)) for metric in self.metrics}
-            rows.append({**factors, **told})
+            spreads = {metric: spread(self.values(metric, **factors)) for metric in self.metrics}
+            rows.append({**factors, **spreads})
         return rows
 
     def to_dict(self) -> dict[str, Any]:

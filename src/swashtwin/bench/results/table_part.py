@@ -51,8 +51,8 @@ def table_part(study: StudyTable, key: str) -> Part:
 
 
 def _blocks(study: StudyTable, key: str) -> tuple:
-    own = (draw(study, key) for draw in OWN_DRAWINGS.get(study.study, ()))
-    pictures = map(Picture, (*own, rows_drawing(study, key), *confusions(study, key)))
+    drawings = (draw(study, key) for draw in OWN_DRAWINGS.get(study.study, ()))
+    pictures = map(Picture, (*drawings, rows_drawing(study, key), *confusions(study, key)))
     return (rows_table(study), *pictures, Bullets("To be read with it", study.notes))
 
 
@@ -73,10 +73,10 @@ def confusions(study: StudyTable, key: str) -> list[Drawing]:
         return []
     first, *between, last = study.factors
     figures: dict[str, dict[tuple[str, str], np.ndarray]] = {}
-    for one in study.details["confusion"]:
-        if one["drawn"]:
-            figure = figures.setdefault(", ".join(words(one[name]) for name in between), {})
-            figure[words(one[first]), words(one[last])] = np.array(one["windows"])
+    for detail in study.details["confusion"]:
+        if detail["drawn"]:
+            figure = figures.setdefault(", ".join(words(detail[name]) for name in between), {})
+            figure[words(detail[first]), words(detail[last])] = np.array(detail["windows"])
     return [
         confusion_drawing(
             f"{key}_confusion_{number}",
@@ -104,9 +104,9 @@ def rows_table(study: StudyTable) -> Table:
 def _spread_cell(spread: dict) -> Cell:
     if spread["mean"] is None:
         return Cell("—", "no number for this row")
-    told = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
+    text = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
     count = sum(value is not None for value in spread["values"])
-    return Cell(told, f"{plural(count, 'trial')}: " + ", ".join(number(value) for value in spread["values"][:20]))
+    return Cell(text, f"{plural(count, 'trial')}: " + ", ".join(number(value) for value in spread["values"][:20]))
 
 
 @figure_style()
@@ -117,15 +117,15 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
     per_line = min(2, len(study.metrics))
     lines = math.ceil(len(study.metrics) / per_line)
     figure, axes = panels(lines, per_line, lines * (1.1 + 0.24 * len(rows)), sharey=True)
-    for place, (metric, heading) in zip(axes.flat, study.metrics.items(), strict=False):
+    for ax, (metric, heading) in zip(axes.flat, study.metrics.items(), strict=False):
         for line, row in enumerate(rows):
             values = np.array([value for value in row[metric]["values"] if value is not None])
-            place.plot(values, np.full(len(values), line), "o", color=MEASURED, markersize=3, alpha=0.35)
+            ax.plot(values, np.full(len(values), line), "o", color=MEASURED, markersize=3, alpha=0.35)
             if len(values):
-                place.plot([values.mean()] * 2, [line - 0.32, line + 0.32], color=CALIBRATED, linewidth=2.5)
-        place.set(title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5))
-    for place in axes.flat[len(study.metrics) :]:
-        place.set_visible(False)
+                ax.plot([values.mean()] * 2, [line - 0.32, line + 0.32], color=CALIBRATED, linewidth=2.5)
+        ax.set(title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5))
+    for ax in axes.flat[len(study.metrics) :]:
+        ax.set_visible(False)
     table = [
         {**trial.factors, "seed": trial.seed, "metric": metric, "value": trial.values.get(metric)}
         for trial in study.trials

@@ -144,8 +144,8 @@ def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault 
     rng = stream(seed, "fault", label, *purpose)
     spread = float(np.exp(rng.normal(0, 0.2)))
     if label == "swash_plate":
-        place = deg(270 + stream(seed, "recess", specimen).normal(0, 0.5))
-        return replace(RECESS.scaled(spread), angle=place)
+        angle = deg(270 + stream(seed, "recess", specimen).normal(0, 0.5))
+        return replace(RECESS.scaled(spread), angle=angle)
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))
     if label == "cylinder_block":

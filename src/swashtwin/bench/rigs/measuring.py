@@ -166,7 +166,7 @@ def measure(
     cases = [LoadCase(run.specimen.pump, run.condition, run.fault, run.specimen.clearances) for run in runs]
     n_lines = int(BANDWIDTH / min(run.condition.shaft_frequency for run in runs))
     pressures = force_lines(cases, n_lines, topology=TOPOLOGY)
-    readings = []
+    signals = []
     for run, pressure, (seed, name) in zip(runs, pressures, seeds, strict=True):
         rng = stream(seed, "reading", name)
         n = round(duration * sample_rate)
@@ -180,5 +180,5 @@ def measure(
         signal = signal + _mains(n, sample_rate, rng) + 0.02 * rng.standard_normal(signal.shape)
         low_pass = scipy.signal.butter(4, 0.8, output="sos")
         filtered = scipy.signal.sosfilt(low_pass, signal, axis=-1)
-        readings.append((np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64))
-    return readings
+        signals.append((np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64))
+    return signals

@@ -116,11 +116,11 @@ def rig_recordings(
     fleet = {name: draw_specimen(nominal, name, seed) for name in {slot.specimen for slot in _slots(size)}}
     wanted = [slot for slot in _slots(size) if slot.label in labels]
     batches = [wanted[first : first + batch] for first in range(0, len(wanted), batch)]
-    taken = Parallel(n_jobs=jobs, return_as="generator")(
+    measured = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], size.duration, seed)
         for slots in batches
     )
-    for some in taken:
+    for some in measured:
         yield from some
 
 
@@ -183,16 +183,16 @@ def build_rig(
         raise InputError(f"{folder} is not empty; choose a new folder for the rig.")
     plan = SIZES[size] if isinstance(size, str) else size
     total = len(_slots(plan))
-    kept, files, runs, fleet = [], [], {}, {}
+    recordings, files, runs, fleet = [], [], {}, {}
     for recording, run in rig_recordings(seed, plan, jobs=jobs):
         path = folder / run.specimen.name / f"{recording.recording_id}.{file_format}"
         write_recording(recording, path)
-        kept.append(recording)
+        recordings.append(recording)
         files.append(path.relative_to(folder))
         runs[recording.recording_id] = _truth(run)
         fleet[run.specimen.name] = {"mount": run.specimen.mount, "bearing": run.specimen.bearing}
         if progress:
-            progress(len(kept), total)
+            progress(len(recordings), total)
     truth = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "specimens": fleet, "recordings": runs}
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
-    return write_index(kept, files, folder / "recordings.toml")
+    return write_index(recordings, files, folder / "recordings.toml")

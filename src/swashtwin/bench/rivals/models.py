@@ -113,13 +113,13 @@ ABLATED: Mapping[str, Mapping[str, Any]] = {
 """Our network without one of its parts: first the paper's three ablations, then those of what it is given."""
 
 RETRAINED: Mapping[str, Callable[[TrainingSettings], TrainingSettings]] = {
-    "spectral_window": lambda known: replace(known, normalization="window"),
-    "spectral_recording": lambda known: replace(known, normalization="recording"),
-    "spectral_longer": lambda known: replace(known, epochs=2 * known.epochs),
-    "spectral_mixup": lambda known: replace(known, mixup=0.2),
-    "spectral_gain": lambda known: replace(known, gain=3.0),
-    "spectral_stretch": lambda known: replace(known, stretch=0.02),
-    "spectral_noise": lambda known: replace(known, noise_snr=0.0, epochs=2 * known.epochs),
+    "spectral_window": lambda training: replace(training, normalization="window"),
+    "spectral_recording": lambda training: replace(training, normalization="recording"),
+    "spectral_longer": lambda training: replace(training, epochs=2 * training.epochs),
+    "spectral_mixup": lambda training: replace(training, mixup=0.2),
+    "spectral_gain": lambda training: replace(training, gain=3.0),
+    "spectral_stretch": lambda training: replace(training, stretch=0.02),
+    "spectral_noise": lambda training: replace(training, noise_snr=0.0, epochs=2 * training.epochs),
 }
 """Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; with pairs of
 windows mixed; with other gains, other speeds, new in each epoch, on half the windows; and in twice the epochs with
@@ -168,16 +168,16 @@ def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
     InputError
         There is none of that name.
     """
-    known = MODELS[size]
+    models = MODELS[size]
     for name in names:
-        if name not in known:
-            near = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.3)
+        if name not in models:
+            near = difflib.get_close_matches(name.lower(), models, n=1, cutoff=0.3)
             hint = f"did you mean {near[0]!r}? There" if near else "there"
-            usual = [one for one in known if one not in VARIED]
+            usual = [name for name in models if name not in VARIED]
             raise InputError(
                 f"no model is called {name!r}; {hint} are {', '.join(usual)}, and of the ablation {', '.join(VARIED)}."
             )
-    return {name: known[name] for name in names}
+    return {name: models[name] for name in names}
 
 
 def train_model(
@@ -206,8 +206,8 @@ def train_model(
     network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
     seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
     used = tuple(manifest)
-    fitted = [fit(network, heard, settings=model.training, seed=one, manifest=used, device=device) for one in seeds]
-    members = fitted if view is None else [Viewed(one, view) for one in fitted]
+    fitted = [fit(network, heard, settings=model.training, seed=seed, manifest=used, device=device) for seed in seeds]
+    members = fitted if view is None else [Viewed(classifier, view) for classifier in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
 
 
@@ -226,5 +226,5 @@ def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:
 
 def _envelope_bands(windows: WindowSet) -> FeatureTable:
     table = extract_features(windows)
-    kept = [place for place, name in enumerate(table.names) if " envelope spectrum " in name]
-    return FeatureTable(table.values[:, kept], tuple(table.names[place] for place in kept))
+    columns = [index for index, name in enumerate(table.names) if " envelope spectrum " in name]
+    return FeatureTable(table.values[:, columns], tuple(table.names[index] for index in columns))

@@ -190,20 +190,20 @@ class AgainstHealthy:
         table = self.extract(windows)
         values = table.values.copy()
         medians: dict[tuple[str, float, str], np.ndarray] = {}
-        places = zip(
+        keys = zip(
             windows.specimen.tolist(), windows.cell_pressure.tolist(), windows.recording_id.tolist(), strict=True
         )
-        for index, (specimen, pressure, recording) in enumerate(places):
-            own = self._healthy(specimen, pressure)
-            if own is None:
+        for index, (specimen, pressure, recording) in enumerate(keys):
+            references = self._healthy(specimen, pressure)
+            if references is None:
                 raise DataError(
                     f"{recording}: no healthy recording of {specimen or 'its machine'} at {pressure / 1e6:g} MPa to "
                     "compare it with; record one."
                 )
-            known = recording if recording in own.recording_id else ""
-            key = (specimen, pressure, known)
+            excluded = recording if recording in references.recording_id else ""
+            key = (specimen, pressure, excluded)
             if key not in medians:
-                medians[key] = own.median(known)
+                medians[key] = references.median(excluded)
             values[index] -= medians[key]
         return FeatureTable(values, table.names)
 
@@ -227,7 +227,7 @@ def against_healthy(extract: Extractor, healthy: WindowSet) -> AgainstHealthy:
     for specimen, pressure in dict.fromkeys(
         zip(healthy.specimen.tolist(), healthy.cell_pressure.tolist(), strict=True)
     ):
-        own = (healthy.specimen == specimen) & (healthy.cell_pressure == pressure)
-        reference[specimen, pressure] = _Healthy(values[own], healthy.recording_id[own])
+        selected = (healthy.specimen == specimen) & (healthy.cell_pressure == pressure)
+        reference[specimen, pressure] = _Healthy(values[selected], healthy.recording_id[selected])
     measured = sorted(set(healthy.recording_id[~healthy.synthetic].tolist()))
     return AgainstHealthy(extract, reference, tuple(measured))

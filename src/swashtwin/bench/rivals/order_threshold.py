@@ -112,7 +112,7 @@ def rising_orders(table: FeatureTable, windows: WindowSet, *, columns: int = 6) 
 
 
 def _rises(table: FeatureTable, rule: Mapping[str, tuple[str, ...]]) -> Float[np.ndarray, "window fault"]:
-    place = {name: column for column, name in enumerate(table.names)}
+    columns_by_name = {name: column for column, name in enumerate(table.names)}
     return np.stack(
-        [table.values[:, [place[name] for name in columns]].mean(axis=1) for columns in rule.values()], axis=1
+        [table.values[:, [columns_by_name[name] for name in columns]].mean(axis=1) for columns in rule.values()], axis=1
     )

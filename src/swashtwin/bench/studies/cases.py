@@ -20,7 +20,7 @@ from dataclasses import replace
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, models_of
 from swashtwin.bench.studies.plan import Plan
 from swashtwin.bench.studies.scenario import Scenario
-from swashtwin.bench.studies.training_sets import PAPER_FILLINGS, TRAINING_SNRS, Filling
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TRAINING_SNRS, TrainingSet
 from swashtwin.learning import RANGE
 
 SCENARIOS: dict[str, Scenario] = {
@@ -72,7 +72,7 @@ def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str
         study=study,
         title=title,
         models=models_of(size, models),
-        fillings={"calibrated": PAPER_FILLINGS["calibrated"]},
+        training_sets={"calibrated": PAPER_TRAINING_SETS["calibrated"]},
         rivals=(),
         compared={"classifier": DEFAULT},
     )
@@ -82,8 +82,8 @@ def algorithms(size: str) -> Plan:
     """Every classifier there is on Case I's calibrated training set; the paper runs ten seeds."""
     names = [name for name in MODELS[size] if name not in VARIED and not name.startswith("bitcn_")]
     missing = [name for name in names if not MODELS[size][name].is_at_hand]
-    kept = [name for name in names if name not in missing]
-    plan = _calibrated_case_one(size, "algorithms", "Algorithms on Case I's calibrated training set", kept)
+    available = [name for name in names if name not in missing]
+    plan = _calibrated_case_one(size, "algorithms", "Algorithms on Case I's calibrated training set", available)
     return replace(plan, absent=tuple(missing))
 
 
@@ -138,7 +138,7 @@ def noise(size: str) -> Plan:
     plan = _calibrated_case_one(size, "noise", "Noise added to the tests, trained clean and with noise", names)
     return replace(
         plan,
-        fillings={**plan.fillings, "calibrated_noise": Filling("calibrated", noise=True)},
+        training_sets={**plan.training_sets, "calibrated_noise": TrainingSet("calibrated", noise=True)},
         snrs=(math.inf, 20.0, 15.0, 10.0, 5.0),
         notes=(
             "Added SNR: white Gaussian noise whose power is the variance of the whole recording (mean removed) over "

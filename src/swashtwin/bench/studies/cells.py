@@ -39,8 +39,8 @@ def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list
 def classes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Classes of the recordings: the paper's order where it knows them all, else the alphabet's."""
     labels = {str(r.label) for r in recordings}
-    known = tuple(name for name in CLASSES if name in labels)
-    return known if len(known) == len(labels) else tuple(sorted(labels))
+    in_order = tuple(name for name in CLASSES if name in labels)
+    return in_order if len(in_order) == len(labels) else tuple(sorted(labels))
 
 
 def cut_evenly(

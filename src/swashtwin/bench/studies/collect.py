@@ -8,13 +8,13 @@ from typing import Any
 
 from swashtwin.bench.results.result import StudyResult, varied_of
 from swashtwin.bench.results.runs import OtherFormatError, Run, load_run
-from swashtwin.bench.studies.dataset import kept_calibration
+from swashtwin.bench.studies.dataset import load_finished_calibration
 from swashtwin.bench.studies.registry import PLANS, plan_of
-from swashtwin.bench.studies.runner import assembled, first_calibrations
+from swashtwin.bench.studies.runner import assemble_result, first_calibrations
 from swashtwin.foundation import DataError
 
 
-def gathered(folder: Path) -> list[StudyResult]:
+def collect_studies(folder: Path) -> list[StudyResult]:
     """Every study whose runs lie below a folder, in the order of `PLANS`, each size by itself.
 
     Runs that another version wrote are left out. The latest run of a study says which recordings it is about, under
@@ -42,50 +42,54 @@ def gathered(folder: Path) -> list[StudyResult]:
             f"{folder} holds no finished run of a study{f' but {older} of another version' if older else ''}; give the "
             "--out of a swashtwin study."
         )
-    order = {name: place for place, name in enumerate(PLANS)}
+    order = {name: position for position, name in enumerate(PLANS)}
     kinds = sorted({(run.task.study, run.task.size) for run in runs}, key=lambda kind: (order.get(kind[0], 99), kind))
     shown: set[str] = set()
     studies = []
     for kind in kinds:
-        kept = [run for run in runs if (run.task.study, run.task.size) == kind]
-        studies.append(_study(Path(folder), kept, shown))
+        of_kind = [run for run in runs if (run.task.study, run.task.size) == kind]
+        studies.append(_study(Path(folder), of_kind, shown))
         shown |= set(first_calibrations(studies[-1].runs))
     if older:
-        told = f"{older} runs of another version of swashtwin lie in the folder and are left out."
-        studies[0] = replace(studies[0], notes=(*studies[0].notes, told))
+        note = f"{older} runs of another version of swashtwin lie in the folder and are left out."
+        studies[0] = replace(studies[0], notes=(*studies[0].notes, note))
     return studies
 
 
 def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
     """Study of some runs, with the calibrations of its first seed that no study before it has shown."""
-    kept = _latest(runs)
+    latest = _latest(runs)
     task = runs[0].task
     if task.study not in PLANS:
         raise DataError(f"{folder} holds runs of {task.study!r}, which is none of {', '.join(PLANS)}.")
     plan = plan_of(task.study, task.size)
-    if len(kept) < len(runs):
-        left_out = f"{len(runs) - len(kept)} runs of other settings or recordings lie in the folder and are left out."
+    if len(latest) < len(runs):
+        left_out = f"{len(runs) - len(latest)} runs of other settings or recordings lie in the folder and are left out."
         plan = replace(plan, notes=(*plan.notes, left_out))
-    found = [kept_calibration(folder, key) for key in first_calibrations(kept) if key not in shown]
-    return assembled(plan, kept, calibrations=[one for one in found if one is not None])
+    calibrations = [load_finished_calibration(folder, key) for key in first_calibrations(latest) if key not in shown]
+    return assemble_result(
+        plan, latest, calibrations=[calibration for calibration in calibrations if calibration is not None]
+    )
 
 
 def _latest(runs: Sequence[Run]) -> list[Run]:
     """Runs of the latest recordings and settings, one for each row and seed; `runs` are in the order of time."""
-    own = [run for run in runs if run.origin == runs[-1].origin]
-    split_anew = len({(run.task.data, run.task.seed) for run in own}) > len({run.task.data for run in own})
+    candidates = [run for run in runs if run.origin == runs[-1].origin]
+    split_anew = len({(run.task.data, run.task.seed) for run in candidates}) > len(
+        {run.task.data for run in candidates}
+    )
     if split_anew:  # not a fleet for each seed: other recordings under other seeds are another study
-        own = [run for run in own if run.task.data == runs[-1].task.data]
+        candidates = [run for run in candidates if run.task.data == runs[-1].task.data]
     seed, data, settings = (attrgetter(f"task.{name}") for name in ("seed", "data", "settings"))
-    for agreeing, taken in ((varied_of, _asked), (_row, settings), (seed, data)):
-        latest = {agreeing(run): taken(run) for run in own}
-        own = [run for run in own if taken(run) == latest[agreeing(run)]]
-    return list({(_row(run), run.task.seed): run for run in own}.values())
+    for agreeing, value_of in ((varied_of, _scenario_and_tests), (_row, settings), (seed, data)):
+        latest = {agreeing(run): value_of(run) for run in candidates}
+        candidates = [run for run in candidates if value_of(run) == latest[agreeing(run)]]
+    return list({(_row(run), run.task.seed): run for run in candidates}.values())
 
 
 def _row(run: Run) -> tuple[tuple[str, str], ...]:
     return tuple(run.task.factors.items())
 
 
-def _asked(run: Run) -> tuple[Any, Any]:
+def _scenario_and_tests(run: Run) -> tuple[Any, Any]:
     return run.task.settings["scenario"], run.task.settings["tests"]

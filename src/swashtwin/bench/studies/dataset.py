@@ -39,13 +39,16 @@ class CalibrationTask:
     @property
     def key(self) -> str:
         """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
-        held = [[repr(one.pump), repr(one.condition), repr(one.fault)] for one in self.twins]
-        data = [(one.recording_id, repr(one.condition), one.fingerprint()) for one in self.recordings]
-        text = repr((FORMAT, held, data, self.method, self.nuisances, self.seed))
+        starts = [[repr(twin.pump), repr(twin.condition), repr(twin.fault)] for twin in self.twins]
+        data = [
+            (recording.recording_id, repr(recording.condition), recording.fingerprint())
+            for recording in self.recordings
+        ]
+        text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed))
         return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def carry_out_calibration(task: CalibrationTask) -> Calibration:
+def run_calibration(task: CalibrationTask) -> Calibration:
     """The calibration."""
     torch.set_num_threads(1)
     return calibrate(
@@ -53,7 +56,7 @@ def carry_out_calibration(task: CalibrationTask) -> Calibration:
     )
 
 
-def kept_calibration(out: Path | None, key: str) -> Calibration | None:
+def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
     """The calibration of that key in ``OUT/calibrations``, or None where it was not made yet."""
     path = None if out is None else calibration_file(out, key)
     return load_calibration(path) if path is not None and path.is_file() else None
@@ -65,7 +68,7 @@ def calibration_file(out: Path, key: str) -> Path:
 
 
 @dataclass(frozen=True, eq=False)
-class Material:
+class StudyDataset:
     """What one seed trains and tests on."""
 
     seed: int
@@ -102,25 +105,27 @@ class Material:
             speed=float(np.nanmean(self.measured.speed)), discharge_pressure=self.scenario.pressure
         )
 
-    def own_calibrations(self, label: str) -> list[Calibration]:
+    def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""
         wanted = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
         if wanted is None:
             wanted = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
-        return [one for (_, name), one in sorted(self.calibrations.items()) if name == wanted]
+        return [calibration for (_, name), calibration in sorted(self.calibrations.items()) if name == wanted]
 
 
 def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
     """Calibrations that the twins of a scenario need: recordings that train, and no others."""
     split = split_scenario(recordings, scenario, seed)
     lent = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
-    known = [r for r in recordings if r.recording_id in split.train | lent]
+    trained_on = [r for r in recordings if r.recording_id in split.train | lent]
     labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
     tasks = []
     for label in labels:
-        own = [r for r in known if r.label == label]
-        for specimen in sorted({str(r.specimen) for r in own}):
-            tasks.append(_calibration_task(specimen, label, [r for r in own if r.specimen == specimen], scenario, seed))
+        of_label = [r for r in trained_on if r.label == label]
+        for specimen in sorted({str(r.specimen) for r in of_label}):
+            tasks.append(
+                _calibration_task(specimen, label, [r for r in of_label if r.specimen == specimen], scenario, seed)
+            )
     return tasks
 
 
@@ -137,9 +142,13 @@ def read_for(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> 
     needed = split.train.union(
         *split.tests.values(), *(_lenders(recordings, ids, scenario) for ids in split.scarce.values())
     )
-    stated = [one.condition.speed for one in recordings if one.condition is not None]
+    stated = [recording.condition.speed for recording in recordings if recording.condition is not None]
     speed = float(np.median(stated)) if stated else math.nan
-    return {one.recording_id: scenario.as_read(one, speed) for one in recordings if one.recording_id in needed}
+    return {
+        recording.recording_id: scenario.as_read(recording, speed)
+        for recording in recordings
+        if recording.recording_id in needed
+    }
 
 
 def prepare(
@@ -151,7 +160,7 @@ def prepare(
     read: Mapping[str, Recording] | None = None,
     noisy_tests: bool = False,
     noisy_training: bool = False,
-) -> Material:
+) -> StudyDataset:
     """Windows of every role under `seed`.
 
     Parameters
@@ -160,7 +169,7 @@ def prepare(
     read : what `read_for` gave for the same recordings, scenario and seed, where it is at hand.
     noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
     """
-    known = list(calibrations)
+    finished = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
     lent = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
     by_id = read_for(recordings, scenario, seed) if read is None else read
@@ -168,17 +177,19 @@ def prepare(
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
     for ids in lent:
-        measured = measured + _few([one for name, one in by_id.items() if name in ids], scenario, measured)
+        measured = measured + _few([recording for name, recording in by_id.items() if name in ids], scenario, measured)
     tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
-    return Material(
+    return StudyDataset(
         seed=seed,
         scenario=scenario,
         measured=measured,
-        tests={level: cut_test(own, scenario, measured) for level, own in tests.items()},
-        test_recordings={level: tuple(own) for level, own in tests.items()} if noisy_tests else {},
+        tests={level: cut_test(level_recordings, scenario, measured) for level, level_recordings in tests.items()},
+        test_recordings={level: tuple(level_recordings) for level, level_recordings in tests.items()}
+        if noisy_tests
+        else {},
         train_recordings=tuple(by_id[i] for i in sorted(set(measured.recording_id.tolist()))) if noisy_training else (),
-        calibrations={(task.specimen, task.label): found for task, found in known},
-        calibrated_on=tuple(sorted({name for _, found in known for name in found.recording_ids})),
+        calibrations={(task.specimen, task.label): calibration for task, calibration in finished},
+        calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
         split=split,
     )
 
@@ -196,12 +207,12 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
             "more often, or ask for less."
         )
     chosen = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
-    return windows.subset(np.sort(np.concatenate([own[_evenly(len(own), count)] for own in chosen])))
+    return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in chosen])))
 
 
-def again_cut(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
+def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
     """The same windows cut again, from other signals of the same recordings."""
-    by_id = {one.recording_id: one.signal for one in recordings}
+    by_id = {recording.recording_id: recording.signal for recording in recordings}
     signal = [
         by_id[name][:, start : start + windows.length]
         for name, start in zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True)
@@ -213,8 +224,8 @@ def cells_of(windows: WindowSet) -> dict[str, int]:
     """Windows by class and pressure in words; how many are synthetic, where any is."""
     named = {}
     for (label, pressure), count in windows.counts().items():
-        place = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
-        named[f"{label} @ {place}"] = count
+        words = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
+        named[f"{label} @ {words}"] = count
     synthetic = int(windows.synthetic.sum())
     return {**named, "of them synthetic": synthetic} if synthetic else named
 
@@ -225,19 +236,19 @@ def _evenly(available: int, count: int) -> np.ndarray:
 
 def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
     """The first recordings of a scarce cell that together hold the windows asked for."""
-    readings = {r.recording_id: r.signal.shape[1] for r in recordings}
-    found, windows = [], 0
+    samples = {r.recording_id: r.signal.shape[1] for r in recordings}
+    lenders, windows = [], 0
     for name in ids:
         if windows >= scenario.scarce_windows:
             break
-        found.append(name)
-        windows += readings[name] // scenario.length
+        lenders.append(name)
+        windows += samples[name] // scenario.length
     if windows < scenario.scarce_windows:
         raise DataError(
             f"{scenario.scarce_windows} measured windows of the scarce cell are wanted, and its training recordings "
             f"hold {windows}."
         )
-    return found
+    return lenders
 
 
 def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
@@ -250,9 +261,9 @@ def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> W
 
 
 def _calibration_task(
-    specimen: str, label: str, known: Sequence[Recording], scenario: Scenario, seed: int
+    specimen: str, label: str, recordings: Sequence[Recording], scenario: Scenario, seed: int
 ) -> CalibrationTask:
-    stated = [recording.condition for recording in known if recording.condition is not None]
+    stated = [recording.condition for recording in recordings if recording.condition is not None]
     conditions = [stated[group[-1]] for group in group_by_condition(stated)]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
     if label == "normal":
@@ -260,4 +271,4 @@ def _calibration_task(
     else:
         nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
         twins = (Twin(pump, nearest, scenario.faults[label][0]),)
-    return CalibrationTask(specimen, label, twins, tuple(known), scenario.method, scenario.nuisances, seed)
+    return CalibrationTask(specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed)

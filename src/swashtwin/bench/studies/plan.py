@@ -1,4 +1,4 @@
-"""A study as a plan: training sets × classifiers under a scenario, for each seed; and one task of it, carried out."""
+"""A study as a plan: training sets × classifiers under a scenario, for each seed; and how one task of it is run."""
 
 import math
 import time
@@ -13,9 +13,9 @@ import torch
 from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
 from swashtwin.bench.rivals.composed import Viewed
 from swashtwin.bench.rivals.models import Model, train_model
-from swashtwin.bench.studies.dataset import Material, again_cut, cells_of
+from swashtwin.bench.studies.dataset import StudyDataset, cells_of, cut_again
 from swashtwin.bench.studies.scenario import Scenario
-from swashtwin.bench.studies.training_sets import CALIBRATED_TWINS, PAPER_FILLINGS, Filling
+from swashtwin.bench.studies.training_sets import CALIBRATED_TWINS, PAPER_TRAINING_SETS, TrainingSet
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
@@ -35,7 +35,7 @@ class Plan:
     """What is scarce, and what is tested."""
     models: Mapping[str, Model]
     """Classifiers by name; the first is the study's own."""
-    fillings: Mapping[str, Filling] = field(default_factory=lambda: PAPER_FILLINGS)
+    training_sets: Mapping[str, TrainingSet] = field(default_factory=lambda: PAPER_TRAINING_SETS)
     """Training sets by name."""
     varied: str = ""
     """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
@@ -64,9 +64,9 @@ class Plan:
     """Classifiers that belong here, and for want of aeon cannot be trained."""
 
     def __post_init__(self) -> None:
-        if not (self.models and self.fillings):
+        if not (self.models and self.training_sets):
             raise InputError("a study needs a classifier and a training set.")
-        noisy = self.snrs or any(one.noise for one in self.fillings.values())
+        noisy = self.snrs or any(training_set.noise for training_set in self.training_sets.values())
         if noisy and any(self.scenario_of(name).along_angle for name in self.variants):
             raise InputError(
                 "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
@@ -81,24 +81,30 @@ class Plan:
         data : SHA-256 of the recordings.
         device : where networks are trained.
         """
+        scenarios = {name: self.scenario_of(name).described() for name in self.variants}
+        sets = {name: each.described(self.scenario.faults) for name, each in self.training_sets.items()}
+        models = {name: model.described() for name, model in self.models.items()}
         return [
             Task(
                 study=self.study,
                 size=self.size,
                 seed=seed,
-                factors={"classifier": model, "training_set": filling, **({self.varied: variant} if variant else {})},
+                factors={
+                    "classifier": model,
+                    "training_set": training_set,
+                    **({self.varied: variant} if variant else {}),
+                },
                 settings={
-                    "scenario": self.scenario_of(variant).described(),
-                    "training_set": self.fillings[filling].described(self.scenario.faults),
-                    "model": self.models[model].described(),
+                    "scenario": scenarios[variant],
+                    "training_set": sets[training_set],
+                    "model": models[model],
                     "device": device if self.models[model].is_network else "cpu",
                     "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws},
                 },
                 data=data,
-                place=place,
             )
-            for place, (variant, filling, model) in enumerate(product(self.variants, self.fillings, self.models))
-            if self.bare is None or (variant == self.bare) is (self.fillings[filling].by is None)
+            for variant, training_set, model in product(self.variants, self.training_sets, self.models)
+            if self.bare is None or (variant == self.bare) is (self.training_sets[training_set].by is None)
         ]
 
     def of_training_sets(self, names: Sequence[str]) -> "Plan":
@@ -110,9 +116,9 @@ class Plan:
             It has none of that name.
         """
         for name in names:
-            if name not in self.fillings:
-                raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.fillings)}.")
-        return replace(self, fillings={name: self.fillings[name] for name in names})
+            if name not in self.training_sets:
+                raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.training_sets)}.")
+        return replace(self, training_sets={name: self.training_sets[name] for name in names})
 
     def of_values(self, names: Sequence[str]) -> "Plan":
         """The plan at some values of its varied factor only.
@@ -124,24 +130,24 @@ class Plan:
         """
         for name in names:
             if not self.varied or name not in self.variants:
-                known = f"the values of {self.varied} are {', '.join(self.variants)}"
+                choices = f"the values of {self.varied} are {', '.join(self.variants)}"
                 raise InputError(
-                    f"{self.study} has no value {name!r} to choose; {known if self.varied else 'it has none'}."
+                    f"{self.study} has no value {name!r} to choose; {choices if self.varied else 'it has none'}."
                 )
-        return replace(self, variants={name: one for name, one in self.variants.items() if name in names})
+        return replace(self, variants={name: changes for name, changes in self.variants.items() if name in names})
 
     def needs_twins(self, task: Task) -> bool:
         """Whether a task is filled by a calibrated twin."""
-        return self.fillings[task.factors["training_set"]].by in CALIBRATED_TWINS
+        return self.training_sets[task.factors["training_set"]].by in CALIBRATED_TWINS
 
-    def place(self, task: Task) -> tuple[int, ...]:
-        """Where a task's row stands among those of the plan; of a classifier that is none of its own, behind them."""
+    def position(self, task: Task) -> tuple[int, ...]:
+        """Position of a task's row among those of the plan; classifiers that the plan lacks come last."""
         named: tuple[tuple[Mapping[str, Any], str], ...] = (
             (self.variants, task.factors.get(self.varied, "")),
-            (self.fillings, task.factors["training_set"]),
+            (self.training_sets, task.factors["training_set"]),
             (self.models, task.factors["classifier"]),
         )
-        return (*(list(known).index(name) if name in known else len(known) for known, name in named), task.place)
+        return tuple(list(names).index(name) if name in names else len(names) for names, name in named)
 
     def variant_of(self, task: Task) -> str:
         """Name of the variant that a task is of."""
@@ -168,34 +174,34 @@ class RunFacts:
     """What is known of the synthetic windows."""
 
 
-def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, facts: RunFacts) -> Run:
+def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, facts: RunFacts) -> Run:
     """One task: train on the measured and the synthetic windows, test at every level.
 
     Parameters
     ----------
-    synthetic : what the task's filling adds.
+    synthetic : what the task's training_set adds.
     """
     torch.set_num_threads(1)
     wall, cpu = time.perf_counter(), time.process_time()
     model = plan.models[task.factors["classifier"]]
-    if plan.fillings[task.factors["training_set"]].class_weights:
+    if plan.training_sets[task.factors["training_set"]].class_weights:
         model = model.with_training(class_weights=True)
-    train = material.measured + synthetic
+    train = dataset.measured + synthetic
     classifier = train_model(
         model,
         train,
         seed=task.seed,
-        manifest=material.manifest,
+        manifest=dataset.manifest,
         device=facts.device,
     )
-    outcomes = tuple(_outcomes(classifier, task, plan, material))
-    tested = material.tests
+    outcomes = tuple(_outcomes(classifier, task, plan, dataset))
+    tested = dataset.tests
     return Run(
         task=task,
         outcomes=outcomes,
         history=getattr(classifier, "history", ()),
         values=facts.values,
-        roles=material.roles(),
+        roles=dataset.roles(),
         fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
         cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},
         calibrations=facts.calibrations,
@@ -205,28 +211,28 @@ def carry_out(task: Task, plan: Plan, material: Material, synthetic: WindowSet, 
         device=facts.device if model.is_network else "cpu",
         version=VERSION,
         command=facts.command,
-        embedding=_embedding(classifier, task, material),
+        embedding=_embedding(classifier, task, dataset),
     )
 
 
-def _outcomes(classifier: Classifier, task: Task, plan: Plan, material: Material) -> Iterator[Outcome]:
-    for level, clean in material.tests.items():
+def _outcomes(classifier: Classifier, task: Task, plan: Plan, dataset: StudyDataset) -> Iterator[Outcome]:
+    for level, clean in dataset.tests.items():
         for snr in plan.snrs or (math.inf,):
             factors = {**task.factors, "level": level, **({"snr": snr_words(snr)} if plan.snrs else {})}
             for repeat in range(plan.draws if math.isfinite(snr) else 1):
-                test = noisy_test(material, level, snr, repeat) if math.isfinite(snr) else clean
+                test = noisy_test(dataset, level, snr, repeat) if math.isfinite(snr) else clean
                 scores = evaluate(classifier, test, level=level)
-                yield Outcome(factors, task.seed, scores, scarce_recall(scores, material.scenario), repeat)
+                yield Outcome(factors, task.seed, scores, scarce_recall(scores, dataset.scenario), repeat)
 
 
-def noisy_test(material: Material, level: str, snr_db: float, repeat: int) -> WindowSet:
+def noisy_test(dataset: StudyDataset, level: str, snr_db: float, repeat: int) -> WindowSet:
     """The test windows of a level, cut from recordings with white noise added (docs/protocol.md, "Noise").
 
     The noise is added to the whole recording at its own rate before anything else is done with it, each channel's power
     by the variance of the whole recording; its seed is from recording, ratio and repeat.
     """
-    noisy = [noisy_recording(one, snr_db, repeat) for one in material.test_recordings[level]]
-    return again_cut(noisy, material.tests[level])
+    noisy = [noisy_recording(recording, snr_db, repeat) for recording in dataset.test_recordings[level]]
+    return cut_again(noisy, dataset.tests[level])
 
 
 def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:
@@ -257,10 +263,10 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
     return float(np.mean(cells)) if cells else math.nan
 
 
-def _embedding(classifier: Classifier, task: Task, material: Material) -> Embedding | None:
+def _embedding(classifier: Classifier, task: Task, dataset: StudyDataset) -> Embedding | None:
     if not isinstance(classifier, FittedClassifier | Viewed):
         return None
-    tests = material.tests
+    tests = dataset.tests
     return Embedding(
         factors=task.factors,
         features=np.concatenate([classifier.embed(test) for test in tests.values()]),

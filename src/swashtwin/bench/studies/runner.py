@@ -1,7 +1,7 @@
-"""A plan carried out: what is done already is read, the rest is done side by side, and each task is kept as it ends."""
+"""Runs a plan: finished tasks are read, the others run side by side, and each is saved when it ends."""
 
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,17 @@ from swashtwin.bench.results.runs import Run, Task, load_run, save_run
 from swashtwin.bench.results.table import origin_of
 from swashtwin.bench.studies.dataset import (
     CalibrationTask,
-    Material,
+    StudyDataset,
     calibration_file,
     calibration_tasks,
-    carry_out_calibration,
-    kept_calibration,
+    load_finished_calibration,
     prepare,
     read_for,
+    run_calibration,
 )
-from swashtwin.bench.studies.plan import Plan, RunFacts, carry_out
-from swashtwin.bench.studies.sources import Known, Source
-from swashtwin.bench.studies.training_sets import FURTHER, filled_cells
+from swashtwin.bench.studies.plan import Plan, RunFacts, run_task
+from swashtwin.bench.studies.sources import SameRecordings, Source
+from swashtwin.bench.studies.training_sets import FURTHER, fill_cells
 from swashtwin.bench.studies.workers import Workers
 from swashtwin.calibration import Calibration
 from swashtwin.foundation import InputError
@@ -30,19 +30,21 @@ from swashtwin.learning import WindowSet
 from swashtwin.recordings import Recording
 
 Report = Callable[[str, int, int], None]
-Calibrated = list[tuple[CalibrationTask, Calibration]]
+_Case = tuple[int, str]
+"""Seed, and name of the plan's variant."""
 
 TASKS_AHEAD = 4
 """Tasks for each process that are prepared together: fewer leave processes idle at the end of a batch, more take
 memory."""
 
 MOST_SEEDS = 2
-"""Seeds whose recordings are held at once, however few tasks each has; a fleet of the paper's size takes 0.9 GB."""
+"""Seeds whose recordings are in memory at once, however few tasks each has; a fleet of the paper's size takes
+0.9 GB."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Seed:
-    """What one seed still has to do."""
+class _SeedTasks:
+    """Tasks of one seed that have no result yet."""
 
     seed: int
     recordings: Sequence[Recording]
@@ -61,113 +63,119 @@ def run_plan(
     progress: Report | None = None,
     command: str = "",
 ) -> StudyResult:
-    """The study's table, after every task of every seed was done or read.
+    """The study's table, after every task of every seed was run or read.
 
     Parameters
     ----------
     data : recordings, or a source of them by seed.
-    workers : where tasks are carried out; one after the other here by default.
-    out : folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies there is not done again. None
-        keeps nothing.
+    workers : where tasks run; one after the other in this process by default.
+    out : folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies there is not run again. None
+        writes nothing.
     device : where networks are trained.
-    progress : called with (what, done, in all).
+    progress : called with (activity, finished, in all).
     command : command line that repeats the study.
 
     Raises
     ------
     DataError
-        The recordings cannot be split as the scenario wants.
+        The recordings cannot be split as the scenario needs.
     ArtifactError
         A run in `out` is damaged.
     InputError
-        No seed, or nothing to do.
+        No seed, or no task.
     """
-    started, report = time.perf_counter(), progress or (lambda what, done, total: None)
+    started, report = time.perf_counter(), progress or (lambda activity, finished, total: None)
     seeds = tuple(dict.fromkeys(seeds))
     if not seeds:
         raise InputError("a study needs a seed.")
-    source, workers = data if isinstance(data, Source) else Known(data), workers or Workers()
+    source, workers = data if isinstance(data, Source) else SameRecordings(data), workers or Workers()
     per_seed = len(plan.tasks(0, ""))
     if not per_seed:
         raise InputError(
-            f"{plan.study} has nothing to do: {', '.join(plan.fillings)} is not trained at {plan.varied} "
+            f"{plan.study} has nothing to do: {', '.join(plan.training_sets)} is not trained at {plan.varied} "
             f"{', '.join(plan.variants)}."
         )
     together = min(MOST_SEEDS, max(1, -(-TASKS_AHEAD * workers.jobs // per_seed)))
     runs: list[Run] = []
-    known: dict[str, Calibration] = {}
+    calibrations: dict[str, Calibration] = {}
     with workers.started():
         for start in range(0, len(seeds), together):
-            waiting = []
+            batch = []
             for seed in seeds[start : start + together]:
-                one, done = _looked_up(plan, source, seed, out, RunFacts(device, command))
-                runs += done
-                waiting += [one] if one.tasks else []
-                if done:
-                    report(f"{len(done)} of seed {seed} done before", len(runs), per_seed * len(seeds))
-            for run in _carried_out(waiting, plan, workers, out, known, report):
+                unfinished, finished = _look_up(plan, source, seed, out, RunFacts(device, command))
+                runs += finished
+                batch += [unfinished] if unfinished.tasks else []
+                if finished:
+                    report(f"{len(finished)} of seed {seed} done before", len(runs), per_seed * len(seeds))
+            for run in _run_seeds(batch, plan, workers, out, calibrations, report):
                 if out is not None:
                     save_run(run, out)
                 runs.append(run)
                 report("training", len(runs), per_seed * len(seeds))
-    found = [known.get(key) or kept_calibration(out, key) for key in first_calibrations(runs)]
-    calibrations = tuple(one for one in found if one is not None)
-    return assembled(plan, runs, calibrations=calibrations, wall_s=time.perf_counter() - started, command=command)
+    first = (calibrations.get(key) or load_finished_calibration(out, key) for key in first_calibrations(runs))
+    return assemble_result(
+        plan,
+        runs,
+        calibrations=[calibration for calibration in first if calibration is not None],
+        wall_s=time.perf_counter() - started,
+        command=command,
+    )
 
 
-def _looked_up(plan: Plan, source: Source, seed: int, out: Path | None, facts: RunFacts) -> tuple[_Seed, list[Run]]:
-    """What is to be done of a seed, and what is done."""
-    recordings, data = source.taken(seed)
-    tasks, done = [], []
+def _look_up(plan: Plan, source: Source, seed: int, out: Path | None, facts: RunFacts) -> tuple[_SeedTasks, list[Run]]:
+    """(tasks of a seed without a result, finished runs)."""
+    recordings, data = source.recordings_for(seed)
+    tasks, finished = [], []
     for task in plan.tasks(seed, data, facts.device):
         folder = None if out is None else Path(out) / task.study / task.key
         if folder is not None and (folder / "result.json").is_file():
-            done.append(load_run(folder))
+            finished.append(load_run(folder))
         else:
             tasks.append(task)
-    return _Seed(seed, recordings, tuple(tasks), replace(facts, origin=origin_of(recordings))), done
+    return _SeedTasks(seed, recordings, tuple(tasks), replace(facts, origin=origin_of(recordings))), finished
 
 
-def _carried_out(
-    waiting: Sequence[_Seed],
+def _run_seeds(
+    batch: Sequence[_SeedTasks],
     plan: Plan,
     workers: Workers,
     out: Path | None,
-    known: dict[str, Calibration],
+    calibrations: dict[str, Calibration],
     report: Report,
 ) -> Iterator[Run]:
-    """Every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
-    wanted = {(one.seed, plan.variant_of(task)): one for one in waiting for task in one.tasks}
-    filled = {(one.seed, plan.variant_of(task)) for one in waiting for task in one.tasks if plan.needs_twins(task)}
-    asked = {
-        place: calibration_tasks(one.recordings, plan.scenario_of(place[1]), one.seed) if place in filled else []
-        for place, one in wanted.items()
+    """Run every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
+    pairs = [(group, task) for group in batch for task in group.tasks]
+    groups = {(group.seed, plan.variant_of(task)): group for group, task in pairs}
+    with_twins = {(group.seed, plan.variant_of(task)) for group, task in pairs if plan.needs_twins(task)}
+    calibration_tasks_of = {
+        case: calibration_tasks(group.recordings, plan.scenario_of(case[1]), group.seed) if case in with_twins else []
+        for case, group in groups.items()
     }
-    read = {place: read_for(one.recordings, plan.scenario_of(place[1]), one.seed) for place, one in wanted.items()}
-    _calibrate([task for tasks in asked.values() for task in tasks], workers, out, known, report)
-    material = {
-        place: prepare(
-            one.recordings,
-            plan.scenario_of(place[1]),
-            one.seed,
-            [(task, known[task.key]) for task in asked[place]],
-            read=read[place],
+    read = {case: read_for(group.recordings, plan.scenario_of(case[1]), group.seed) for case, group in groups.items()}
+    every_task = [task for tasks in calibration_tasks_of.values() for task in tasks]
+    _calibrate(every_task, workers, out, calibrations, report)
+    datasets = {
+        case: prepare(
+            group.recordings,
+            plan.scenario_of(case[1]),
+            group.seed,
+            [(task, calibrations[task.key]) for task in calibration_tasks_of[case]],
+            read=read[case],
             noisy_tests=bool(plan.snrs),
-            noisy_training=any(one.noise for one in plan.fillings.values()),
+            noisy_training=any(training_set.noise for training_set in plan.training_sets.values()),
         )
-        for place, one in wanted.items()
+        for case, group in groups.items()
     }
-    fills = _filled([(one, task) for one in waiting for task in one.tasks], plan, material, workers, report)
-    bare = {place: replace(one, calibrations={}, train_recordings=()) for place, one in material.items()}
+    fills = _fill_cells(pairs, plan, datasets, workers, report)
+    sent = {case: replace(dataset, calibrations={}, train_recordings=()) for case, dataset in datasets.items()}
     calls = []
-    for one in waiting:
-        for task in one.tasks:
-            place = (one.seed, plan.variant_of(task))
-            synthetic, values = fills[(*place, task.factors["training_set"])]
-            names = tuple(calibration.key for calibration in asked[place])
-            calls.append((task, plan, bare[place], synthetic, replace(one.facts, calibrations=names, values=values)))
+    for group, task in pairs:
+        case = (group.seed, plan.variant_of(task))
+        synthetic, values = fills[(*case, task.factors["training_set"])]
+        names = tuple(calibration_task.key for calibration_task in calibration_tasks_of[case])
+        calls.append((task, plan, sent[case], synthetic, replace(group.facts, calibrations=names, values=values)))
     calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
-    for _, run in workers.each(carry_out, calls):
+    for _, run in workers.each(run_task, calls):
         yield run
 
 
@@ -175,38 +183,40 @@ def _calibrate(
     tasks: Sequence[CalibrationTask],
     workers: Workers,
     out: Path | None,
-    known: dict[str, Calibration],
+    calibrations: dict[str, Calibration],
     report: Report,
 ) -> None:
-    """Put every calibration into `known`: those that lie in `out` are read, the others made and kept there."""
+    """Put every calibration into `calibrations`: read from `out` where it lies there, else run and saved there."""
     by_key = {task.key: task for task in tasks}
     for key in by_key:
-        if key not in known and (kept := kept_calibration(out, key)) is not None:
-            known[key] = kept
-    missing = [key for key in by_key if key not in known]
+        if key not in calibrations and (calibration := load_finished_calibration(out, key)) is not None:
+            calibrations[key] = calibration
+    missing = [key for key in by_key if key not in calibrations]
     calls = [(by_key[key],) for key in missing]
-    for done, (place, calibration) in enumerate(workers.each(carry_out_calibration, calls), 1):
-        known[missing[place]] = calibration
+    for count, (index, calibration) in enumerate(workers.each(run_calibration, calls), 1):
+        calibrations[missing[index]] = calibration
         if out is not None:
-            calibration.save(calibration_file(out, missing[place]))
-        report("calibration", done, len(missing))
+            calibration.save(calibration_file(out, missing[index]))
+        report("calibration", count, len(missing))
 
 
-def _filled(
-    tasks: Sequence[tuple[_Seed, Task]],
+def _fill_cells(
+    pairs: Sequence[tuple[_SeedTasks, Task]],
     plan: Plan,
-    material: dict[tuple[int, str], Material],
+    datasets: Mapping[_Case, StudyDataset],
     workers: Workers,
     report: Report,
 ) -> dict[tuple[int, str, str], tuple[WindowSet, dict[str, float]]]:
-    """Synthetic windows, and what is known of them, by seed, variant and training set."""
-    places = list(dict.fromkeys((one.seed, plan.variant_of(task), task.factors["training_set"]) for one, task in tasks))
-    calls = [(material[seed, variant], plan.fillings[name]) for seed, variant, name in places]
-    found = {}
-    for place, made in workers.each(filled_cells, calls):
-        found[places[place]] = made
-        report("filling cells", len(found), len(calls))
-    return found
+    """Synthetic windows and their figures, by seed, variant and training set."""
+    keys = list(
+        dict.fromkeys((group.seed, plan.variant_of(task), task.factors["training_set"]) for group, task in pairs)
+    )
+    calls = [(datasets[seed, variant], plan.training_sets[name]) for seed, variant, name in keys]
+    fills = {}
+    for index, fill in workers.each(fill_cells, calls):
+        fills[keys[index]] = fill
+        report("filling cells", len(fills), len(calls))
+    return fills
 
 
 def first_calibrations(runs: Sequence[Run]) -> list[str]:
@@ -215,7 +225,7 @@ def first_calibrations(runs: Sequence[Run]) -> list[str]:
     return list(dict.fromkeys(name for run in runs if run.task.seed == first for name in run.calibrations))
 
 
-def assembled(
+def assemble_result(
     plan: Plan,
     runs: Sequence[Run],
     *,
@@ -223,7 +233,7 @@ def assembled(
     wall_s: float | None = None,
     command: str = "",
 ) -> StudyResult:
-    """The study's table of finished runs, however many they are.
+    """Table of a study, from finished runs, however many they are.
 
     Parameters
     ----------
@@ -231,13 +241,13 @@ def assembled(
     wall_s : how long the study took [s]; by default its runs together.
     command : command line that repeats it; by default those of its runs (`StudyResult.commands`).
     """
-    ordered = sorted(runs, key=lambda run: (plan.place(run.task), run.task.seed))
+    ordered = sorted(runs, key=lambda run: (plan.position(run.task), run.task.seed))
     trials = trials_of(ordered)
     further = {name for run in ordered for name in run.values}
-    found = list(dict.fromkeys(run.task.factors["classifier"] for run in ordered))
-    own = next((name for name in plan.models if name in found and name not in plan.rivals), found[0])
+    classifiers = list(dict.fromkeys(run.task.factors["classifier"] for run in ordered))
+    main = next((name for name in plan.models if name in classifiers and name not in plan.rivals), classifiers[0])
     classes = ordered[0].outcomes[0].scores.classes
-    told = StudyResult(
+    result = StudyResult(
         study=plan.study,
         title=plan.title,
         metrics={
@@ -253,23 +263,23 @@ def assembled(
         wall_s=sum(run.wall_s for run in ordered) if wall_s is None else wall_s,
         version=ordered[-1].version,
         command=command,
-        notes=tuple(_notes(plan, found)),
+        notes=tuple(_notes(plan, classifiers)),
         device=", ".join(sorted({run.device for run in ordered})),
         size=ordered[0].task.size,
         runs=tuple(ordered),
-        own=own,
-        rival_names=tuple(name for name in found if name != own) if plan.rivals else (),
+        main_classifier=main,
+        rival_names=tuple(name for name in classifiers if name != main) if plan.rivals else (),
         contrasts=contrasts_of(trials, ordered, plan.compared, plan.bare),
         calibrations=tuple(calibrations),
     )
-    return replace(told, answer=answer_of(told))
+    return replace(result, answer=answer_of(result))
 
 
-def _notes(plan: Plan, found: Collection[str]) -> Iterator[str]:
+def _notes(plan: Plan, classifiers: Collection[str]) -> Iterator[str]:
     """What must be read with the numbers of the classifiers that were trained."""
     yield from plan.notes
-    yield from (note for name, note in plan.model_notes.items() if name in found)
-    if absent := [name for name in plan.absent if name not in found]:
+    yield from (note for name, note in plan.model_notes.items() if name in classifiers)
+    if absent := [name for name in plan.absent if name not in classifiers]:
         yield f"Not run here, for want of aeon: {', '.join(absent)}."
 
 
@@ -278,9 +288,12 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
     training sets and the classifiers."""
     first = runs[0].task.settings
     scenarios = {", ".join(varied_of(run)): run.task.settings["scenario"] for run in runs}
-    names = {name for one in scenarios.values() for name in one}
-    differing = {name for name in names if len({repr(one.get(name)) for one in scenarios.values()}) > 1}
-    variants = {name: {key: one[key] for key in sorted(differing) if key in one} for name, one in scenarios.items()}
+    names = {name for scenario in scenarios.values() for name in scenario}
+    differing = {name for name in names if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1}
+    variants = {
+        name: {key: scenario[key] for key in sorted(differing) if key in scenario}
+        for name, scenario in scenarios.items()
+    }
     return {
         **{name: value for name, value in first["scenario"].items() if name not in differing},
         **({"variants": variants} if differing else {}),

@@ -7,7 +7,7 @@ from typing import Any
 from swashtwin.bench.fillers.registry import FILLERS
 from swashtwin.bench.studies.cases import SCENARIOS, case_one
 from swashtwin.bench.studies.plan import Plan
-from swashtwin.bench.studies.training_sets import PAPER_FILLINGS, Filling
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TrainingSet
 from swashtwin.calibration import GaussNewton, Nuisances
 
 BUDGETS = {"quick": ("0", "72", "200"), "paper": ("0", "50", "150", "200", "500")}
@@ -26,12 +26,12 @@ CALIBRATORS: Mapping[str, Mapping[str, Any]] = {
 }
 """Ways to calibrate the twins, as they differ from the paper's; none is for what needs no twin."""
 
-TWIN_FILLINGS: Mapping[str, Filling] = {
-    "nominal": Filling("nominal"),
-    "calibrated": Filling("calibrated"),
-    "posterior": Filling("posterior"),
-    "residual": Filling("calibrated", background="residual"),
-    "every_class": Filling("calibrated", every_class=True),
+TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = {
+    "nominal": TrainingSet("nominal"),
+    "calibrated": TrainingSet("calibrated"),
+    "posterior": TrainingSet("posterior"),
+    "residual": TrainingSet("calibrated", background="residual"),
+    "every_class": TrainingSet("calibrated", every_class=True),
 }
 """What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; calibrated, over what the
 measured windows hold beside their synchronous part; calibrated, for every class alike."""
@@ -39,16 +39,16 @@ measured windows hold beside their synchronous part; calibrated, for every class
 
 def augmentation(size: str) -> Plan:
     """Whatever can fill the scarce cell of Case I, with the same number of windows each."""
-    data_alone = {name: Filling(name) for name in FILLERS}
+    data_alone = {name: TrainingSet(name) for name in FILLERS}
     return replace(
         case_one(size),
         study="augmentation",
         title="Augmentation: what fills the scarce cell, by the number of synthetic windows",
-        fillings={
-            "measured": Filling(),
-            "class_weights": Filling(class_weights=True),
+        training_sets={
+            "measured": TrainingSet(),
+            "class_weights": TrainingSet(class_weights=True),
             **data_alone,
-            **TWIN_FILLINGS,
+            **TWIN_TRAINING_SETS,
         },
         varied="synthetic",
         variants={budget: {"synthetic": int(budget)} for budget in BUDGETS[size]},
@@ -72,7 +72,7 @@ def calibrators(size: str) -> Plan:
         case_one(size),
         study="calibrators",
         title="Calibrators: what the way in which twins are calibrated does to what they teach",
-        fillings={"measured": Filling(), **{name: TWIN_FILLINGS[name] for name in filled}},
+        training_sets={"measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in filled}},
         varied="calibrator",
         variants=CALIBRATORS,
         bare="none",
@@ -124,7 +124,11 @@ def unseen_pressure(size: str) -> Plan:
         study="unseen-pressure",
         title="Unseen pressure: every fault known at other pressures only",
         scenario=scenario,
-        fillings={**PAPER_FILLINGS, "posterior": Filling("posterior"), "every_class": TWIN_FILLINGS["every_class"]},
+        training_sets={
+            **PAPER_TRAINING_SETS,
+            "posterior": TrainingSet("posterior"),
+            "every_class": TWIN_TRAINING_SETS["every_class"],
+        },
         notes=(
             "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "
             "constants, and simulate the faults as machined: on the rig, as it typically draws them.",
@@ -142,7 +146,7 @@ def unseen_specimen(size: str) -> Plan:
         title="Unseen specimen: how many pumps one has to know to tell another's faults",
         varied="pumps",
         variants={count: {"specimens": int(count)} for count in ("1", "2", "3", "4")},
-        fillings={name: PAPER_FILLINGS[name] for name in ("measured", "calibrated")},
+        training_sets={name: PAPER_TRAINING_SETS[name] for name in ("measured", "calibrated")},
         rivals=(),
         notes=("The same pumps are held out whatever the number; L2 is of the pumps that are trained on.",),
     )

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.studies.cells import recordings_by_cell
-from swashtwin.bench.studies.twin_draws import RIG_FAULTS
+from swashtwin.bench.studies.priors import RIG_FAULTS
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
 from swashtwin.foundation import DataError, InputError, MPa, mm, stream
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, Pump, SwashPlateDefect, load_pump, values_match
@@ -128,7 +128,7 @@ class Scenario:
             "specimens_held_out": self.held_out,
             "specimens_trained_on": self.specimens,
             "levels": list(self.levels),
-            "faults": {name: [_fault(one) for one in self.faults[name]] for name in self.scarce},
+            "faults": {name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce},
             "pump": {"name": self.pump.name, "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest()},
             "method": {"name": type(self.method).__name__, **_settings(self.method)},
             "nuisances": _settings(self.nuisances),
@@ -175,7 +175,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     DataError
         The recordings cannot be split so: too few specimens or repeats, a fact missing.
     """
-    known, unseen = scenario.levels
+    familiar, unseen = scenario.levels
     rng = stream(seed, "scenario", "split")
     specimens = sorted({str(r.specimen) for r in recordings})
     least = scenario.held_out + (scenario.specimens or 1)
@@ -189,7 +189,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     train: set[str] = set()
     references: set[str] = set()
     few: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
-    tests: dict[str, set[str]] = {known: set(), unseen: set()}
+    tests: dict[str, set[str]] = {familiar: set(), unseen: set()}
     for cell in recordings_by_cell(recordings, "the study"):
         order = [cell[i] for i in rng.permutation(len(cell))]
         ids = [r.recording_id for r in order]
@@ -200,25 +200,25 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             continue
         if order[0].specimen not in known_ones:
             continue
-        kept = _kept(order, scenario)
-        tests[known] |= set(ids[kept:]) if scenario.is_near(order[0]) else set()
+        count = _training_count(order, scenario)
+        tests[familiar] |= set(ids[count:]) if scenario.is_near(order[0]) else set()
         if scenario.is_scarce(order[0]):
-            few[str(order[0].label)].append(ids[:kept])
+            few[str(order[0].label)].append(ids[:count])
         else:
-            train |= set(ids[:kept])
-    for level, whose in ((known, "trained on"), (unseen, "held out")):
+            train |= set(ids[:count])
+    for level, whose in ((familiar, "trained on"), (unseen, "held out")):
         if not tests[level]:
             raise DataError(
                 f"the study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's cases, and the "
                 f"specimens that are {whose} have no recording to test there."
             )
-    taken = {name: _in_turns(lists, rng) for name, lists in few.items()}
+    lenders = {name: _in_turns(lists, rng) for name, lists in few.items()}
     return ScenarioSplit(
-        frozenset(train), taken, frozenset(references), {name: frozenset(ids) for name, ids in tests.items()}
+        frozenset(train), lenders, frozenset(references), {name: frozenset(ids) for name, ids in tests.items()}
     )
 
 
-def _kept(cell: Sequence[Recording], scenario: Scenario) -> int:
+def _training_count(cell: Sequence[Recording], scenario: Scenario) -> int:
     """How many recordings of a training specimen's cell train."""
     if len(cell) > 1:
         return len(cell) - max(1, len(cell) // 3)

@@ -16,13 +16,13 @@ from swashtwin.recordings import Recording, read_recordings
 class Source(Protocol):
     """Recordings for each seed."""
 
-    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+    def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
         """(recordings of a seed, their SHA-256)."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class SameRecordings:
     """The same recordings under every seed, which then draws the split anew."""
 
     recordings: Sequence[Recording]
@@ -33,7 +33,7 @@ class Known:
         """SHA-256 of them."""
         return fingerprint_of(self.recordings)
 
-    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+    def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
         """The recordings, whatever the seed."""
         return self.recordings, self.fingerprint
 
@@ -51,7 +51,7 @@ class Fleets:
     progress: Callable[[int, int], None] | None = None
     """Called with recordings built and in all."""
 
-    def taken(self, seed: int) -> tuple[Sequence[Recording], str]:
+    def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
         """The fleet of that seed, which is built where it does not lie there yet."""
         folder = Path(self.folder) / f"rig-{self.size}-{seed}"
         if not (folder / "recordings.toml").is_file():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.fillers.registry import FILLERS
-from swashtwin.bench.studies.dataset import Material, again_cut
+from swashtwin.bench.studies.dataset import StudyDataset, cut_again
 from swashtwin.calibration import Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet
@@ -34,7 +34,7 @@ TRAINING_SNRS = (0.0, 25.0)
 
 
 @dataclass(frozen=True)
-class Filling:
+class TrainingSet:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
@@ -60,47 +60,50 @@ class Filling:
         faults : what twins simulate of each class, where they fill all of them.
         """
         filler = repr(FILLERS[self.by]) if self.by in FILLERS else repr(DEFAULT_VARIATION) if self.by else None
-        told = {**asdict(self), "filler": filler}
+        table = {**asdict(self), "filler": filler}
         if self.every_class:
-            told["faults"] = {name: [repr(one) for one in faults[name]] for name in sorted(faults)}
+            table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
         if self.noise:
-            told["snrs"] = list(TRAINING_SNRS)
-        return told
+            table["snrs"] = list(TRAINING_SNRS)
+        return table
 
 
-PAPER_FILLINGS: Mapping[str, Filling] = MappingProxyType(
-    {"measured": Filling(), "nominal": Filling("nominal"), "calibrated": Filling("calibrated")}
+PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {"measured": TrainingSet(), "nominal": TrainingSet("nominal"), "calibrated": TrainingSet("calibrated")}
 )
 """The paper's three training sets."""
 
 
-def filled_cells(material: Material, filling: Filling) -> tuple[WindowSet, dict[str, float]]:
-    """(synthetic windows that a filling adds, what is known of them)."""
-    made = synthetic_windows_of(material, filling)
-    value = told_apart(material, made) if len(made) else math.nan
+def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
+    """(synthetic windows that a training set adds, what is known of them)."""
+    synthetic = synthesize_for(dataset, training_set)
+    value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
     values = {} if math.isnan(value) else {"discriminator": value}
-    if filling.noise:
-        made = made + _noisy(material, made) + noisy_training(material)
-    return made, values
+    if training_set.noise:
+        synthetic = synthetic + _noisy(dataset, synthetic) + noisy_training_windows(dataset)
+    return synthetic, values
 
 
-def _noisy(material: Material, made: WindowSet) -> WindowSet:
+def _noisy(dataset: StudyDataset, synthetic: WindowSet) -> WindowSet:
     """A copy of each synthetic window with noise; each is a recording of its own."""
     signal = [
-        add_noise(window.astype(np.float64), _training_snr(material.seed, name), material.seed, "training", name)
-        for window, name in zip(made.signal, made.recording_id.tolist(), strict=True)
+        add_noise(window.astype(np.float64), _training_snr(dataset.seed, name), dataset.seed, "training", name)
+        for window, name in zip(synthetic.signal, synthetic.recording_id.tolist(), strict=True)
     ]
-    return replace(made, signal=np.array(signal, dtype=np.float32).reshape(made.signal.shape))
+    return replace(synthetic, signal=np.array(signal, dtype=np.float32).reshape(synthetic.signal.shape))
 
 
-def noisy_training(material: Material) -> WindowSet:
+def noisy_training_windows(dataset: StudyDataset) -> WindowSet:
     """The measured training windows once more, cut from their recordings after noise was added to these."""
     noisy = [
-        replace(one, signal=add_noise(one.signal, _training_snr(material.seed, name), material.seed, "training", name))
-        for one in material.train_recordings
-        for name in [one.recording_id]
+        replace(
+            recording,
+            signal=add_noise(recording.signal, _training_snr(dataset.seed, name), dataset.seed, "training", name),
+        )
+        for recording in dataset.train_recordings
+        for name in [recording.recording_id]
     ]
-    return again_cut(noisy, material.measured)
+    return cut_again(noisy, dataset.measured)
 
 
 def _training_snr(seed: int, name: str) -> float:
@@ -108,49 +111,51 @@ def _training_snr(seed: int, name: str) -> float:
     return float(stream(seed, "training noise", name).uniform(*TRAINING_SNRS))
 
 
-def told_apart(material: Material, made: WindowSet) -> float:
+def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the fingerprint trap.
 
     0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured windows are those of
     the nearer test, which no filler saw; nothing is chosen by it.
     """
-    test, scarce = material.tests[material.scenario.levels[0]], material.scenario.scarce
-    measured, made = test.subset(np.isin(test.label, scarce)), made.subset(np.isin(made.label, scarce))
-    if len(set(measured.recording_id.tolist())) < 2 or len(made) < 2:
+    test, scarce = dataset.tests[dataset.scenario.levels[0]], dataset.scenario.scarce
+    measured, synthetic = test.subset(np.isin(test.label, scarce)), synthetic.subset(np.isin(synthetic.label, scarce))
+    if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
         return math.nan
-    return discriminative_score(measured, made, seed=material.seed)
+    return discriminative_score(measured, synthetic, seed=dataset.seed)
 
 
-def synthetic_windows_of(material: Material, filling: Filling) -> WindowSet:
-    """The synthetic windows that a filling adds; none of a filling by nothing."""
-    measured = material.measured
-    made = measured.subset(np.zeros(len(measured), dtype=bool))
-    count = material.scenario.synthetic if filling.count is None else filling.count
-    if filling.by is None or count == 0:
-        return made
-    for label in measured.classes if filling.every_class else material.scenario.scarce:
-        filler = _filler(material, filling, label)
-        seed = derive_seed(material.seed, "filling", label) % 2**31
-        made = made + filler(measured, label=label, pressure=material.scenario.pressure, count=count, seed=seed)
-    return made
+def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSet:
+    """The synthetic windows that a training set adds; none where nothing fills."""
+    measured = dataset.measured
+    synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
+    count = dataset.scenario.synthetic if training_set.count is None else training_set.count
+    if training_set.by is None or count == 0:
+        return synthetic
+    for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
+        filler = _filler(dataset, training_set, label)
+        seed = derive_seed(dataset.seed, "filling", label) % 2**31
+        synthetic = synthetic + filler(
+            measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
+        )
+    return synthetic
 
 
-def _filler(material: Material, filling: Filling, label: str) -> Filler:
-    if filling.by in FILLERS:
-        return FILLERS[filling.by]
-    if filling.by not in TWINS:
-        raise InputError(f"nothing fills by {filling.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
-    twins, posteriors = twins_of(material, filling.by, label)
-    return TwinFiller(twins, posteriors, background=filling.background)
+def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Filler:
+    if training_set.by in FILLERS:
+        return FILLERS[training_set.by]
+    if training_set.by not in TWINS:
+        raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
+    twins, posteriors = twins_of(dataset, training_set.by, label)
+    return TwinFiller(twins, posteriors, background=training_set.background)
 
 
-def twins_of(material: Material, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:
+def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:
     """Twins of a class at the scarce cells' pressure, one of each kind of fault for each training specimen, and what
     their calibrations leave open, where it is to be drawn from."""
-    scenario, condition = material.scenario, material.condition()
+    scenario, condition = dataset.scenario, dataset.condition()
     faults = scenario.faults[label] if label != "normal" else (None,)
     if by == "nominal":
         return [Twin(scenario.pump, condition, fault) for fault in faults], None
-    known = material.own_calibrations(label)
-    twins = [one.twin.at(condition).with_fault(fault) for fault in faults for one in known]
-    return twins, [one.posterior for _ in faults for one in known] if by == "posterior" else None
+    calibrations = dataset.calibrations_for(label)
+    twins = [calibration.twin.at(condition).with_fault(fault) for fault in faults for calibration in calibrations]
+    return twins, [calibration.posterior for _ in faults for calibration in calibrations] if by == "posterior" else None

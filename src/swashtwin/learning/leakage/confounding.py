@@ -11,7 +11,7 @@ from sklearn.metrics import balanced_accuracy_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 from sklearn.tree import DecisionTreeClassifier
 
-from swashtwin.foundation import DataError, UnitError, parse, stream
+from swashtwin.foundation import DataError, UnitError, holm_correction, parse, stream
 from swashtwin.learning.windows.grouping import stated_pressure
 from swashtwin.recordings import Recording, stated_speed
 
@@ -99,10 +99,10 @@ def confounding(
     count = max(_PERMUTATIONS, least)
     dealt = _dealings(target, unit, count, seed)
     raw = np.array([_p_value(_bins(column), target, dealt) for column in columns])
-    held_p = _holm(raw)
+    corrected = holm_correction(raw)
     found = [
         _told(column, float(p), target, machine, classes.tolist(), false_alarms, seed)
-        for column, p in zip(columns, held_p, strict=True)
+        for column, p in zip(columns, corrected, strict=True)
     ]
     found += _one_machine_each(labeled, classes.tolist())
     return tuple(sorted(found, key=lambda one: (not one.is_warning, one.p_value, -one.balanced_accuracy)))
@@ -217,15 +217,6 @@ def _information(counts: Int[np.ndarray, " cell"], n_classes: int) -> float:
     alone = np.outer(share.sum(axis=1), share.sum(axis=0))
     kept = share > 0
     return float(np.sum(share[kept] * np.log(share[kept] / alone[kept])))
-
-
-def _holm(raw: Float[np.ndarray, " test"]) -> Float[np.ndarray, " test"]:
-    """Holm's step-down correction (1979): the chance of any false alarm among all tests is held."""
-    order = np.argsort(raw)
-    stepped = np.minimum(1.0, np.maximum.accumulate(raw[order] * np.arange(len(raw), 0, -1)))
-    held = np.empty_like(raw)
-    held[order] = stepped
-    return held
 
 
 def _told(

@@ -69,7 +69,7 @@ class _Record(NamedTuple):
     kilohertz: int
     label: str
     mil: int
-    place: str
+    position: str
     load: int
 
     @property
@@ -113,16 +113,16 @@ def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Record
     folder = Path(folder)
     records = _records()
     table = table_of(folder)
-    found: dict[int, Path] = {}
+    paths: dict[int, Path] = {}
     for path in files_below(folder, ".mat"):
         numbers = {int(text) for text in _NUMBER.findall(path.stem)} & records.keys()
         if len(numbers) == 1:
-            found.setdefault(numbers.pop(), path)
-    if not found:
+            paths.setdefault(numbers.pop(), path)
+    if not paths:
         raise DataError(f"{folder} holds no file named after a record of the CWRU set, such as 105.mat.")
     return [
         recording
-        for number, path in sorted(found.items())
+        for number, path in sorted(paths.items())
         for recording in _recordings(path, folder, records[number], table, resample)
     ]
 
@@ -130,10 +130,10 @@ def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Record
 def _records() -> dict[int, list[_Record]]:
     """Records by number; the normal ones are there at both ends."""
     records: dict[int, list[_Record]] = {}
-    for end, kilohertz, label, mil, place, numbers in _SERIES:
+    for end, kilohertz, label, mil, position, numbers in _SERIES:
         for load, text in enumerate(numbers.split()):
             if text != "-":
-                record = _Record(int(text), end, kilohertz, label, mil, place, load)
+                record = _Record(int(text), end, kilohertz, label, mil, position, load)
                 records.setdefault(record.number, []).append(record)
     return records
 
@@ -148,14 +148,14 @@ def _recordings(
     for record in records:
         # A file may hold a neighbor's variables too (99.mat does): its own number first, the first otherwise.
         names = [name for name in columns.columns if name.endswith(f"_{record.end}_time")]
-        own = [name for name in names if name.startswith(f"X{record.number:03d}")]
+        variables = [name for name in names if name.startswith(f"X{record.number:03d}")]
         if not names:
             raise DataError(f"{path} has no variable X..._{record.end}_time; it has {', '.join(columns.columns)}.")
         attributes = {
             "speed": f"{float(measured) if measured else _LOADS[record.load]:g} rpm",
             "end": record.end,
             "fault_size_mil": str(record.mil),
-            "or_position": record.place,
+            "or_position": record.position,
             "load_hp": str(record.load),
             "record": str(record.number),
             "rate_khz": str(record.kilohertz),
@@ -166,7 +166,7 @@ def _recordings(
             id=f"cwru_{record.number}_{record.end}",
             label=record.label,
             specimen=record.specimen,
-            channels=((own or names)[0],),
+            channels=((variables or names)[0],),
             names=("acceleration",),
             unit="g",
             sample_rate=f"{record.kilohertz} kHz",

@@ -19,10 +19,10 @@ def files_below(folder: Path, *suffixes: str) -> list[Path]:
     """
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder; name the one that holds the set.")
-    found = sorted(path for path in folder.rglob("*") if suffix_of(path) in suffixes and path.is_file())
-    if not found:
+    paths = sorted(path for path in folder.rglob("*") if suffix_of(path) in suffixes and path.is_file())
+    if not paths:
         raise DataError(f"{folder} holds no {' or '.join(suffixes)} file; name the folder that holds the set.")
-    return found
+    return paths
 
 
 def table_of(folder: Path, name: str = "files.csv") -> dict[str, dict[str, str]]:

@@ -38,7 +38,9 @@ def read_mfpt(folder: Path | str, *, resample: str | None = None) -> list[Record
     baselines all have one load: a network tells the classes apart by either.
     """
     folder = Path(folder)
-    recordings = [one for path in files_below(folder, ".mat") if (one := _recording(path, folder, resample))]
+    recordings = [
+        recording for path in files_below(folder, ".mat") if (recording := _recording(path, folder, resample))
+    ]
     if not recordings:
         raise DataError(f"{folder} holds no .mat file with a structure of gs and sr, as the MFPT set has them.")
     return recordings

@@ -13,7 +13,7 @@ from swashtwin.recordings import Options, Recording, read_raw, stem_of
 
 RATE = 10.0
 """Rate of every channel here [Hz]: that of the flow meters."""
-_READINGS = 600
+_SAMPLES = 600
 _UNITS = (
     {f"PS{number}": "bar" for number in range(1, 7)}
     | {"EPS1": "W", "FS1": "l/min", "FS2": "l/min"}
@@ -68,11 +68,11 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
         match = _SENSOR.fullmatch(stem_of(path))
         if match is None or match[1] not in _UNITS or (match[2] and match[1] in sensors):
             continue
-        readings = _table(path)
-        if len(readings) != len(labels):
-            raise DataError(f"{path} has {len(readings)} cycles, {profile} {len(labels)}; one of them is cut off.")
-        sensors[match[1]] = _at_ten_hertz(readings, path)
-        rates[f"{match[1]}_rate"] = f"{readings.shape[1] // 60} Hz"
+        samples = _table(path)
+        if len(samples) != len(labels):
+            raise DataError(f"{path} has {len(samples)} cycles, {profile} {len(labels)}; one of them is cut off.")
+        sensors[match[1]] = _at_ten_hertz(samples, path)
+        rates[f"{match[1]}_rate"] = f"{samples.shape[1] // 60} Hz"
     names = tuple(name for name in _UNITS if name in sensors)
     if not names:
         raise DataError(f"{folder} holds no file of a sensor, such as FS1.txt.")
@@ -98,12 +98,12 @@ def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
     return np.stack([column[:] for column in raw.columns.values()], axis=1)
 
 
-def _at_ten_hertz(readings: Float[np.ndarray, "cycle value"], path: Path) -> Float[np.ndarray, "cycle time"]:
-    count = readings.shape[1]
-    if count == _READINGS // 10:
-        return np.repeat(readings, 10, axis=1)
-    if count % _READINGS == 0:
-        return readings.reshape(len(readings), _READINGS, -1).mean(axis=2)
+def _at_ten_hertz(samples: Float[np.ndarray, "cycle value"], path: Path) -> Float[np.ndarray, "cycle time"]:
+    count = samples.shape[1]
+    if count == _SAMPLES // 10:
+        return np.repeat(samples, 10, axis=1)
+    if count % _SAMPLES == 0:
+        return samples.reshape(len(samples), _SAMPLES, -1).mean(axis=2)
     raise DataError(f"{path} has {count} values in a cycle; it must be 60, 600 or 6000.")
 
 

@@ -20,7 +20,7 @@ from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.recordings import Recording
 
-ASKED: dict[str, Callable[[Sequence[Recording], int], list[Question]]] = {
+QUESTIONS: dict[str, Callable[[Sequence[Recording], int], list[Question]]] = {
     "pump_cavitation": cavitation_questions,
     "uci_hydraulic": hydraulic_questions,
     "cwru": bearing_questions,
@@ -63,7 +63,7 @@ def run_public(
 
     Parameters
     ----------
-    folder : a folder with one folder for each public set, named as in `ASKED`; sets that are not there are left out.
+    folder : a folder with one folder for each public set, named as in `QUESTIONS`; missing sets are left out.
     seeds : of the training draws, inner folds, random splits and trees.
     jobs : processes that work side by side.
     sets : names of the sets to ask; all that are there by default.
@@ -81,13 +81,13 @@ def run_public(
     if not seeds:
         raise InputError("no seed was given; one is enough: seeds=(0,).")
     there = _sets_there(Path(folder), sets)
-    tell = progress or (lambda what, done, total: None)
+    tell = progress or (lambda what, count, total: None)
     trials: list[Trial] = []
     details: dict[str, list[dict]] = {}
     for number, name in enumerate(there):
         tell(name, number, len(there))
-        for question in ASKED[name](read_public_set(name, Path(folder) / name), jobs):
-            rows, chosen = _asked(question, seeds, jobs)
+        for question in QUESTIONS[name](read_public_set(name, Path(folder) / name), jobs):
+            rows, chosen = _score_question(question, seeds, jobs)
             trials += rows
             details[question.split] = chosen
     tell("done", len(there), len(there))
@@ -109,33 +109,36 @@ def run_public(
 
 
 def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
-    unknown = [name for name in sets if name not in ASKED]
+    unknown = [name for name in sets if name not in QUESTIONS]
     if unknown:
-        raise InputError(f"{unknown[0]!r} is none of the sets asked about: {', '.join(ASKED)}.")
-    there = [name for name in sets or ASKED if (folder / name).is_dir()]
+        raise InputError(f"{unknown[0]!r} is none of the sets asked about: {', '.join(QUESTIONS)}.")
+    there = [name for name in sets or QUESTIONS if (folder / name).is_dir()]
     if not there:
         raise DataError(
-            f"{folder} holds no folder called {' or '.join(sets or ASKED)}; name the folder that holds them."
+            f"{folder} holds no folder called {' or '.join(sets or QUESTIONS)}; name the folder that holds them."
         )
     return there
 
 
 def _missing(there: Sequence[str], sets: Sequence[str]) -> list[str]:
-    return [name for name in sets or ASKED if name not in there]
+    return [name for name in sets or QUESTIONS if name not in there]
 
 
-def _asked(question: Question, seeds: Sequence[int], jobs: int) -> tuple[list[Trial], list[dict]]:
+def _score_question(question: Question, seeds: Sequence[int], jobs: int) -> tuple[list[Trial], list[dict]]:
     """(a trial for each seed, each fold's choice and scores)."""
     pairs = [(fold, seed) for seed in seeds for fold in question.folds]
     scores = Parallel(n_jobs=jobs)(delayed(score_fold)(question, *pair) for pair in pairs)
-    of_seed = {seed: [score for (_, own), score in zip(pairs, scores, strict=True) if own == seed] for seed in seeds}
+    of_seed = {
+        seed: [score for (_, pair_seed), score in zip(pairs, scores, strict=True) if pair_seed == seed]
+        for seed in seeds
+    }
     usual = [(_commonest(question, of_seed[seed]), seed) for seed in seeds]
     leaky = Parallel(n_jobs=jobs)(delayed(leaky_scores)(question, *pair) for pair in usual)
     trials = [
-        Trial({"split": question.split}, seed, _values(of_seed[seed], *found))
-        for seed, found in zip(seeds, leaky, strict=True)
+        Trial({"split": question.split}, seed, _values(of_seed[seed], *scores_at_random))
+        for seed, scores_at_random in zip(seeds, leaky, strict=True)
     ]
-    return trials, [_told(seed, score) for (_, seed), score in zip(pairs, scores, strict=True)]
+    return trials, [_fold_row(seed, score) for (_, seed), score in zip(pairs, scores, strict=True)]
 
 
 def _commonest(question: Question, scores: Sequence[FoldScore]) -> Setting:
@@ -144,16 +147,16 @@ def _commonest(question: Question, scores: Sequence[FoldScore]) -> Setting:
     return next(setting for setting in question.settings if str(setting) == name)
 
 
-def _values(scores: Sequence[FoldScore], own: float, trees: float) -> dict[str, float]:
+def _values(scores: Sequence[FoldScore], balanced: float, trees: float) -> dict[str, float]:
     return {
         "balanced_accuracy": float(np.mean([score.balanced_accuracy for score in scores])),
-        "random_window": own,
+        "random_window": balanced,
         "extra_trees": float(np.mean([score.rival for score in scores])),
         "extra_trees_random_window": trees,
     }
 
 
-def _told(seed: int, score: FoldScore) -> dict:
+def _fold_row(seed: int, score: FoldScore) -> dict:
     return {
         "seed": seed,
         "tested": score.fold,

@@ -144,14 +144,15 @@ def synthetic_windows(
     count : windows of each twin, condition and class.
     """
     parts = []
-    for pump, own in twins.items():
+    for pump, pump_twins in twins.items():
         like = healthy.subset(healthy.specimen == pump)
         for condition, label in product(conditions, healthy.classes):
             purpose = ("zero-shot", kind, pump, label, round(condition.discharge_pressure))
             rng = stream(seed, *purpose)
-            numbers = [(number, turn) for turn in range(count) for number in range(len(own))]
+            numbers = [(number, turn) for turn in range(count) for number in range(len(pump_twins))]
             faulty = [
-                own[number].at(condition).with_fault(fault(label, number + turn, rng)) for number, turn in numbers
+                pump_twins[number].at(condition).with_fault(fault(label, number + turn, rng))
+                for number, turn in numbers
             ]
             windows = simulate_windows(
                 faulty,

@@ -44,11 +44,11 @@ def _between(name: str) -> FeatureFiller:
         sampler = oversampler(name)
         wanted = {1: int(pool.sum()) + count}
         scale = np.maximum(features.std(axis=0), 1e-12)
-        own = sampler(sampling_strategy=wanted, random_state=derive_seed(seed, name) % 2**32)
+        fitted_sampler = sampler(sampling_strategy=wanted, random_state=derive_seed(seed, name) % 2**32)
         if pool.sum() <= _NEIGHBORS:
             raise NoNeighborsError(f"{pool.sum()} windows; {name} looks at {_NEIGHBORS} neighbors of each.")
         try:
-            filled, _ = own.fit_resample(features / scale, pool.astype(int))
+            filled, _ = fitted_sampler.fit_resample(features / scale, pool.astype(int))
         except (ValueError, RuntimeError) as cause:
             if name != "ADASYN":
                 raise
@@ -58,7 +58,7 @@ def _between(name: str) -> FeatureFiller:
     return fill
 
 
-FILLINGS: dict[str, FeatureFiller | None] = {
+FEATURE_FILLERS: dict[str, FeatureFiller | None] = {
     "nothing": None,
     "copies": _copies,
     "shaken copies": _shaken,

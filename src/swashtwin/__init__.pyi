@@ -92,8 +92,8 @@ from .learning import unseen_recordings as unseen_recordings
 from .learning import window_batches as window_batches
 from .physics import RK4 as RK4
 from .physics import ContactCheck as ContactCheck
-from .physics import Course as Course
 from .physics import HarmonicBalance as HarmonicBalance
+from .physics import OperatingProfile as OperatingProfile
 from .physics import OrderLines as OrderLines
 from .physics import Scales as Scales
 from .physics import SensorPath as SensorPath
@@ -102,10 +102,10 @@ from .physics import SlipperFilm as SlipperFilm
 from .physics import Twin as Twin
 from .physics import accelerations as accelerations
 from .physics import carry_over as carry_over
-from .physics import course_blocks as course_blocks
 from .physics import film_of as film_of
 from .physics import film_values as film_values
-from .physics import simulate_course as simulate_course
+from .physics import profile_blocks as profile_blocks
+from .physics import simulate_profile as simulate_profile
 from .physics import steady_blocks as steady_blocks
 from .physics import whole_revolutions as whole_revolutions
 from .physics import with_film as with_film
@@ -188,7 +188,6 @@ __all__ = [
     "Calibration",
     "ConfidenceScores",
     "ContactCheck",
-    "Course",
     "DamScratch",
     "DataError",
     "Diagnosis",
@@ -216,6 +215,7 @@ __all__ = [
     "MissingFileError",
     "Network",
     "OperatingCondition",
+    "OperatingProfile",
     "OrderLines",
     "PistonWear",
     "Population",
@@ -257,7 +257,6 @@ __all__ = [
     "celsius",
     "check_coverage",
     "choose_learning_rate",
-    "course_blocks",
     "cut_windows",
     "deg",
     "diagnose",
@@ -296,6 +295,7 @@ __all__ = [
     "parse",
     "presets",
     "profile",
+    "profile_blocks",
     "propose_index",
     "read_condition",
     "read_fault",
@@ -313,7 +313,7 @@ __all__ = [
     "save_windows",
     "score_confidence",
     "select",
-    "simulate_course",
+    "simulate_profile",
     "spectrum_of",
     "split_by_recording",
     "stacked",

@@ -89,7 +89,7 @@ def test_films_move_with_the_oil_when_asked_to(tmp_path: Path) -> None:
     assert moved < 0.9 * still
 
 
-def test_films_follow_the_temperature_of_each_recording_and_no_course(tmp_path: Path) -> None:
+def test_films_follow_the_temperature_of_each_recording_and_no_profile(tmp_path: Path) -> None:
     words = ("simulate", *AT_15, *SHORT, "--n", 2, "--seed", 5)
     for name, more in (("a", ()), ("b", ("--films",))):
         run(*words, *more, "--out", tmp_path / name)
@@ -98,8 +98,8 @@ def test_films_follow_the_temperature_of_each_recording_and_no_course(tmp_path: 
         assert still.condition == moved.condition
         warmer = still.condition.oil_temperature > celsius(45)
         assert (moved.signal[0].std() > still.signal[0].std()) == warmer
-    course = ("--to-pressure", "5 MPa", "--films", "--out", tmp_path / "s.h5")
-    assert "does not follow a course" in run("simulate", *AT_15, *SHORT, *course, code=2).stderr
+    profile = ("--to-pressure", "5 MPa", "--films", "--out", tmp_path / "s.h5")
+    assert "does not follow a profile" in run("simulate", *AT_15, *SHORT, *profile, code=2).stderr
 
 
 def test_fewer_recordings_than_there_are_leave_all_in_the_index(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_temperature_that_is_given_is_kept(tmp_path: Path) -> None:
         assert one.condition.oil_temperature == pytest.approx(313.15)
 
 
-def test_many_courses_follow_their_own_speeds(tmp_path: Path) -> None:
+def test_many_profiles_follow_their_own_speeds(tmp_path: Path) -> None:
     words = (*AT_15, *SHORT, "--to-speed", "900 rpm", "--jitter", 0.002, "--n", 2, "--out", tmp_path / "runs")
     first, second = read_recordings(run_json("simulate", *words)["index"])
     assert first.speed is not None
@@ -183,7 +183,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatc
         (("--seed", 1), "seed was 0, now 1"),
         (("--duration", "0.3 s"), "duration_s was 0.2, now 0.3"),
         (("--no-vary",), "variation"),
-        (("--to-speed", "900 rpm"), "course was null"),
+        (("--to-speed", "900 rpm"), "profile was null"),
         (("--solver", "rk4"), "solver"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Twins marched along a course: the steady state where nothing changes, and physics where something does."""
+"""Twins marched along a profile: the steady state where nothing changes, and physics where something does."""
 
 import math
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 import scipy.signal
 
 from swashtwin.foundation import InputError, MPa, mm, rpm, um
-from swashtwin.physics import Course, Scales, Twin, course_blocks, simulate_course
+from swashtwin.physics import OperatingProfile, Scales, Twin, profile_blocks, simulate_profile
 from swashtwin.physics.twin import transient
 from swashtwin.physics.twin.operating_grid import operating_grid
 from swashtwin.pump import (
@@ -45,7 +45,7 @@ def angle_of(recording: Recording, phase: float = 0.0) -> np.ndarray:
     return phase + np.concatenate([[0.0], np.cumsum(steps)])
 
 
-# ---- a course on which nothing changes
+# ---- a profile on which nothing changes
 
 
 @pytest.mark.parametrize(
@@ -61,9 +61,9 @@ def angle_of(recording: Recording, phase: float = 0.0) -> np.ndarray:
         ValvePlateWear(um(10)),
     ],
 )
-def test_a_constant_course_is_the_steady_recording(pump: Pump, at_15: OperatingCondition, fault: Fault | None) -> None:
+def test_a_constant_profile_is_the_steady_recording(pump: Pump, at_15: OperatingCondition, fault: Fault | None) -> None:
     twin = Twin(pump, at_15, fault, bandwidth=1000)
-    marched = simulate_course(twin, Course.steady(at_15, 0.3), RATE, phase=0.7)
+    marched = simulate_profile(twin, OperatingProfile.steady(at_15, 0.3), RATE, phase=0.7)
     assert misfit(marched.signal, exact(twin, 0.7 + at_15.speed * marched.time)) < 1e-3
     steady = twin.simulate(0.3, RATE, phase=0.7)
     assert (marched.label, marched.channels, marched.condition) == (steady.label, steady.channels, steady.condition)
@@ -73,7 +73,7 @@ def test_a_constant_course_is_the_steady_recording(pump: Pump, at_15: OperatingC
 def test_topology_scales_and_interface_values_act_as_in_the_steady_state(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, RECESS, bandwidth=1000, topology="T2", scales=Scales(1.3, 0.8, 0.5, 2.0))
     twin = twin.with_interfaces(type(pump.interfaces).from_values([0.8e6, 1e8, 6e4, 1.2e8, 1.5e5, 5e7]))
-    marched = simulate_course(twin, Course.steady(at_15, 0.2), RATE)
+    marched = simulate_profile(twin, OperatingProfile.steady(at_15, 0.2), RATE)
     assert misfit(marched.signal, exact(twin, at_15.speed * marched.time)) < 1e-3
 
 
@@ -81,7 +81,7 @@ def test_the_error_falls_at_least_with_the_square_of_the_step(pump: Pump, at_15:
     twin = Twin(pump, at_15, RECESS, bandwidth=2500)
     errors = []
     for oversampling in (2, 4, 8):
-        marched = simulate_course(twin, Course.steady(at_15, 0.1), RATE, oversampling=oversampling)
+        marched = simulate_profile(twin, OperatingProfile.steady(at_15, 0.1), RATE, oversampling=oversampling)
         errors.append(misfit(marched.signal, exact(twin, at_15.speed * marched.time)))
     assert errors[0] / errors[1] > 4
     assert errors[1] / errors[2] > 4
@@ -90,7 +90,7 @@ def test_the_error_falls_at_least_with_the_square_of_the_step(pump: Pump, at_15:
 def test_a_start_from_rest_dies_away_to_the_steady_state(pump: Pump, at_15: OperatingCondition) -> None:
     """The slowest mode is that at 180 Hz, whose oscillation loses a factor e in 41 ms."""
     twin = Twin(pump, at_15, bandwidth=1000)
-    marched = simulate_course(twin, Course.steady(at_15, 0.8), RATE, start="rest")
+    marched = simulate_profile(twin, OperatingProfile.steady(at_15, 0.8), RATE, start="rest")
     expected = exact(twin, at_15.speed * marched.time)
     parts = [slice(first, first + 640) for first in (0, 1280, 4480)]
     early, later, late = (misfit(marched.signal[:, part], expected[:, part]) for part in parts)
@@ -103,24 +103,26 @@ def test_no_reading_depends_on_where_a_block_ends(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     twin = Twin(pump, at_15, RECESS, bandwidth=1000)
-    course = Course.ramp(at_15, 0.1, to_speed=80.0, to_pressure=MPa(12), jitter=0.01)
-    whole = simulate_course(twin, course, RATE)
+    profile = OperatingProfile.ramp(at_15, 0.1, to_speed=80.0, to_pressure=MPa(12), jitter=0.01)
+    whole = simulate_profile(twin, profile, RATE)
     monkeypatch.setattr(transient, "BLOCK", 97)
-    blocks = list(course_blocks(twin, course, RATE))
+    blocks = list(profile_blocks(twin, profile, RATE))
     assert [block.signal.shape[1] for block in blocks] == [97] * 6 + [58]
     np.testing.assert_allclose(np.concatenate([b.signal for b in blocks], axis=1), whole.signal, atol=1e-8)
     np.testing.assert_array_equal(np.concatenate([b.speed for b in blocks]), whole.speed)
 
 
-# ---- courses on which something does
+# ---- profiles on which something does
 
 
 def test_the_hold_after_a_ramp_becomes_the_steady_state_at_its_end(pump: Pump, at_15: OperatingCondition) -> None:
     fast = at_15.replaced(speed=rpm(1200), discharge_pressure=MPa(10))
     knots = np.array([0.0, 0.3, 0.9])
-    course = Course(knots, np.array([at_15.speed, fast.speed, fast.speed]), np.array([MPa(15), MPa(10), MPa(10)]))
+    profile = OperatingProfile(
+        knots, np.array([at_15.speed, fast.speed, fast.speed]), np.array([MPa(15), MPa(10), MPa(10)])
+    )
     twin = Twin(pump, at_15, RECESS, bandwidth=1000)
-    marched = simulate_course(twin, course, RATE, phase=0.2)
+    marched = simulate_profile(twin, profile, RATE, phase=0.2)
     turned = 0.2 + (at_15.speed + fast.speed) / 2 * 0.3
     expected = exact(twin.at(fast), turned + fast.speed * (marched.time - 0.3))
     assert misfit(marched.signal[:, -640:], expected[:, -640:]) < 1e-3
@@ -132,7 +134,7 @@ def run_up(pump: Pump) -> Recording:
     """From 60 to 1500 rev/min in 6 s."""
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(15))
     twin = Twin(pump, condition, bandwidth=1000)
-    return simulate_course(twin, Course.run_up(condition, 6.0, from_speed=rpm(60)), 2560.0, oversampling=5)
+    return simulate_profile(twin, OperatingProfile.run_up(condition, 6.0, from_speed=rpm(60)), 2560.0, oversampling=5)
 
 
 def tracked(recording: Recording, order: int) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +167,7 @@ def test_between_the_modes_a_slow_run_up_is_steady_at_every_speed(pump: Pump, ru
         np.testing.assert_allclose(found[:2], level[:2], rtol=0.02)
 
 
-def test_a_recording_of_a_course_says_its_speed_and_its_mean_condition(run_up: Recording) -> None:
+def test_a_recording_of_a_profile_says_its_speed_and_its_mean_condition(run_up: Recording) -> None:
     assert run_up.speed is not None
     assert run_up.condition is not None
     np.testing.assert_allclose(run_up.speed, rpm(60) + rpm(1440) * run_up.time / 6, rtol=1e-12)
@@ -176,8 +178,8 @@ def test_a_recording_of_a_course_says_its_speed_and_its_mean_condition(run_up: R
 def test_a_pump_starts_from_standstill_and_is_silent_there(pump: Pump, at_15: OperatingCondition) -> None:
     """Below 60 rev/min the pump could not hold its pressure; the shape of the lowest speed that can stands in."""
     twin = Twin(pump, at_15, RECESS, bandwidth=1000)
-    course = Course(np.array([0.0, 0.2, 0.7]), np.array([0.0, 0.0, at_15.speed]), np.full(3, MPa(15)))
-    marched = simulate_course(twin, course, RATE)
+    profile = OperatingProfile(np.array([0.0, 0.2, 0.7]), np.array([0.0, 0.0, at_15.speed]), np.full(3, MPa(15)))
+    marched = simulate_profile(twin, profile, RATE)
     assert np.isfinite(marched.signal).all()
     assert np.abs(marched.signal[:, :1200]).max() < 1e-6
     assert marched.signal[:, -640:].std() > 0.1
@@ -185,16 +187,16 @@ def test_a_pump_starts_from_standstill_and_is_silent_there(pump: Pump, at_15: Op
 
 def test_a_ramp_down_to_standstill_is_finite_and_never_turns_back(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, LooseSlipper(mm(0.1)), bandwidth=1000)
-    marched = simulate_course(twin, Course.ramp(at_15, 0.5, to_speed=0.0), RATE)
+    marched = simulate_profile(twin, OperatingProfile.ramp(at_15, 0.5, to_speed=0.0), RATE)
     assert marched.speed is not None
     assert marched.speed.min() >= 0
     assert np.isfinite(marched.signal).all()
 
 
 def test_the_unbalance_grows_with_the_square_of_the_speed(pump: Pump, at_15: OperatingCondition) -> None:
-    course = Course.run_up(at_15, 1.0)
+    profile = OperatingProfile.run_up(at_15, 1.0)
     twin = Twin(pump, at_15, bandwidth=1000)
-    grid = operating_grid(twin, course, course.shaft(), [np.linspace(0, 1, 500)])
+    grid = operating_grid(twin, profile, profile.shaft(), [np.linspace(0, 1, 500)])
     force = pump.masses.rotor * pump.masses.rotor_eccentricity
     for speed in (0.0, 1.0, 33.3, at_15.speed):
         expected = force * speed**2 * np.array([1, -1j])
@@ -205,12 +207,12 @@ def test_the_unbalance_grows_with_the_square_of_the_speed(pump: Pump, at_15: Ope
 def test_forces_between_the_points_of_the_grid_are_nearly_those_solved_there(
     pump: Pump, at_15: OperatingCondition, fault: Fault
 ) -> None:
-    """The points of a course that visits only its neighborhood are its own, so that both grids differ."""
+    """The points of a profile that visits only its neighborhood are its own, so that both grids differ."""
     twin, between = Twin(pump, at_15, fault, bandwidth=2000), at_15.speed * 1.0312
-    wide = Course.ramp(at_15, 1.0, to_speed=at_15.speed * 1.2, to_pressure=MPa(18))
+    wide = OperatingProfile.ramp(at_15, 1.0, to_speed=at_15.speed * 1.2, to_pressure=MPa(18))
     time = np.array([(between / at_15.speed - 1) / 0.2])
     here = OperatingCondition(speed=between, discharge_pressure=float(wide.pressure_at(time)[0]))
-    narrow = Course.steady(here, 1.0)
+    narrow = OperatingProfile.steady(here, 1.0)
     found = operating_grid(twin, wide, wide.shaft(), [time]).lines_at(between, here.discharge_pressure)
     solved = operating_grid(twin.at(here), narrow, narrow.shaft(), [time]).lines_at(between, here.discharge_pressure)
     n = len(solved) * 9 // 10  # the wide grid leaves out the orders that would leave the band before its next point
@@ -219,8 +221,8 @@ def test_forces_between_the_points_of_the_grid_are_nearly_those_solved_there(
 
 def test_no_order_of_a_changing_speed_exceeds_the_bandwidth(pump: Pump) -> None:
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(15))
-    course = Course.run_up(condition, 1.0, from_speed=rpm(400))
-    grid = operating_grid(Twin(pump, condition, RECESS), course, course.shaft(), [np.linspace(0, 1, 500)])
+    profile = OperatingProfile.run_up(condition, 1.0, from_speed=rpm(400))
+    grid = operating_grid(Twin(pump, condition, RECESS), profile, profile.shaft(), [np.linspace(0, 1, 500)])
     for low, high in zip(grid.speeds, grid.speeds[1:], strict=False):
         present = np.flatnonzero(np.abs(grid.lines_at(0.999 * high + 0.001 * low, MPa(15))).max(axis=1))
         assert 0.9 * 5000 < present.max() * high / (2 * math.pi) <= 5000
@@ -230,8 +232,8 @@ def test_no_order_of_a_changing_speed_exceeds_the_bandwidth(pump: Pump) -> None:
 
 
 def test_jitter_has_the_spread_and_the_memory_asked_for(at_15: OperatingCondition) -> None:
-    course = replace(Course.steady(at_15, 400.0, jitter=0.01), correlation_time=0.2)
-    _, speed = course.shaft(seed=3).at(np.arange(40000) * 0.01)
+    profile = replace(OperatingProfile.steady(at_15, 400.0, jitter=0.01), correlation_time=0.2)
+    _, speed = profile.shaft(seed=3).at(np.arange(40000) * 0.01)
     swing = speed / at_15.speed - 1
     assert swing.mean() == pytest.approx(0, abs=1e-3)
     assert swing.std() == pytest.approx(0.01, rel=0.1)
@@ -239,11 +241,11 @@ def test_jitter_has_the_spread_and_the_memory_asked_for(at_15: OperatingConditio
 
 
 def test_jitter_depends_on_the_seed_and_not_on_the_sample_rate(pump: Pump, at_15: OperatingCondition) -> None:
-    course, twin = Course.steady(at_15, 0.2, jitter=0.01), Twin(pump, at_15, bandwidth=1000)
-    first, again, other = (simulate_course(twin, course, RATE, seed=seed) for seed in (1, 1, 2))
+    profile, twin = OperatingProfile.steady(at_15, 0.2, jitter=0.01), Twin(pump, at_15, bandwidth=1000)
+    first, again, other = (simulate_profile(twin, profile, RATE, seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.signal, again.signal)
     assert misfit(other.signal, first.signal) > 1e-2
-    slower = simulate_course(twin, course, RATE / 2, seed=1)
+    slower = simulate_profile(twin, profile, RATE / 2, seed=1)
     assert slower.speed is not None
     assert first.speed is not None
     np.testing.assert_allclose(slower.speed, first.speed[::2], rtol=1e-12)
@@ -251,9 +253,9 @@ def test_jitter_depends_on_the_seed_and_not_on_the_sample_rate(pump: Pump, at_15
 
 
 def test_the_shaft_turns_by_the_integral_of_its_speed(at_15: OperatingCondition) -> None:
-    course = Course.run_up(at_15, 1.0, hold=0.5, jitter=0.02)
+    profile = OperatingProfile.run_up(at_15, 1.0, hold=0.5, jitter=0.02)
     time = np.linspace(0, 1.5, 300001)
-    angle, speed = course.shaft(phase=0.4).at(time)
+    angle, speed = profile.shaft(phase=0.4).at(time)
     summed = 0.4 + np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
     np.testing.assert_allclose(angle, summed, atol=1e-6)
     assert angle[0] == 0.4
@@ -275,23 +277,25 @@ def test_the_shaft_turns_by_the_integral_of_its_speed(at_15: OperatingCondition)
         ({"correlation_time": 0.0}, "must be a positive number"),
     ],
 )
-def test_a_course_that_is_none_is_refused(change: dict[str, object], said: str) -> None:
+def test_a_profile_that_is_none_is_refused(change: dict[str, object], said: str) -> None:
     given = {"time": np.array([0.0, 1.0]), "speed": np.array([0.0, 90.0]), "discharge_pressure": np.full(2, MPa(15))}
     given |= change
     arrays = [given.pop(name) for name in ("time", "speed", "discharge_pressure")]
-    course = object.__new__(Course)  # the tests' type checker would refuse arrays of different lengths earlier
+    profile = object.__new__(
+        OperatingProfile
+    )  # the tests' type checker would refuse arrays of different lengths earlier
     names = ("time", "speed", "discharge_pressure", *given)
     for name, value in zip(names, (*arrays, *given.values()), strict=True):
-        object.__setattr__(course, name, value)
+        object.__setattr__(profile, name, value)
     with pytest.raises(InputError, match=said):
-        course.__post_init__()
+        profile.__post_init__()
 
 
-def test_courses_of_no_length_are_refused(at_15: OperatingCondition) -> None:
+def test_profiles_of_no_length_are_refused(at_15: OperatingCondition) -> None:
     with pytest.raises(InputError, match=r"duration \(0 s\) must be a positive number"):
-        Course.ramp(at_15, 0.0)
+        OperatingProfile.ramp(at_15, 0.0)
     with pytest.raises(InputError, match=r"hold \(-1 s\) not negative"):
-        Course.run_up(at_15, 1.0, hold=-1.0)
+        OperatingProfile.run_up(at_15, 1.0, hold=-1.0)
 
 
 @pytest.mark.parametrize(
@@ -304,20 +308,22 @@ def test_courses_of_no_length_are_refused(at_15: OperatingCondition) -> None:
         (None, {}, 1500.0, "below twice the twin's bandwidth"),
     ],
 )
-def test_a_course_that_a_twin_cannot_follow_is_refused(
+def test_a_profile_that_a_twin_cannot_follow_is_refused(
     pump: Pump, at_15: OperatingCondition, fault: Fault | None, options: dict[str, float], rate: float, said: str
 ) -> None:
     twin = Twin(pump, at_15, fault, bandwidth=1000 if "to_speed" not in options else 500)
     with pytest.raises(InputError, match=said):
-        simulate_course(twin, Course.ramp(at_15, 0.1, **options), rate)
+        simulate_profile(twin, OperatingProfile.ramp(at_15, 0.1, **options), rate)
 
 
 def test_a_pump_that_never_holds_its_pressure_is_refused(pump: Pump, at_15: OperatingCondition) -> None:
     """At 10 rev/min it leaks more than it displaces."""
     with pytest.raises(InputError, match="cannot hold its discharge pressure"):
-        simulate_course(Twin(pump, at_15, bandwidth=1000), Course.run_up(at_15.replaced(speed=rpm(10)), 1.0), RATE)
+        simulate_profile(
+            Twin(pump, at_15, bandwidth=1000), OperatingProfile.run_up(at_15.replaced(speed=rpm(10)), 1.0), RATE
+        )
 
 
 def test_no_steps_between_two_readings_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
     with pytest.raises(InputError, match=r"oversampling \(0\)"):
-        simulate_course(Twin(pump, at_15), Course.steady(at_15, 0.1), 25600.0, oversampling=0)
+        simulate_profile(Twin(pump, at_15), OperatingProfile.steady(at_15, 0.1), 25600.0, oversampling=0)

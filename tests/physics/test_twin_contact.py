@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from swashtwin.foundation import InputError, mm
-from swashtwin.physics import RK4, Course, SensorPath, SlipperContact, Twin, accelerations, simulate_course
+from swashtwin.physics import RK4, OperatingProfile, SensorPath, SlipperContact, Twin, accelerations, simulate_profile
 from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect, TiltedBlockFace
 
 RECESS = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.07))
@@ -115,16 +115,16 @@ def test_twins_with_lifting_slippers_stand_in_a_batch_beside_linear_ones(
         torch.testing.assert_close(own, twin.acceleration(), rtol=1e-12, atol=1e-12)
 
 
-def test_a_course_is_read_with_the_gains_of_the_path_and_refuses_its_modes(
+def test_a_profile_is_read_with_the_gains_of_the_path_and_refuses_its_modes(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    course, twin = Course.steady(at_15, 0.3), Twin(pump, at_15, bandwidth=1000)
+    profile, twin = OperatingProfile.steady(at_15, 0.3), Twin(pump, at_15, bandwidth=1000)
     louder = replace(twin, path=SensorPath((2.0, 1.0, 0.5)))
-    signals = [simulate_course(one, course, 6400.0).signal for one in (twin, louder)]
+    signals = [simulate_profile(one, profile, 6400.0).signal for one in (twin, louder)]
     np.testing.assert_allclose(signals[1], signals[0] * np.array([[2.0], [1.0], [0.5]]), rtol=1e-9)
     bent = replace(twin, path=SensorPath((1.0,) * 3, (1000.0,), (0.03,), ((0.1,),) * 3))
     with pytest.raises(InputError, match="known for steady lines only"):
-        simulate_course(bent, course, 6400.0)
+        simulate_profile(bent, profile, 6400.0)
 
 
 def test_slippers_that_lift_off_are_marched_by_no_other_solver(pump: Pump, at_15: OperatingCondition) -> None:
@@ -156,4 +156,4 @@ def test_what_cannot_be_solved_together_is_refused(pump: Pump, at_15: OperatingC
     with pytest.raises(InputError, match="TiltedBlockFace turns with the shaft"):
         Twin(pump, at_15, TiltedBlockFace(0.3), contact=LIFTING).acceleration()
     with pytest.raises(InputError, match="in steady state only"):
-        simulate_course(Twin(pump, at_15, contact=LIFTING), Course.steady(at_15, 1.0), 25600.0)
+        simulate_profile(Twin(pump, at_15, contact=LIFTING), OperatingProfile.steady(at_15, 1.0), 25600.0)

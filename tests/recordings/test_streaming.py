@@ -17,7 +17,7 @@ import pytest
 
 from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows
-from swashtwin.physics import Course, Twin, course_blocks, simulate_course, steady_blocks, whole_revolutions
+from swashtwin.physics import OperatingProfile, Twin, profile_blocks, simulate_profile, steady_blocks, whole_revolutions
 from swashtwin.physics.twin import steady, transient
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import (
@@ -187,7 +187,7 @@ from pathlib import Path
 from swashtwin.pump import OperatingCondition
 from swashtwin.pump import load_pump
 from swashtwin.recordings import write_blocks
-from swashtwin.physics import Course, Twin, course_blocks, steady_blocks
+from swashtwin.physics import OperatingProfile, Twin, profile_blocks, steady_blocks
 condition = OperatingCondition(speed=90.0, discharge_pressure=15e6)
 twin = Twin(load_pump("25scy14-1b"), condition, bandwidth=2000)
 write_blocks(steady_blocks(twin, 2.6, 51200.0), Path("a.h5"))
@@ -230,13 +230,13 @@ def test_blocks_of_no_reading_or_too_few_are_refused(pump: Pump, at_15: Operatin
         list(steady_blocks(twin, 1.0, 8000.0))
 
 
-def test_a_streamed_course_is_the_simulated_one(
+def test_a_streamed_profile_is_the_simulated_one(
     tmp_path: Path, pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(transient, "BLOCK", 1000)
-    twin, course = Twin(pump, at_15, bandwidth=1000), Course.run_up(at_15, 0.5, jitter=0.01)
-    write_blocks(course_blocks(twin, course, 6400.0, seed=4), tmp_path / "a.h5")
-    whole, back = simulate_course(twin, course, 6400.0, seed=4), read_recording(tmp_path / "a.h5")
+    twin, profile = Twin(pump, at_15, bandwidth=1000), OperatingProfile.run_up(at_15, 0.5, jitter=0.01)
+    write_blocks(profile_blocks(twin, profile, 6400.0, seed=4), tmp_path / "a.h5")
+    whole, back = simulate_profile(twin, profile, 6400.0, seed=4), read_recording(tmp_path / "a.h5")
     np.testing.assert_array_equal(back.signal, whole.signal)
     np.testing.assert_array_equal(back.speed, whole.speed)
 

@@ -1,4 +1,4 @@
-"""The shaft's angle from pulses and from the signal, against courses that are known; and the recording along it."""
+"""The shaft's angle from pulses and from the signal, against known shaft speeds; and the recording along it."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ from swashtwin.signals.spectra import amplitude_spectrum
 RATE = 10000.0
 
 
-def course(*, seconds: float = 8.0, start: float = 12.0, end: float = 18.0, swing: float = 0.0) -> np.ndarray:
+def shaft_speed(*, seconds: float = 8.0, start: float = 12.0, end: float = 18.0, swing: float = 0.0) -> np.ndarray:
     """True angle [rad] of a shaft whose frequency [Hz] runs from `start` to `end` and swings (relative) at 0.9 Hz."""
     time = np.arange(int(seconds * RATE)) / RATE
     steady = start * time + (end - start) * time**2 / (2 * seconds)
@@ -55,7 +55,7 @@ def wandering(found: ShaftAngle, true: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("pulses", "limit"), [(1, 1.0), (8, 0.6), (60, 0.6)])
 def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
-    true = course(swing=0.005)
+    true = shaft_speed(swing=0.005)
     found = tachometer_speed(tacho(true, pulses), "tacho", pulses)
     assert wandering(found, true) < limit  # one reading is 0.65 degrees at 18 Hz
     assert found.absolute == (pulses == 1)
@@ -64,14 +64,14 @@ def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
 
 
 def test_angle_zero_is_the_first_pulse_of_a_tachometer() -> None:
-    true = course(start=15, end=15)
+    true = shaft_speed(start=15, end=15)
     found = tachometer_speed(tacho(true), "tacho")
     first = np.flatnonzero(np.diff(tacho(true).signal[1]) > 1)[0] + 0.5
     assert np.degrees(np.interp(first, np.arange(len(true)), found.angle)) == pytest.approx(0, abs=0.01)
 
 
 def test_a_noisy_pulse_is_counted_once() -> None:
-    true = course()
+    true = shaft_speed()
     quiet = tacho(true)
     noise = 0.3 * np.random.default_rng(0).standard_normal(quiet.signal.shape)
     found = tachometer_speed(replace(quiet, signal=quiet.signal + noise), "tacho")
@@ -79,7 +79,7 @@ def test_a_noisy_pulse_is_counted_once() -> None:
 
 
 def test_a_missed_pulse_is_refused_with_its_time() -> None:
-    recording = tacho(course(start=15, end=15))
+    recording = tacho(shaft_speed(start=15, end=15))
     signal = recording.signal.copy()
     signal[1, int(2.0 * RATE) : int(2.06 * RATE)] = 0.1
     with pytest.raises(DataError, match=r"pulses at 1\.9.* a pulse was missed"):
@@ -88,29 +88,29 @@ def test_a_missed_pulse_is_refused_with_its_time() -> None:
 
 def test_a_channel_without_pulses_is_no_tachometer() -> None:
     with pytest.raises(DataError, match="0 pulses"):
-        tachometer_speed(tacho(course()), "a")
+        tachometer_speed(tacho(shaft_speed()), "a")
     with pytest.raises(InputError, match="no channel 'b'"):
-        tachometer_speed(tacho(course()), "b")
+        tachometer_speed(tacho(shaft_speed()), "b")
     with pytest.raises(InputError, match="pulses_per_turn"):
-        tachometer_speed(tacho(course()), "tacho", 0)
+        tachometer_speed(tacho(shaft_speed()), "tacho", 0)
 
 
 @pytest.mark.parametrize("swing", [0.0, 0.005, 0.02])
 def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
-    true = course(start=14.2, end=14.4, swing=swing)
+    true = shaft_speed(start=14.2, end=14.4, swing=swing)
     found = tracked_speed(turning(true, noise=0.3), order=7, near=rpm(860))
     assert wandering(found, true) < 1.5
     assert found.quality == 1.0
 
 
 def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
-    true = course(start=12, end=18)
+    true = shaft_speed(start=12, end=18)
     found = tracked_speed(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
     assert wandering(found, true) < 1.5
 
 
 def test_the_stated_error_is_the_error_that_noise_makes() -> None:
-    true = course(start=14, end=14.5)
+    true = shaft_speed(start=14, end=14.5)
     inside = slice(1000, -1000)
     errors, stated = [], []
     for seed in range(6):
@@ -122,7 +122,7 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
 
 
 def test_several_channels_follow_a_line_better_than_the_worst() -> None:
-    true = course(start=14, end=14.5)
+    true = shaft_speed(start=14, end=14.5)
     recording = turning(true, noise=2.0, channels=4)
     alone = [tracked_speed(recording.picked([name]), order=7, near=rpm(860)).deviation for name in recording.channels]
     assert tracked_speed(recording, order=7, near=rpm(860)).deviation < min(alone)
@@ -145,11 +145,11 @@ def test_a_hump_of_noise_is_no_line() -> None:
 
 def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
     with pytest.raises(DataError, match=r"as far as the search goes|stands clear"):
-        tracked_speed(turning(course(start=14.9, end=14.9), noise=0.1), order=7, near=rpm(860), search=0.03)
+        tracked_speed(turning(shaft_speed(start=14.9, end=14.9), noise=0.1), order=7, near=rpm(860), search=0.03)
 
 
 def test_what_cannot_be_followed_is_said() -> None:
-    recording = turning(course(seconds=0.8))
+    recording = turning(shaft_speed(seconds=0.8))
     with pytest.raises(DataError, match="needs 16"):
         tracked_speed(recording, order=7, near=rpm(860))
     with pytest.raises(InputError, match="nobody stated its speed"):
@@ -163,7 +163,7 @@ def test_what_cannot_be_followed_is_said() -> None:
 
 
 def test_a_recording_with_its_own_speed_needs_no_guess() -> None:
-    true = course(start=10, end=20)
+    true = shaft_speed(start=10, end=20)
     speed = np.gradient(true) * RATE
     recording = replace(turning(true, noise=0.1), speed=speed * 1.003)
     assert wandering(tracked_speed(recording, order=7), true) < 1.5
@@ -173,7 +173,7 @@ def test_a_recording_with_its_own_speed_needs_no_guess() -> None:
 @settings(max_examples=12, deadline=None)
 @given(order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000]))
 def test_a_line_keeps_its_amplitude_along_the_angle(order: int, swing: float, per_turn: int) -> None:
-    true = course(seconds=4.0, start=13, end=16, swing=swing)
+    true = shaft_speed(seconds=4.0, start=13, end=16, swing=swing)
     recording = Recording(np.cos(order * true + 0.5)[None], RATE, "run")
     angle = ShaftAngle(true, RATE, math.nan, math.nan, True, "the truth")
     turned = resampled_by_angle(recording, angle, per_turn)
@@ -184,14 +184,14 @@ def test_a_line_keeps_its_amplitude_along_the_angle(order: int, swing: float, pe
 
 
 def test_orders_above_the_new_rate_are_cut_off_and_do_not_fold() -> None:
-    true = course(start=13, end=16)
+    true = shaft_speed(start=13, end=16)
     recording = Recording(np.cos(200 * true)[None], RATE, "run")
     turned = resampled_by_angle(recording, ShaftAngle(true, RATE, 0.0, 1.0, True, "truth"), 256)
     assert np.abs(turned.signal[:, 512:-512]).max() < 0.01
 
 
 def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
-    true = course(start=14, end=14.6)
+    true = shaft_speed(start=14, end=14.6)
     condition = OperatingCondition(rpm(860), MPa(15))
     recording = replace(turning(true, noise=0.1), condition=condition, label="normal")
     angle = tracked_speed(recording, order=7)
@@ -213,7 +213,7 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
 def test_recordings_of_two_speeds_share_windows_when_played_at_one() -> None:
     turned = []
     for name, speed in (("slow", 10.0), ("fast", 20.0)):
-        true = course(start=speed, end=speed)
+        true = shaft_speed(start=speed, end=speed)
         recording = replace(
             turning(true), recording_id=name, label=name, condition=OperatingCondition(2 * np.pi * speed, MPa(15))
         )
@@ -226,12 +226,12 @@ def test_recordings_of_two_speeds_share_windows_when_played_at_one() -> None:
 
 
 def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
-    recording = turning(course())
-    angle = ShaftAngle(course(), RATE, 0.0, 1.0, False, "truth")
+    recording = turning(shaft_speed())
+    angle = ShaftAngle(shaft_speed(), RATE, 0.0, 1.0, False, "truth")
     with pytest.raises(InputError, match="even number"):
         resampled_by_angle(recording, angle, 255)
     with pytest.raises(InputError, match="take the angle from this recording"):
-        resampled_by_angle(turning(course(seconds=4)), angle, 256)
+        resampled_by_angle(turning(shaft_speed(seconds=4)), angle, 256)
     with pytest.raises(InputError, match="played_at"):
         resampled_by_angle(recording, angle, 256, played_at=0.0)
     still = replace(recording, speed=np.zeros(recording.signal.shape[1]))
@@ -268,7 +268,7 @@ def test_order_lines_of_the_rig_sharpen_along_the_tracked_angle(rig: list[Record
 
 
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
-    recording = turning(course(start=14.0, end=14.6), noise=0.1)
+    recording = turning(shaft_speed(start=14.0, end=14.6), noise=0.1)
     found = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
     assert found.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
@@ -278,4 +278,4 @@ def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> N
 @pytest.mark.parametrize("order", [0, -7, (7, 0)])
 def test_an_order_below_one_is_refused_by_its_number(order: int | tuple[int, ...]) -> None:
     with pytest.raises(InputError, match="is no line of the shaft"):
-        tracked_speed(turning(course(seconds=2.0)), order=order, near=rpm(860))
+        tracked_speed(turning(shaft_speed(seconds=2.0)), order=order, near=rpm(860))

@@ -30,7 +30,7 @@ from swashtwin.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from swashtwin.physics import Course, SteadySolver, Twin
+    from swashtwin.physics import OperatingProfile, SteadySolver, Twin
     from swashtwin.pump import OperatingCondition
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Variation
@@ -99,22 +99,22 @@ def simulate(
     elif out.suffix in WRITABLE:
         raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
     seconds = parse(duration, "s", name="duration")
-    course = _course_of(seconds, speed, pressure, to_speed, to_pressure, jitter)
-    if course is not None and (solver is Solver.rk4 or step is not None):
-        raise typer.BadParameter("solves the steady state; a course is marched by its own step.", param_hint="--solver")
-    fastest = speed if course is None or course.speed[0] >= course.speed[-1] else str(to_speed)
+    profile = _profile_of(seconds, speed, pressure, to_speed, to_pressure, jitter)
+    if profile is not None and (solver is Solver.rk4 or step is not None):
+        raise typer.BadParameter("solves the steady state; a ramp is marched by its own step.", param_hint="--solver")
+    fastest = speed if profile is None or profile.speed[0] >= profile.speed[-1] else str(to_speed)
     flaw = fault_of(fault or "normal", length, width, depth, dimensions)
     condition = condition_of(fastest, pressure, temperature)
     twin = _twin_of(pump, calibration, condition, films=films)
     twin = twin.with_fault(flaw) if fault or calibration is None else twin
     twin = replace(twin, contact=SlipperContact(unloaded=unloaded, one_sided=one_sided))
-    notes = _notes_of(twin, course)
+    notes = _notes_of(twin, profile)
     for text in notes:
         note(f"note: {text}")
     rate = parse(sample_rate, "Hz", name="sample_rate")
-    if films and course is not None:
-        raise typer.BadParameter("does not follow a course: its films stay as they are.", param_hint="--films")
-    plan = _Plan(twin, seconds, rate, solver_of(solver, step), course, seed, films, notes)
+    if films and profile is not None:
+        raise typer.BadParameter("does not follow a profile: its films stay as they are.", param_hint="--films")
+    plan = _Plan(twin, seconds, rate, solver_of(solver, step), profile, seed, films, notes)
     if whole_revolutions:
         _require_whole_revolutions(plan, varied=vary and n > 1)
     if n == 1:
@@ -131,7 +131,7 @@ class _Plan:
     duration: float
     sample_rate: float
     solver: "SteadySolver"
-    course: "Course | None"
+    profile: "OperatingProfile | None"
     seed: int
     films: bool
     notes: list[str]
@@ -139,20 +139,20 @@ class _Plan:
     @property
     def size(self) -> int:
         """Bytes of one recording in a file."""
-        columns = len(self.twin.pump.channels) + (self.course is not None)
+        columns = len(self.twin.pump.channels) + (self.profile is not None)
         return (round(self.duration * self.sample_rate) + _SPARE) * columns * 8
 
     def blocks(self, twin: "Twin", phase: float, seed: int, name: str) -> "Iterator[Recording]":
         """One recording of `twin`, a variation of the plan's own."""
-        from swashtwin.physics import course_blocks, steady_blocks
+        from swashtwin.physics import profile_blocks, steady_blocks
 
-        if self.course is None:
+        if self.profile is None:
             return steady_blocks(
                 twin, self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name
             )
         drawn, own = twin.condition, self.twin.condition
-        course = self.course.scaled(drawn.speed / own.speed, drawn.discharge_pressure / own.discharge_pressure)
-        return course_blocks(twin, course, self.sample_rate, phase=phase, seed=seed, recording_id=name)
+        profile = self.profile.scaled(drawn.speed / own.speed, drawn.discharge_pressure / own.discharge_pressure)
+        return profile_blocks(twin, profile, self.sample_rate, phase=phase, seed=seed, recording_id=name)
 
     def settings(self, variation: "Variation | None") -> dict[str, Any]:
         """Whatever the recordings of a run depend on, but for their count."""
@@ -160,47 +160,47 @@ class _Plan:
 
         from swashtwin.calibration import twin_to_dict
 
-        course = None if self.course is None else {
-            name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.course).items()
+        profile = None if self.profile is None else {
+            name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.profile).items()
         }  # fmt: skip
         return {
             "twin": twin_to_dict(self.twin),
             "duration_s": self.duration,
             "sample_rate_hz": self.sample_rate,
             "solver": repr(self.solver),
-            "course": course,
+            "profile": profile,
             "variation": None if variation is None else asdict(variation),
             "seed": self.seed,
             "films": self.films,
         }
 
 
-def _notes_of(twin: "Twin", course: "Course | None") -> list[str]:
-    """What is to be known of the twin's range, of a course at its lowest and its highest pressure."""
-    if course is None:
+def _notes_of(twin: "Twin", profile: "OperatingProfile | None") -> list[str]:
+    """What is to be known of the twin's range, of a profile at its lowest and its highest pressure."""
+    if profile is None:
         return list(twin.notes())
-    ends = (min(course.discharge_pressure), max(course.discharge_pressure))
+    ends = (min(profile.discharge_pressure), max(profile.discharge_pressure))
     conditions = [twin.condition.replaced(discharge_pressure=float(pressure)) for pressure in ends]
     return list(dict.fromkeys(text for condition in conditions for text in twin.at(condition).notes()))
 
 
-def _course_of(
+def _profile_of(
     duration: float, speed: str, pressure: str, to_speed: str | None, to_pressure: str | None, jitter: float
-) -> "Course | None":
-    """Course of the options; None where nothing changes."""
+) -> "OperatingProfile | None":
+    """OperatingProfile of the options; None where nothing changes."""
     if to_speed is None and to_pressure is None and jitter == 0:
         return None
     import numpy as np
 
     from swashtwin.foundation import parse
-    from swashtwin.physics import Course
+    from swashtwin.physics import OperatingProfile
 
     ends = (("speed", "rad/s", speed, to_speed), ("pressure", "Pa", pressure, to_pressure))
     speeds, pressures = (
         [parse(start, unit, name=name), parse(start if end is None else end, unit, name=f"to_{name}")]
         for name, unit, start, end in ends
     )
-    return Course(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
+    return OperatingProfile(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
 
 
 def _twin_of(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
@@ -231,8 +231,8 @@ def _variation_of(temperature: str | None) -> "Variation":
 def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
     from swashtwin.physics import whole_revolutions
 
-    if plan.course is not None or varied:
-        raise typer.BadParameter("needs a steady speed: --no-vary, and no course.", param_hint="--whole-revolutions")
+    if plan.profile is not None or varied:
+        raise typer.BadParameter("needs a steady speed: --no-vary, and no profile.", param_hint="--whole-revolutions")
     whole_revolutions(plan.twin.condition, plan.duration, plan.sample_rate)
 
 
@@ -283,7 +283,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
         if plan.films:
             twin = carry_over(twin.at(plan.twin.condition), twin.condition)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
-        return plan.blocks(twin, phase, derive_seed(plan.seed, "course", number), folder.name)
+        return plan.blocks(twin, phase, derive_seed(plan.seed, "profile", number), folder.name)
 
     with resumable("the recordings that are whole stay; the same command goes on"), progress("simulating") as bar:
         index, made = write_series(

@@ -38,22 +38,22 @@ from .twin.film import film_values as film_values
 from .twin.film import with_film as with_film
 from .twin.model import Scales as Scales
 from .twin.model import Twin as Twin
-from .twin.operating_profile import Course as Course
+from .twin.operating_profile import OperatingProfile as OperatingProfile
 from .twin.path import SensorPath as SensorPath
 from .twin.path import path_response as path_response
 from .twin.steady import steady_blocks as steady_blocks
 from .twin.steady import whole_revolutions as whole_revolutions
-from .twin.transient import course_blocks as course_blocks
-from .twin.transient import simulate_course as simulate_course
+from .twin.transient import profile_blocks as profile_blocks
+from .twin.transient import simulate_profile as simulate_profile
 
 __all__ = [
     "RK4",
     "AddedLeakage",
     "ContactCheck",
-    "Course",
     "FaultAction",
     "HarmonicBalance",
     "LoadCase",
+    "OperatingProfile",
     "OrderLines",
     "PeriodicTerm",
     "PortChange",
@@ -70,7 +70,6 @@ __all__ = [
     "assemble",
     "carry_over",
     "contact_lines",
-    "course_blocks",
     "excitation_lines",
     "fault_action",
     "fault_forces",
@@ -84,8 +83,9 @@ __all__ = [
     "periodic_steady_state",
     "port_change",
     "prepare",
+    "profile_blocks",
     "recess_of",
-    "simulate_course",
+    "simulate_profile",
     "slipper_displacements",
     "steady_blocks",
     "turning_terms",

@@ -16,7 +16,7 @@ from swashtwin.physics.dynamics import Structure
 from swashtwin.physics.fault_forcing import excitation_lines, fault_forces, worn_values
 from swashtwin.physics.loads import LoadCase, chamber_pressures, force_lines
 from swashtwin.physics.twin.model import Twin
-from swashtwin.physics.twin.operating_profile import Course, Shaft
+from swashtwin.physics.twin.operating_profile import OperatingProfile, Shaft
 
 RATIO = 1.06
 """Largest ratio of neighboring speeds, or pressures, of the grid: between them the force lines are off by 0.02 %."""
@@ -33,14 +33,14 @@ _CREEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class OperatingGrid:
-    """Force lines of a twin at the operating points around a course."""
+    """Force lines of a twin at the operating points around a profile."""
 
     speeds: Float[np.ndarray, " speed"]
     """Speeds of the grid [rad/s], rising."""
     pressures: Float[np.ndarray, " pressure"]
     """Outlet pressures of the grid [Pa], rising."""
     place: Int[np.ndarray, "speed pressure"]
-    """Which row holds the lines of an operating point; -1 where the course does not come."""
+    """Which row holds the lines of an operating point; -1 where the profile does not come."""
     lines: Complex[np.ndarray, "row order 13"]
     """Force lines [N, N m] without the unbalance, orders from 0."""
     unbalance: Complex[np.ndarray, " 2"]
@@ -116,9 +116,9 @@ class ForceTables:
 
 
 def operating_grid(
-    twin: Twin, course: Course, shaft: Shaft, time: Iterable[Float[np.ndarray, " time"]]
+    twin: Twin, profile: OperatingProfile, shaft: Shaft, time: Iterable[Float[np.ndarray, " time"]]
 ) -> OperatingGrid:
-    """Grid of the operating points around those that a course visits at `time` [s], which comes block by block.
+    """Grid of the operating points around those that a profile visits at `time` [s], which comes block by block.
 
     Chamber pressures are solved at each, down to the lowest speed at which the pump surely holds its outlet pressure;
     below it their shape over the angle is kept, and so are a loose slipper's forces. An order is left out where it
@@ -130,13 +130,13 @@ def operating_grid(
         The pump cannot hold the highest pressure at the highest speed, or a speed or a pressure is none.
     """
     slowest, fastest = float(shaft.speed.min()), float(shaft.speed.max())
-    lowest, highest = float(course.discharge_pressure.min()), float(course.discharge_pressure.max())
+    lowest, highest = float(profile.discharge_pressure.min()), float(profile.discharge_pressure.max())
     floor = _lowest_speed(twin, fastest, highest) if slowest < fastest else fastest
     speeds = _spaced(max(slowest, floor), fastest)
     if slowest < floor:
         speeds = np.concatenate([[slowest], speeds])
     pressures = _spaced(lowest, highest)
-    needed = np.argwhere(_visited(speeds, pressures, course, shaft, time))
+    needed = np.argwhere(_visited(speeds, pressures, profile, shaft, time))
     conditions = [
         twin.condition.replaced(speed=max(float(speeds[i]), floor), discharge_pressure=float(pressures[j]))
         for i, j in needed
@@ -177,15 +177,15 @@ def _spaced(low: float, high: float) -> Float[np.ndarray, " point"]:
 def _visited(
     speeds: Float[np.ndarray, " speed"],
     pressures: Float[np.ndarray, " pressure"],
-    course: Course,
+    profile: OperatingProfile,
     shaft: Shaft,
     time: Iterable[Float[np.ndarray, " time"]],
 ) -> Bool[np.ndarray, "speed pressure"]:
-    """Which points of a grid are a corner of a cell in which the course is at any of the instants."""
+    """Which points of a grid are a corner of a cell in which the profile is at any of the instants."""
     seen = np.zeros((len(speeds), len(pressures)), dtype=bool)
     for block in time:
         i, _ = _between(speeds, shaft.at(block)[1])
-        j, _ = _between(pressures, course.pressure_at(block))
+        j, _ = _between(pressures, profile.pressure_at(block))
         for more_speed in range(min(2, len(speeds))):
             for more_pressure in range(min(2, len(pressures))):
                 seen[i + more_speed, j + more_pressure] = True

@@ -39,14 +39,14 @@ class Shaft:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class OperatingProfile:
     """Speed and outlet pressure over time, linear between knots; all else of the condition stays as it is.
 
     Examples
     --------
     >>> from swashtwin.foundation.units import MPa, rpm
     >>> at_15 = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(15))
-    >>> run_up = Course.run_up(at_15, 8.0, hold=2.0)
+    >>> run_up = OperatingProfile.run_up(at_15, 8.0, hold=2.0)
     >>> run_up.duration, float(run_up.speed[0]), run_up.mean(at_15).speed / rpm(1500)
     (10.0, 0.0, 0.6)
     """
@@ -58,7 +58,7 @@ class Course:
     discharge_pressure: Float[np.ndarray, " knot"]
     """Absolute pressure at the outlet at each knot [Pa]."""
     jitter: float = 0.0
-    """Standard deviation of the speed about its course, relative; it is Gaussian, cut at four of them."""
+    """Standard deviation of the speed about its profile, relative; it is Gaussian, cut at four of them."""
     correlation_time: float = 0.05
     """Time after which the jitter has forgotten a share 1 - 1/e of itself [s]; an estimate."""
 
@@ -66,29 +66,29 @@ class Course:
         count = len(self.time)
         if count < 2 or not {len(self.speed), len(self.discharge_pressure)} == {count}:
             raise InputError(
-                f"a course needs at least two knots, and a speed and a pressure for each: {count} times, "
+                f"a profile needs at least two knots, and a speed and a pressure for each: {count} times, "
                 f"{len(self.speed)} speeds, {len(self.discharge_pressure)} pressures."
             )
         for name in ("time", "speed", "discharge_pressure"):
             if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"a course's {name} must be finite at every knot.")
+                raise InputError(f"a profile's {name} must be finite at every knot.")
         stuck = np.flatnonzero(np.diff(self.time) <= 0)
         if stuck.size:
             before, after = self.time[stuck[0]], self.time[stuck[0] + 1]
-            raise InputError(f"a course's times must rise; {after:g} s follows {before:g} s.")
+            raise InputError(f"a profile's times must rise; {after:g} s follows {before:g} s.")
         if self.speed.min() < 0:
             raise InputError(
-                f"a course's speed ({self.speed.min():g} rad/s) must not be negative; a pump turns one way."
+                f"a profile's speed ({self.speed.min():g} rad/s) must not be negative; a pump turns one way."
             )
         if self.speed.max() == 0:
-            raise InputError("a course's speed is zero throughout; a pump that stands still is silent.")
+            raise InputError("a profile's speed is zero throughout; a pump that stands still is silent.")
         if not 0 <= self.jitter <= MOST_JITTER:
             raise InputError(f"jitter ({self.jitter:g}) must lie in 0...{MOST_JITTER}; it is relative: 0.5 % is 0.005.")
         if not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
             raise InputError(f"correlation_time ({self.correlation_time:g} s) must be a positive number.")
 
     @classmethod
-    def steady(cls, condition: OperatingCondition, duration: float, *, jitter: float = 0.0) -> "Course":
+    def steady(cls, condition: OperatingCondition, duration: float, *, jitter: float = 0.0) -> "OperatingProfile":
         """Speed and pressure of `condition` for `duration` [s]."""
         return cls.ramp(condition, duration, jitter=jitter)
 
@@ -101,7 +101,7 @@ class Course:
         to_speed: float | None = None,
         to_pressure: float | None = None,
         jitter: float = 0.0,
-    ) -> "Course":
+    ) -> "OperatingProfile":
         """From `condition` to another speed [rad/s], outlet pressure [Pa] or both, evenly within `duration` [s]."""
         if not duration > 0:
             raise InputError(f"duration ({duration:g} s) must be a positive number.")
@@ -123,7 +123,7 @@ class Course:
         from_speed: float = 0.0,
         hold: float = 0.0,
         jitter: float = 0.0,
-    ) -> "Course":
+    ) -> "OperatingProfile":
         """From `from_speed` [rad/s] up to the speed of `condition` within `duration` [s], then `hold` [s] there.
 
         The outlet pressure is that of `condition` throughout, as of a pump that starts against a loaded line.
@@ -144,7 +144,7 @@ class Course:
         return float(self.time[-1] - self.time[0])
 
     def mean(self, condition: OperatingCondition) -> OperatingCondition:
-        """`condition` at the mean speed and the mean pressure of the course."""
+        """`condition` at the mean speed and the mean pressure of the profile."""
         speed, pressure = (
             float(trapezoid(values, self.time)) / self.duration for values in (self.speed, self.discharge_pressure)
         )
@@ -154,12 +154,12 @@ class Course:
         """Outlet pressure [Pa] at `time` [s] since the recording starts."""
         return np.interp(time, self.time - self.time[0], self.discharge_pressure)
 
-    def scaled(self, speed: float, pressure: float) -> "Course":
-        """The same course with every speed and every pressure times a factor."""
+    def scaled(self, speed: float, pressure: float) -> "OperatingProfile":
+        """The same profile with every speed and every pressure times a factor."""
         return replace(self, speed=self.speed * speed, discharge_pressure=self.discharge_pressure * pressure)
 
     def shaft(self, *, phase: float = 0.0, seed: int = 0) -> Shaft:
-        """What the shaft does: the course with the jitter that `seed` draws, from the angle `phase` [rad] on.
+        """What the shaft does: the profile with the jitter that `seed` draws, from the angle `phase` [rad] on.
 
         The jitter is a Gauss-Markov process, drawn ten times within its correlation time and linear in between; it does
         not depend on the sample rate.

@@ -1,10 +1,10 @@
-"""What the accelerometers read while speed and pressure change: a twin marched along a course.
+"""What the accelerometers read while speed and pressure change: a twin marched along a profile.
 
 M x'' + C x' + K x = Q(t) with the forces of `operating_grid` at the angle of the shaft, by the step that is exact for
 forces which run linearly from instant to instant. The shell's acceleration is the derivative of its velocity by
 differences of the sixth order: taken from the forces, it would be a small difference of large ones, for a film carries
 forty times what accelerates the shell. Left out: the unbalance's force along the shaft's turning, which goes with its
-angular acceleration. K and C are constant: films do not stiffen with the course's pressure.
+angular acceleration. K and C are constant: films do not stiffen with the profile's pressure.
 """
 
 import math
@@ -23,7 +23,7 @@ from swashtwin.physics.solvers.steady import HarmonicBalance
 from swashtwin.physics.solvers.trajectories import first_order_hold_trajectory
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_grid import OperatingGrid, operating_grid
-from swashtwin.physics.twin.operating_profile import Course, Shaft
+from swashtwin.physics.twin.operating_profile import OperatingProfile, Shaft
 from swashtwin.physics.twin.response import require_positive
 from swashtwin.recordings import Recording, joined
 
@@ -35,9 +35,9 @@ BLOCK = 16384
 """Readings that are computed at a time."""
 
 
-def simulate_course(
+def simulate_profile(
     twin: Twin,
-    course: Course,
+    profile: OperatingProfile,
     sample_rate: float,
     *,
     phase: float = 0.0,
@@ -46,14 +46,14 @@ def simulate_course(
     oversampling: int | None = None,
     recording_id: str = "simulated",
 ) -> Recording:
-    """Acceleration while speed and pressure follow a course, as a synthetic recording that knows its speed.
+    """Acceleration while speed and pressure follow a profile, as a synthetic recording that knows its speed.
 
     Parameters
     ----------
-    twin : pump, fault and interface values; of its condition only what the course leaves open counts.
+    twin : pump, fault and interface values; of its condition only what the profile leaves open counts.
     sample_rate : readings per second [Hz], at least twice the twin's bandwidth.
     phase : shaft angle at the first reading [rad].
-    seed : draws the course's jitter.
+    seed : draws the profile's jitter.
     start : ``steady``, as if the first instant's speed and pressure had always held; ``rest``, at rest and unloaded,
         so that the load comes at once and the start-up is heard.
     oversampling : steps from one reading to the next; None takes `STEPS` within the shortest period of the bandwidth.
@@ -62,19 +62,19 @@ def simulate_course(
     ------
     InputError
         The sample rate is below twice the bandwidth, the fault turns with the shaft, or the pump cannot hold its
-        pressure at the course's highest speed.
+        pressure at the profile's highest speed.
     """
     return joined(
-        course_blocks(
-            twin, course, sample_rate, phase=phase, seed=seed, start=start, oversampling=oversampling,
+        profile_blocks(
+            twin, profile, sample_rate, phase=phase, seed=seed, start=start, oversampling=oversampling,
             recording_id=recording_id,
         )
     )  # fmt: skip
 
 
-def course_blocks(
+def profile_blocks(
     twin: Twin,
-    course: Course,
+    profile: OperatingProfile,
     sample_rate: float,
     *,
     phase: float = 0.0,
@@ -83,24 +83,24 @@ def course_blocks(
     oversampling: int | None = None,
     recording_id: str = "simulated",
 ) -> Iterator[Recording]:
-    """The recording of `simulate_course` in blocks, so that memory does not grow with its length."""
+    """The recording of `simulate_profile` in blocks, so that memory does not grow with its length."""
     if oversampling is None:
         oversampling = max(1, math.ceil(STEPS * twin.bandwidth / sample_rate))
-    readings = round(course.duration * sample_rate)
-    _refuse_unfit(twin, course, sample_rate, oversampling, readings, start)
-    shaft = course.shaft(phase=phase, seed=seed)
+    readings = round(profile.duration * sample_rate)
+    _refuse_unfit(twin, profile, sample_rate, oversampling, readings, start)
+    shaft = profile.shaft(phase=phase, seed=seed)
     spans = [(first, min(first + BLOCK, readings)) for first in range(0, readings, BLOCK)]
     rate = sample_rate * oversampling
 
     def instants(first: int, last: int) -> Float[np.ndarray, " time"]:
         return np.arange(first * oversampling - 3, last * oversampling + 4) / rate
 
-    grid = operating_grid(twin, course, shaft, (instants(*span) for span in spans))
+    grid = operating_grid(twin, profile, shaft, (instants(*span) for span in spans))
     tables, march = grid.tables(1 / rate), _march_of(twin, 1 / rate)
-    state = march.settled(grid, course, shaft) if start == "steady" else torch.zeros(26, dtype=torch.float64)
+    state = march.settled(grid, profile, shaft) if start == "steady" else torch.zeros(26, dtype=torch.float64)
     for span in spans:
         instant = instants(*span)
-        force = tables.force(*shaft.at(instant), course.pressure_at(instant))
+        force = tables.force(*shaft.at(instant), profile.pressure_at(instant))
         signal, state = march.block(force, state, oversampling)
         speed = np.maximum(shaft.at(np.arange(*span) / sample_rate)[1], 0.0)
         yield Recording(
@@ -109,14 +109,16 @@ def course_blocks(
             recording_id=recording_id,
             channels=twin.pump.channels,
             label=twin.label,
-            condition=course.mean(twin.condition),
+            condition=profile.mean(twin.condition),
             speed=speed,
             specimen=twin.pump.name,
             synthetic=True,
         )
 
 
-def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: int, readings: int, start: str) -> None:
+def _refuse_unfit(
+    twin: Twin, profile: OperatingProfile, sample_rate: float, oversampling: int, readings: int, start: str
+) -> None:
     if turning_terms(twin.fault, twin.pump, twin.values):
         raise InputError(
             f"a {type(twin.fault).__name__} lets the stiffness turn with the shaft, which no transient follows yet; "
@@ -137,8 +139,8 @@ def _refuse_unfit(twin: Twin, course: Course, sample_rate: float, oversampling: 
     if oversampling < 1 or readings < 1:
         raise InputError(f"oversampling ({oversampling}) and the number of readings ({readings}) must be at least 1.")
     twin.require_rate(sample_rate)
-    top = float(course.speed.max())
-    for pressure in (float(course.discharge_pressure.min()), float(course.discharge_pressure.max())):
+    top = float(profile.speed.max())
+    for pressure in (float(profile.discharge_pressure.min()), float(profile.discharge_pressure.max())):
         twin.at(twin.condition.replaced(speed=top, discharge_pressure=pressure))  # refuses what is no condition
 
 
@@ -154,10 +156,10 @@ class _March:
     step: float
     """Time from one instant to the next [s]."""
 
-    def settled(self, grid: OperatingGrid, course: Course, shaft: Shaft) -> Float[Tensor, " 26"]:
+    def settled(self, grid: OperatingGrid, profile: OperatingProfile, shaft: Shaft) -> Float[Tensor, " 26"]:
         """State three steps before the first reading, had its speed and pressure always held."""
         speed = float(shaft.speed[0])
-        lines = torch.as_tensor(grid.lines_at(speed, float(course.discharge_pressure[0])))
+        lines = torch.as_tensor(grid.lines_at(speed, float(profile.discharge_pressure[0])))
         orders = torch.arange(lines.shape[0], dtype=torch.float64)
         motion = HarmonicBalance().steady_state(self.mass, self.damping, self.stiffness, orders * speed, lines)
         turned = motion * torch.exp(1j * orders * (float(shaft.angle[0]) - 3 * self.step * speed))[:, None]

@@ -37,7 +37,7 @@ def tracked_speed(
 ) -> ShaftAngle:
     """Angle of the shaft from the line at `order`, followed through the recording in all its channels together.
 
-    First the strongest course of the line through short spectra (8 revolutions each), steps between them being costly;
+    First the strongest path of the line through short spectra (8 revolutions each), steps between them being costly;
     then, three times over, the line is turned to zero frequency with the angle found so far, everything 0.4 orders away
     from it is cut off, the channels are added so that the line is strongest, and its phase corrects the angle; the
     first and the last revolution go on at their neighbors' speed. The angle's error comes from the noise half an order
@@ -170,7 +170,7 @@ class _Line:
 
 
 def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, " kept"]:
-    """Coarse change of the angle [rad]: the line's course through overlapping segments."""
+    """Coarse change of the angle [rad]: the line's path through overlapping segments."""
     length = min(len(line.reading), round(_RIDGE_TURNS * line.per_turn))
     rest = len(line.reading) - length
     first = np.unique(np.linspace(0, rest, math.ceil(4 * rest / length) + 1).astype(int))
@@ -184,13 +184,13 @@ def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, "
         strength = np.abs((line.values[:, part] * taper) @ turning) ** 2
         power[row] = (strength / np.maximum(strength.mean(axis=1, keepdims=True), 1e-300)).sum(axis=0)
     score = np.log(np.maximum(power, 1e-300))
-    chosen = tried[_cheapest_course(score / max(score.std(), 1e-12))]
+    chosen = tried[_strongest_path(score / max(score.std(), 1e-12))]
     factor = np.interp(np.arange(len(line.turn)), first + (length - 1) / 2, chosen)
     return np.concatenate([[0.0], np.cumsum(np.diff(line.turn) * (factor[1:] + factor[:-1]) / 2)])
 
 
-def _cheapest_course(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
-    """Column of each row on the course with the highest score, steps between rows costing their square (Viterbi)."""
+def _strongest_path(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
+    """Column of each row on the path with the highest score, steps between rows costing their square (Viterbi)."""
     place = np.arange(score.shape[1])
     cost = _RIDGE_PENALTY * ((place[:, None] - place) / _RIDGE_FINENESS) ** 2
     best, origin = score[0], []
@@ -198,10 +198,10 @@ def _cheapest_course(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
         total = best[:, None] - cost
         origin.append(total.argmax(axis=0))
         best = total.max(axis=0) + row
-    course = [int(best.argmax())]
+    path = [int(best.argmax())]
     for before in reversed(origin):
-        course.append(int(before[course[-1]]))
-    return np.array(course[::-1])
+        path.append(int(before[path[-1]]))
+    return np.array(path[::-1])
 
 
 def _ends_steady(change: Float[np.ndarray, " kept"], turn: int) -> Float[np.ndarray, " kept"]:

@@ -115,7 +115,7 @@ def test_the_speed_wanders_by_no_more_than_half_a_percent(at_15: OperatingCondit
 
 
 def test_a_rig_on_disk_reads_back_and_passes_inspection(tmp_path: Path) -> None:
-    tiny = replace(SIZES["small"], specimens=1, repeats=1, duration=1.0)
+    tiny = replace(SIZES["tiny"], specimens=1, repeats=1, duration=1.0)
     index = build_rig(tmp_path / "rig", seed=0, size=tiny)
     recordings = read_recordings(index)
     assert len(recordings) == 15
@@ -135,7 +135,7 @@ def test_a_folder_with_files_and_an_unknown_size_are_refused(tmp_path: Path) -> 
     (tmp_path / "mine.txt").write_text("keep me")
     with pytest.raises(InputError, match="not empty"):
         build_rig(tmp_path, seed=0)
-    with pytest.raises(InputError, match="choose one of small, paper"):
+    with pytest.raises(InputError, match="choose one of tiny, small, paper"):
         build_rig(tmp_path / "new", seed=0, size="huge")
 
 

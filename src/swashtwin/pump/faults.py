@@ -118,10 +118,10 @@ class SwashPlateDefect(Fault):
 
     depth: float
     """Depth [m]; the paper's is 0.6 mm."""
-    length: float
-    """Length along the track [m]; the paper's is 30 mm."""
-    width: float
-    """Width across the track [m]; the paper's is 24 mm."""
+    length: float = 0.030
+    """Length along the track [m]; the paper's by default."""
+    width: float = 0.024
+    """Width across the track [m]; the paper's by default."""
     angle: float = math.radians(270)
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
     entry: Literal["centre", "edge"] = "centre"

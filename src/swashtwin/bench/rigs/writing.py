@@ -43,9 +43,16 @@ class RigSize:
     """Length of each [s]."""
 
 
-SIZES = MappingProxyType({"small": RigSize(specimens=6, repeats=3), "paper": RigSize(specimens=6, repeats=4)})
-"""``small`` is for a demo. ``paper`` holds, in each class, over three times the paper's 650 windows of 80 ms, so that a
-study can take the paper's counts for training and test on recordings it did not train on."""
+SIZES = MappingProxyType(
+    {
+        "tiny": RigSize(specimens=2, repeats=2, duration=1.5),
+        "small": RigSize(specimens=6, repeats=3),
+        "paper": RigSize(specimens=6, repeats=4),
+    }
+)
+"""``tiny`` is for trying things out, ``small`` for a demo. ``paper`` holds, in each class, over three times the paper's
+650 windows of 80 ms, so that a study can take the paper's counts for training and test on recordings it did not train
+on."""
 
 
 @dataclass(frozen=True)

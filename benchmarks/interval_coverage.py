@@ -23,7 +23,7 @@ from swashtwin.bench.rigs.measuring import Run, true_values
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, measure, objective_of
 from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
-from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, sandwich
+from swashtwin.calibration.uncertainty.posterior import estimates_of, sandwich
 from swashtwin.physics import Twin
 from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording

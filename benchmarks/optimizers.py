@@ -40,7 +40,7 @@ from swashtwin.calibration import (
     objective_of,
 )
 from swashtwin.calibration.methods.search import Search
-from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, posterior_covariance
+from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance
 from swashtwin.foundation import stream
 from swashtwin.pump import PARAMETERS, Interfaces
 

@@ -21,7 +21,6 @@ from .calibration import SeveritySettings as SeveritySettings
 from .calibration import SeverityTrend as SeverityTrend
 from .calibration import calibrate as calibrate
 from .calibration import calibrate_fleet as calibrate_fleet
-from .calibration import check_coverage as check_coverage
 from .calibration import choose_learning_rate as choose_learning_rate
 from .calibration import estimate_severity as estimate_severity
 from .calibration import expected_information_gain as expected_information_gain
@@ -255,7 +254,6 @@ __all__ = [
     "canonical_label",
     "carry_over",
     "celsius",
-    "check_coverage",
     "choose_learning_rate",
     "cut_windows",
     "deg",

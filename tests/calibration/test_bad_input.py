@@ -10,7 +10,7 @@ from twin_recordings import SIX_VALUES, recording_of, worn_twin
 from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
-from swashtwin.calibration.objective.plausibility import shown_speed
+from swashtwin.calibration.objective.recording_checks import shown_speed
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, UnitError, rpm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump

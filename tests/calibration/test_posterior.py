@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swashtwin.calibration import GaussNewton, Objective, Posterior, measure, objective_of, sample_posterior
-from swashtwin.calibration.uncertainty.identifiability_report import posterior_covariance
+from swashtwin.calibration.uncertainty.posterior import posterior_covariance
 from swashtwin.calibration.uncertainty.sampling import Sampling, chain_quality, thinned
 from swashtwin.foundation import InputError, MissingExtraError, mm, um
 from swashtwin.physics import Twin, with_film

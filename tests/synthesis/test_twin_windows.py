@@ -9,8 +9,7 @@ from twin_recordings import SIX_VALUES, recording_of
 from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
-from swashtwin.calibration.objective.search_space import search_space
-from swashtwin.calibration.objective.unknowns import unknowns_of
+from swashtwin.calibration.objective.unknowns import search_space, unknowns_of
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
 from swashtwin.learning import WindowSet, cut_windows, evaluate, fit_extra_trees
 from swashtwin.physics import Twin

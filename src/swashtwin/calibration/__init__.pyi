@@ -1,12 +1,9 @@
 """Names that other rooms import, and where each lives."""
 
-from .archive import twin_from_dict as twin_from_dict
-from .archive import twin_to_dict as twin_to_dict
 from .fleet.hierarchy import FleetCalibration as FleetCalibration
 from .fleet.hierarchy import calibrate_fleet as calibrate_fleet
 from .fleet.population import Population as Population
 from .fleet.population import load_population as load_population
-from .loading import load_calibration as load_calibration
 from .methods.checkpoint import ResumableCalibrator as ResumableCalibrator
 from .methods.evolution import CMAES as CMAES
 from .methods.gauss_newton import GaussNewton as GaussNewton
@@ -33,6 +30,7 @@ from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
 from .procedure import build_objective as build_objective
 from .procedure import calibrate as calibrate
 from .result import Calibration as Calibration
+from .result import load_calibration as load_calibration
 from .severity.dimensions import Dimension as Dimension
 from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
@@ -43,14 +41,15 @@ from .severity.severity_search import SeveritySettings as SeveritySettings
 from .severity.severity_search import estimate_severity as estimate_severity
 from .twin_difference import Difference as Difference
 from .twin_difference import difference as difference
-from .uncertainty.coverage import check_coverage as check_coverage
-from .uncertainty.identifiability_report import QUANTILE as QUANTILE
-from .uncertainty.identifiability_report import Estimate as Estimate
-from .uncertainty.identification import IdentifiabilityReport as IdentifiabilityReport
-from .uncertainty.identification import identifiability as identifiability
+from .twin_table import twin_from_dict as twin_from_dict
+from .twin_table import twin_to_dict as twin_to_dict
+from .uncertainty.identifiability_report import IdentifiabilityReport as IdentifiabilityReport
+from .uncertainty.identifiability_report import identifiability as identifiability
 from .uncertainty.information import expected_information_gain as expected_information_gain
+from .uncertainty.posterior import QUANTILE as QUANTILE
+from .uncertainty.posterior import Estimate as Estimate
 from .uncertainty.posterior import Posterior as Posterior
-from .uncertainty.profile_likelihood import THRESHOLD as THRESHOLD
+from .uncertainty.profiles import THRESHOLD as THRESHOLD
 from .uncertainty.profiles import Profile as Profile
 from .uncertainty.profiles import profile as profile
 from .uncertainty.sampling import sample_posterior as sample_posterior
@@ -92,7 +91,6 @@ __all__ = [
     "build_objective",
     "calibrate",
     "calibrate_fleet",
-    "check_coverage",
     "choose_learning_rate",
     "difference",
     "estimate_severity",

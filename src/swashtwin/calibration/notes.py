@@ -6,8 +6,8 @@ import torch
 from swashtwin.calibration.methods.search import Search
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.uncertainty.identifiability_report import Estimate
 from swashtwin.calibration.uncertainty.misfit_hypotheses import suspicions
+from swashtwin.calibration.uncertainty.posterior import Estimate
 
 MISFIT = 2.0
 """RMS of the missed lines, in what was expected of them, from which a twin is said to lack something."""

@@ -20,12 +20,10 @@ from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective.agreement import fit_of
 from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure
 from swashtwin.calibration.objective.operating_points import starting_twins
-from swashtwin.calibration.objective.search_space import search_space
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
-from swashtwin.calibration.objective.unknowns import Nuisances
+from swashtwin.calibration.objective.unknowns import Nuisances, search_space
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.uncertainty.identifiability_report import estimates_of, posterior_covariance
-from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, posterior_covariance
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump

@@ -26,7 +26,7 @@ from swashtwin.calibration.objective.spectrum_objective import NONE, Objective
 from swashtwin.calibration.objective.unknowns import Nuisances
 from swashtwin.calibration.procedure import build_objective, build_result, settings_of
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.uncertainty.identifiability_report import Estimate, estimates_of, posterior_covariance
+from swashtwin.calibration.uncertainty.posterior import Estimate, estimates_of, posterior_covariance
 from swashtwin.foundation import DataError, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump

@@ -23,7 +23,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from swashtwin.calibration.objective.unknowns import Unknowns
-from swashtwin.calibration.uncertainty.identifiability_report import QUANTILE
+from swashtwin.calibration.uncertainty.posterior import QUANTILE
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, write_text
 
 FORMAT = "swashtwin population 1"

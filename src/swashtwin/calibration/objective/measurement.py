@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from swashtwin.calibration.objective.phases import combined_lines, phased_lines
-from swashtwin.calibration.objective.plausibility import refuse_other_speed
-from swashtwin.calibration.objective.usability import clipping_note, level_notes, lines_of
+from swashtwin.calibration.objective.recording_checks import clipping_note, level_notes, lines_of, refuse_other_speed
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
 from swashtwin.pump import values_match

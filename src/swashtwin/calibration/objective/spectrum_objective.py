@@ -12,8 +12,7 @@ from torch import Tensor
 
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.phases import turned
-from swashtwin.calibration.objective.search_space import SearchSpace, search_space
-from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, unknowns_of
+from swashtwin.calibration.objective.unknowns import Nuisances, SearchSpace, Unknowns, search_space, unknowns_of
 from swashtwin.foundation import InputError
 from swashtwin.physics import SteadySolver, Twin
 
@@ -187,11 +186,6 @@ class Objective:
     def start(self) -> Float[Tensor, " unknown"]:
         """The point of the nominal twin."""
         return torch.as_tensor(self.unknowns.start)
-
-    def point_of(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch unknown"]:
-        """Point of the six `values`, all else being as the twin has it."""
-        rest = self.start[6:].expand(*values.shape[:-1], -1)
-        return torch.cat([values.log(), rest], dim=-1)
 
     def readings(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.severity.dimensions import FaultSpace
 from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearized, noise_covariance
-from swashtwin.calibration.uncertainty.profile_likelihood import Valley
+from swashtwin.calibration.uncertainty.profiles import Valley
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from swashtwin.calibration.severity.dimensions import Dimension
-from swashtwin.calibration.uncertainty.identifiability_report import COVERAGE, QUANTILE
+from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
 from swashtwin.pump import Fault, OperatingCondition
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]

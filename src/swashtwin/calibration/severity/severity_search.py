@@ -10,15 +10,14 @@ from jaxtyping import Float
 
 from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.measurement import Lines, Measurement, agreeing, measure
-from swashtwin.calibration.objective.search_space import search_space
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, unknowns_of
+from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Inversion, Prior
 from swashtwin.calibration.severity.severity import DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
-from swashtwin.calibration.uncertainty.identifiability_report import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
-from swashtwin.calibration.uncertainty.profile_likelihood import interval_of, walk
+from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
+from swashtwin.calibration.uncertainty.profiles import interval_of, walk
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin, carry_over
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match

@@ -1,144 +1,211 @@
-"""How well a measurement determines each value: Fisher information from exact derivatives."""
+"""The identifiability report: what a measurement tells of each coordinate, and of which only together."""
 
-import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
-import scipy.optimize
 from jaxtyping import Float
-from scipy.special import ndtr, ndtri
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
-from swashtwin.pump import LETTERS, PARAMETERS
+from swashtwin.calibration.uncertainty.discrepancy import (
+    Discrepancy,
+    Linearized,
+    discrepancy_of,
+    linearized,
+    noise_covariance,
+)
+from swashtwin.calibration.uncertainty.information import Gain, expected_information_gain
+from swashtwin.calibration.uncertainty.posterior import (
+    BOUND_MARGIN,
+    IDENTIFIED_STD,
+    UNIDENTIFIED_SHARE,
+    Estimate,
+    estimates_of,
+    sandwich,
+)
+from swashtwin.calibration.uncertainty.profiles import Profile, profiles
 
-Verdict = Literal["identified", "weak", "not identified", "at bound"]
+Standing = Literal["identified", "weak", "traded off", "flat", "dead", "at bound"]
 
-COVERAGE = 0.9
-"""Probability with which an interval holds its value."""
-QUANTILE = float(ndtri((1 + COVERAGE) / 2))
-"""Standard deviations within which a normal density holds `COVERAGE`."""
-IDENTIFIED_STD = 0.25
-"""Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
-UNIDENTIFIED_SHARE = 0.7
-"""A posterior wider than this share of the prior has learnt next to nothing from the measurement."""
-BOUND_MARGIN = 1e-3
-"""A value within this share of the bounds' logarithmic width from a bound lies on it."""
+DEAD = 0.1
+"""A coordinate is dead where one standard deviation of its prior moves all lines together by fewer sigma than this."""
+TRADED = 3.0
+"""A coordinate is traded off where others cost it this factor of certainty."""
+SHOWN = 0.35
+"""Share of a direction's unit length from which a value is named in it."""
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """One interface value, and how far to trust it."""
+class Direction:
+    """A combination of the six values, independent of the others given the measurement."""
 
-    name: str
-    """Name as in `pump.PARAMETERS`."""
-    letter: str
-    """The paper's letter."""
-    unit: str
-    """Unit of the values."""
-    nominal: float
-    """Value before."""
-    value: float
-    """Value found."""
-    log_std: float
-    """Standard deviation of ln value: 0.1 is 10 %."""
-    interval: tuple[float, float]
-    """The most probable range that holds the value with a probability of 90 %, within the bounds; it holds the value
-    found, and ends at a bound where the measurement sets no limit on that side (`open_sides`)."""
-    bounds: tuple[float, float]
-    """Where it was searched."""
-    verdict: Verdict
-    """``identified``; ``weak``: uncertain by more than a factor of 1.5; ``not identified``: the measurement hardly
-    says more than the prior (the bounds, or what is known of pumps of its type); ``at bound``: a bound stopped the
-    search, often because a constant is wrong."""
-    traded_with: str | None = None
-    """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
+    share: float
+    """Posterior over prior standard deviation along it: 0 fully known, 1 nothing learnt."""
+    weights: tuple[tuple[str, float], ...]
+    """How much of each value, by letter: changes of the logarithm in prior standard deviations, of unit length."""
 
     @property
-    def open_sides(self) -> tuple[bool, bool]:
-        """Whether the interval is limited by nothing but the bound, below and above."""
-        below, above = (
-            math.isclose(end, bound, rel_tol=1e-9) for end, bound in zip(self.interval, self.bounds, strict=True)
-        )
-        return below, above
+    def words(self) -> str:
+        """What it combines, such as ``"K_v traded with K_Hz"``."""
+        named = sorted((one for one in self.weights if abs(one[1]) > SHOWN), key=lambda one: -abs(one[1]))
+        letters = [letter for letter, _ in named]
+        if len(letters) == 1:
+            told = f"{letters[0]} alone"
+        elif len(letters) == 2:
+            same = named[0][1] * named[1][1] > 0
+            kind = "product" if same else "ratio"
+            told = f"the {kind} of {letters[0]} and {letters[1]}"
+        else:
+            told = ", ".join(letters[:-1]) + f" and {letters[-1]} together"
+        if self.share > UNIDENTIFIED_SHARE:
+            return f"flat: {' traded with '.join(letters)}"
+        return f"{told}: known to {self.share:.2g} of the prior"
 
 
-def posterior_covariance(
-    objective: Objective, point: Float[np.ndarray, " unknown"]
-) -> Float[np.ndarray, "unknown unknown"]:
-    """Covariance of the coordinates found, about the truth.
+@dataclass(frozen=True, eq=False)
+class IdentifiabilityReport:
+    """What can be told of what was searched, around one point."""
 
-    A search weighs every line by its own `Comparison.sigma`, as if errors were independent: with W those weights,
-    J the sensitivities and P the priors' covariance it finds the truth plus H^-1 (J' W e + P^-1 d), H = J' W J + P^-1,
-    where e is what the twin misses and d how far the truth is from the priors' means. Errors of a real machine are
-    larger and shared by many lines, so e is given the covariance V of `discrepancy`, estimated from the residuals:
+    names: tuple[str, ...]
+    """Coordinates, as in `Unknowns.names`."""
+    estimates: tuple[Estimate, ...]
+    """The six values with intervals and verdicts."""
+    std: Float[np.ndarray, " unknown"]
+    """Posterior standard deviation of each coordinate."""
+    prior_std: Float[np.ndarray, " unknown"]
+    """Prior standard deviation of each."""
+    correlation: Float[np.ndarray, "unknown unknown"]
+    """Posterior correlation."""
+    standing: tuple[Standing, ...]
+    """A word for each coordinate: ``dead``: no line changes with it; ``flat``: the posterior is the prior; ``traded
+    off``: the lines change with it, but as with others; ``at bound``; ``weak``; ``identified``."""
+    directions: tuple[Direction, ...]
+    """Independent combinations of the six values, the best known first."""
+    condition_number: float
+    """Greatest over least eigenvalue of the Fisher information of the six logarithms, nuisances integrated out."""
+    discrepancy: Discrepancy
+    """What the twin lacks, as the lines show it."""
+    profiles: tuple[Profile, ...] = ()
+    """Profile likelihoods, where they were asked for."""
+    gains: tuple[Gain, ...] = ()
+    """What further measurements would tell, where that was asked for, the best first."""
 
-        H^-1 (J' W V W J + P^-1) H^-1
+    @property
+    def share(self) -> Float[np.ndarray, " unknown"]:
+        """Posterior over prior standard deviation of each coordinate."""
+        return self.std / self.prior_std
 
-    (the sandwich of Huber 1967 and White 1982, doi:10.2307/1912526, with Kennedy and O'Hagan's discrepancy between). It
-    is the Fisher information's inverse where the twin meets the lines as expected; no coordinate is less certain than
-    its prior.
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What a reader should know, in sentences."""
+        by: dict[str, list[str]] = {}
+        for name, standing in zip(self.names[:6], self.standing, strict=False):
+            by.setdefault(standing, []).append(name)
+        told = [f"{', '.join(letters)}: {standing}." for standing, letters in by.items()]
+        told += [f"{one.words}." for one in self.directions]
+        told += _discrepancy_words(self.discrepancy)
+        if self.gains:
+            told.append(f"The best further measurement: {self.gains[0].words}.")
+        return tuple(told)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        return {
+            "names": list(self.names),
+            "estimates": [asdict(one) for one in self.estimates],
+            "std": self.std.tolist(),
+            "prior_std": self.prior_std.tolist(),
+            "correlation": self.correlation.tolist(),
+            "standing": list(self.standing),
+            "directions": [{"words": d.words, "share": d.share, "weights": dict(d.weights)} for d in self.directions],
+            "condition_number": self.condition_number if np.isfinite(self.condition_number) else None,
+            "discrepancy": {**asdict(self.discrepancy), "constants": dict(self.discrepancy.constants)},
+            "profiles": [one.to_dict() for one in self.profiles],
+            "gains": [one.to_dict() for one in self.gains],
+            "words": list(self.words),
+        }
+
+
+def identifiability(
+    objective: Objective,
+    point: Float[np.ndarray, " unknown"],
+    *,
+    with_profiles: bool = False,
+    with_gains: bool = False,
+) -> IdentifiabilityReport:
+    """What `objective` tells around `point`.
+
+    Parameters
+    ----------
+    with_profiles : walk the profile likelihoods of the six values too (about a hundred simulations).
+    with_gains : compare further measurements too.
     """
+    point = np.asarray(point, dtype=float)
     around = linearized(objective, point)
-    return sandwich(around, noise_covariance(around, discrepancy_of(around)))
+    lacking = discrepancy_of(around)
+    covariance = sandwich(around, noise_covariance(around, lacking))
+    std, prior = np.sqrt(np.diag(covariance)), objective.unknowns.deviation
+    correlation = covariance / np.outer(std, std)
+    return IdentifiabilityReport(
+        names=objective.unknowns.names,
+        estimates=estimates_of(objective, point, covariance),
+        std=std,
+        prior_std=prior,
+        correlation=correlation,
+        standing=tuple(_standings(around, std)),
+        directions=tuple(_directions(objective.unknowns.names[:6], covariance[:6, :6], prior[:6])),
+        condition_number=_condition_number(around),
+        discrepancy=lacking,
+        profiles=profiles(objective, point) if with_profiles else (),
+        gains=expected_information_gain(objective, point) if with_gains else (),
+    )
 
 
-def sandwich(around: Linearized, noise: Float[np.ndarray, "reading reading"]) -> Float[np.ndarray, "unknown unknown"]:
-    """The same where the covariance of measured minus simulated amplitudes is known."""
-    prior = around.objective.unknowns.deviation
-    scaled = around.slope / around.sigma[:, None] * prior  # in units of the priors: well conditioned if one is flat
-    weights = np.linalg.solve(scaled.T @ scaled + np.eye(len(prior)), np.hstack([scaled.T, np.eye(len(prior))]))
-    errors, shift = weights[:, : len(scaled)], weights[:, len(scaled) :]
-    covariance = errors @ (noise / np.outer(around.sigma, around.sigma)) @ errors.T + shift @ shift.T
-    excess = prior / np.maximum(1.0, np.sqrt(np.diag(covariance)))
-    return covariance * np.outer(excess, excess)
+def _standings(around: Linearized, std: np.ndarray) -> Iterable[Standing]:
+    unknowns = around.objective.unknowns
+    prior, point = unknowns.deviation, around.point
+    felt = np.linalg.norm(around.slope / around.sigma[:, None], axis=0) * prior
+    alone = prior / np.sqrt(1 + felt**2)  # were all others known
+    margin = BOUND_MARGIN * (unknowns.upper - unknowns.lower)
+    on_bound = (point - unknowns.lower < margin) | (unknowns.upper - point < margin)
+    for i in range(len(point)):
+        limit = IDENTIFIED_STD if i < 6 else UNIDENTIFIED_SHARE * prior[i] / 2
+        if felt[i] < DEAD:
+            yield "dead"
+        elif on_bound[i]:
+            yield "at bound"
+        elif std[i] <= limit:
+            yield "identified"
+        elif std[i] > TRADED * alone[i]:
+            yield "traded off"
+        else:
+            yield "flat" if std[i] > UNIDENTIFIED_SHARE * prior[i] else "weak"
 
 
-def estimates_of(
-    objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
-) -> tuple[Estimate, ...]:
-    """Each of the six values with its interval and verdict."""
-    space = objective.space
-    values, covariance, prior_std = np.exp(point[:6]), covariance[:6, :6], objective.unknowns.deviation
-    std = np.sqrt(np.diag(covariance))
-    correlation = np.abs(covariance / np.outer(std, std)) - np.eye(6)
-    found = []
-    for i, name in enumerate(PARAMETERS):
-        partner = int(np.argmax(correlation[i]))
-        low, high = float(np.log(space.lower[i])), float(np.log(space.upper[i]))
-        found.append(
-            Estimate(
-                name=name,
-                letter=LETTERS[name],
-                unit="N*s/m" if name.endswith("damping") else "N/m",
-                nominal=float(space.nominal[i]),
-                value=float(values[i]),
-                log_std=float(std[i]),
-                interval=_interval(float(np.log(values[i])), float(std[i]), low, high),
-                bounds=(float(space.lower[i]), float(space.upper[i])),
-                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high),
-                traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
-            )
-        )
-    return tuple(found)
+def _directions(letters: tuple[str, ...], covariance: np.ndarray, prior: np.ndarray) -> Iterable[Direction]:
+    variance, vectors = np.linalg.eigh(covariance / np.outer(prior, prior))
+    for value, vector in zip(variance, vectors.T, strict=True):
+        sign = np.sign(vector[np.argmax(np.abs(vector))])
+        weights = tuple(zip(letters, (float(w) for w in sign * vector), strict=True))
+        yield Direction(float(np.sqrt(max(value, 0.0))), weights)
 
 
-def _interval(center: float, std: float, low: float, high: float) -> tuple[float, float]:
-    """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is always within."""
-    below, above = (low - center) / std, (high - center) / std
-    wanted = COVERAGE * (ndtr(above) - ndtr(below))
-
-    def surplus(half: float) -> float:
-        return float(ndtr(min(above, half)) - ndtr(max(below, -half)) - wanted)
-
-    half = std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
-    return math.exp(max(low, center - half)), math.exp(min(high, center + half))
+def _condition_number(around: Linearized) -> float:
+    scaled = around.slope / around.sigma[:, None]
+    values, rest = scaled[:, :6], scaled[:, 6:] * around.objective.unknowns.deviation[6:]
+    inner = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]), rest.T @ values)
+    return float(np.linalg.cond(values.T @ values - values.T @ rest @ inner))
 
 
-def _verdict(center: float, std: float, prior_std: float, low: float, high: float) -> Verdict:
-    if min(center - low, high - center) < BOUND_MARGIN * (high - low):
-        return "at bound"
-    if std > UNIDENTIFIED_SHARE * prior_std:
-        return "not identified"
-    return "identified" if std <= IDENTIFIED_STD else "weak"
+def _discrepancy_words(lacking: Discrepancy) -> list[str]:
+    told = [f"the {name} may be off by {share:.0%}" for name, share in lacking.constants if share > 0.02]
+    shapes = {
+        "lines of all channels by {:.0%} together": lacking.excitation,
+        "lines of one channel by {:.0%} together": lacking.path,
+        "single lines by {:.0%}": lacking.line,
+    }
+    told += [f"it misses {shape.format(share)}" for shape, share in shapes.items() if share > 0.02]
+    if not told:
+        return ["The twin meets the lines as well as expected."]
+    return [f"What the twin lacks, as its residuals show: {'; '.join(told)}. The intervals allow for it."]

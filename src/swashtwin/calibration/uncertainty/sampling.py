@@ -17,8 +17,7 @@ from jaxtyping import Float
 from swashtwin.calibration.methods.search import Progress, one_thread
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.uncertainty.discrepancy import discrepancy_of, linearized, noise_covariance
-from swashtwin.calibration.uncertainty.identifiability_report import posterior_covariance
-from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.calibration.uncertainty.posterior import Posterior, posterior_covariance
 from swashtwin.foundation import InputError, MissingExtraError, derive_seed
 
 TIMES = 50

@@ -84,6 +84,7 @@ from .learning import hold_out_specimens as hold_out_specimens
 from .learning import learn_confidence as learn_confidence
 from .learning import load_windows as load_windows
 from .learning import recording_groups as recording_groups
+from .learning import register_network as register_network
 from .learning import save_windows as save_windows
 from .learning import score_confidence as score_confidence
 from .learning import split_by_recording as split_by_recording
@@ -301,6 +302,7 @@ __all__ = [
     "read_recording",
     "read_recordings",
     "recording_groups",
+    "register_network",
     "resampled_by_angle",
     "rig_recordings",
     "rpm",

@@ -40,9 +40,9 @@ def test_a_filled_cell_is_written_for_training_and_its_likeness_told(index: Path
     assert told["compared_with"] == "training windows of the cell"
     assert told["likeness"]["discriminative_auroc"] is None  # the cell has one recording
     assert set(told["likeness"]["spectral_distance_db"]) == {"x", "y"}
-    windows, manifest = load_windows(out)
+    windows = load_windows(out)
     assert windows.synthetic.all()
-    assert len(manifest) == 10
+    assert len(windows.manifest) == 10
     model = tmp_path / "model.safetensors"
     facts = ("--test-fraction", 0, "--epochs", 1, "--channels", "2", "--out", model)
     trained = run_json("train", index, "--add", out, *facts)

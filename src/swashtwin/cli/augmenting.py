@@ -72,7 +72,7 @@ def augment(
     elif not own.any():
         compared, role = train.subset(train.label == label), "training windows of the class at other pressures"
     made = FILLERS[method](train, label=label, pressure=at, count=count, seed=seed)
-    save_windows(made, out, manifest=train.recording_id.tolist())
+    save_windows(made, out)
     likeness = _likeness(train, compared, made, seed)
     result: dict[str, Any] = {
         "windows": out, "method": method, "label": label, "pressure_pa": at, "count": len(made),

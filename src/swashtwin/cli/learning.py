@@ -111,8 +111,8 @@ def train(
         ),
     )  # fmt: skip
     added = [load_windows(path) for path in add or ()]
-    manifest = {name for _, names in added for name in names}
-    layout: dict[str, Any] = {"like": added[0][0]} if added else {"length": length}
+    manifest = {name for synthetic in added for name in synthetic.manifest}
+    layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
     recordings = open_recordings(source)
     windows = cut_windows(
         recordings,
@@ -133,7 +133,7 @@ def train(
         validation = without_overlap(validation)
         require_enough(len(set(validation.recording_id.tolist())), error_rate)
     _refuse_seen(held_out.recording_id.tolist(), manifest)
-    for synthetic, _ in added:
+    for synthetic in added:
         training = training + synthetic
     check_disjoint(training, held_out)
     shape = given(
@@ -144,12 +144,11 @@ def train(
     with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
         with progress("training") as bar:
             classifier = fit(
-                build_network(network, training.n_channels, len(training.classes), **shape),
+                build_network(network, training.n_channels, len(training.classes), length=training.length, **shape),
                 training,
                 settings=settings,
                 seed=seed,
                 validation=validation,
-                manifest=manifest,
                 checkpoint=checkpoint,
                 resume=resume,
                 progress=lambda epoch: bar(epoch.number, settings.epochs, f"training, loss {epoch.loss:.4f}"),

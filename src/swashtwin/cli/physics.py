@@ -1,5 +1,6 @@
 """The command that uses what a twin learnt: synthesize."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -68,14 +69,14 @@ def synthesize(
         background="residual" if residual else "spectrum" if background else "none",
         posterior=found.posterior if draws and not nominal else None,
     )
-    manifest = {*found.recording_ids, *measured.recording_id.tolist()}
-    save_windows(windows, out, manifest=manifest)
+    windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *found.recording_ids})))
+    save_windows(windows, out)
     result = {
         "windows": out,
         "label": label,
         "count": len(windows),
         "length": windows.length,
-        "manifest": sorted(manifest),
+        "manifest": list(windows.manifest),
     }
     result |= {"classes": windows.classes, "seed": seed, "draws": draws and not nominal}
     told = f"{out}: {len(windows)} windows of {label}"

@@ -20,6 +20,7 @@ from swashtwin.learning import (
     Epoch,
     FittedBaseline,
     FittedClassifier,
+    Network,
     Scores,
     TrainingSettings,
     WindowSet,
@@ -28,6 +29,7 @@ from swashtwin.learning import (
     evaluate,
     fit,
     fit_baseline,
+    has_network,
     learn_confidence,
     pooled_probabilities,
     split_by_recording,
@@ -157,7 +159,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         if self.network in BASELINES:
             fitted = fit_baseline(self.network, windows, seed=self.seed)
         else:
-            network = self._network(windows.n_channels, len(windows.classes))
+            network = self._network(windows)
             fitted = fit(network, windows, settings=settings, seed=self.seed, device=self.device, progress=progress)
         if validation is not None:
             validation = without_overlap(validation).with_classes(windows.classes)
@@ -263,8 +265,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             name: training[name] for name in usual if name not in _OWN_PARAMETERS and training[name] != usual[name]
         }
         settings = fitted.network.settings
-        plain = build_network(fitted.network.name, settings["n_channels"], settings["n_classes"]).settings
-        network = {name: value for name, value in settings.items() if value != plain[name]}
+        plain = build_network(
+            fitted.network.name, settings["n_channels"], settings["n_classes"], length=fitted.length
+        ).settings
+        network = {name: value for name, value in settings.items() if name not in plain or value != plain[name]}
         classifier = cls(
             fitted.network.name,
             window=fitted.length,
@@ -295,13 +299,14 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             )
         return TrainingSettings(**values, **other)
 
-    def _network(self, n_channels: int, n_classes: int) -> Any:
-        if self.network not in NETWORKS:
+    def _network(self, windows: WindowSet) -> Network:
+        if not has_network(self.network):
             raise InputError(
                 f"unknown network {self.network!r}; there are {', '.join(sorted(NETWORKS))}, and on vibration features "
                 f"{', '.join(sorted(BASELINES))}. An own one is added with register_network."
             )
-        return build_network(self.network, n_channels, n_classes, **(self.network_settings or {}))
+        settings = self.network_settings or {}
+        return build_network(self.network, windows.n_channels, len(windows.classes), length=windows.length, **settings)
 
     def _training_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
         """Labeled windows, with `classes_` set where `X` is an array."""

@@ -1,21 +1,19 @@
-"""A fitted classifier as one safetensors file: tensors, and a JSON card that holds everything else.
+"""A fitted classifier as an artifact: its weights, and a card that holds everything else."""
 
-Reading it runs no code. A SHA-256 over tensors and card tells a damaged or edited file; it is no signature, since
-whoever edits the file on purpose can write a new sum.
-"""
-
-import hashlib
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, from_numpy
 
-from swashtwin.foundation import ArtifactError, InputError, MissingFileError, replacing
+from swashtwin.foundation import (
+    ArtifactError,
+    add_prefix,
+    read_artifact,
+    refuse_misfits,
+    select_prefix,
+    write_artifact,
+)
 from swashtwin.learning import (
     NETWORKS,
     Confidence,
@@ -26,11 +24,10 @@ from swashtwin.learning import (
     TrainingSettings,
     WindowLayout,
     build_network,
+    has_network,
 )
 
-FORMAT = "swashtwin-classifier"
-VERSION = "1"
-"""Version of the file's form; another one is refused."""
+_KIND, _VERSION = "classifier", 2
 
 
 def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
@@ -39,26 +36,14 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
     Raises
     ------
     ArtifactError
-        The network is not in the registry, so that nobody could build it again from the file.
+        The network is not registered, so that nobody could build it again from the file; or a weight is not finite.
     """
     if NETWORKS.get(classifier.network.name) is not type(classifier.network):
         raise ArtifactError(
-            f"{type(classifier.network).__name__} is not in swashtwin.learning.networks.NETWORKS; register it."
+            f"the network {type(classifier.network).__name__} is not registered, so its file could not be loaded; use "
+            "register_network first."
         )
-    tensors = {f"network.{name}": tensor for name, tensor in classifier.network.state_dict().items()}
-    tensors["normalization.mean"] = from_numpy(classifier.normalization.mean)
-    tensors["normalization.deviation"] = from_numpy(classifier.normalization.deviation)
-    if classifier.training_reference is not None:
-        tensors["known.features"] = from_numpy(classifier.training_reference.features)
-    if classifier.confidence is not None:
-        tensors["confidence.nonconformity_score"] = from_numpy(classifier.confidence.nonconformity_score)
-        tensors["confidence.ood_score"] = from_numpy(classifier.confidence.ood_score)
-    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    card = _card(classifier)
-    note = {"version": VERSION, "card": card, "sha256": _checksum(tensors, card)}
-    with replacing(Path(path)) as temporary:  # one key, since safetensors writes several in an order of its own
-        save_file(tensors, temporary, metadata={FORMAT: json.dumps(note, sort_keys=True)})
-    return Path(path)
+    return write_artifact(path, _KIND, _VERSION, _card(classifier), _tensors(classifier))
 
 
 def load_classifier(path: Path | str) -> FittedClassifier:
@@ -69,43 +54,35 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     MissingFileError
         There is no such file.
     ArtifactError
-        The file is damaged, edited, no classifier, or of another version.
+        The file is damaged, edited, no classifier, of another version, or its network is not registered.
     """
-    if not Path(path).is_file():
-        raise MissingFileError(f"{path} does not exist; a classifier is saved with save_classifier(classifier, path).")
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as cause:
-        raise ArtifactError(f"{path} is damaged or no saved classifier ({cause}).") from cause
-    if FORMAT not in metadata:
-        raise ArtifactError(f"{path} holds no swashtwin classifier; save one with save_classifier(classifier, path).")
-    try:
-        note = json.loads(metadata[FORMAT])
-        version, card, checksum = note["version"], note["card"], note["sha256"]
-    except (ValueError, KeyError, TypeError) as cause:
-        raise ArtifactError(f"{path} is damaged: its card cannot be read.") from cause
-    if version != VERSION:
-        raise ArtifactError(f"{path} has the version {version}, this swashtwin reads version {VERSION}; save it again.")
-    if checksum != _checksum(tensors, card):
-        raise ArtifactError(f"{path} was changed after it was saved (its SHA-256 does not fit); fetch it again.")
-    try:
-        return _classifier(tensors, card)
-    except (InputError, KeyError, TypeError, RuntimeError) as cause:
-        reason = str(cause).splitlines()[0]
-        raise ArtifactError(f"{path} does not fit this swashtwin ({reason}); was it saved by a newer one?") from cause
+    advice = "a classifier is saved with save_classifier(classifier, path), or by swashtwin train"
+    card, tensors = read_artifact(path, _KIND, _VERSION, advice=advice)
+    with refuse_misfits(path, _KIND):
+        name = str(card["network"]["name"])
+        if not has_network(name):
+            raise ArtifactError(
+                f"{path} has the network {name!r}, which is not registered here; call register_network({name!r}, ...) "
+                "with the same network before loading."
+            )
+        return _classifier(card, tensors)
+
+
+def _tensors(classifier: FittedClassifier) -> dict[str, Tensor]:
+    tensors = add_prefix("network", classifier.network.state_dict())
+    tensors["normalization.mean"] = from_numpy(classifier.normalization.mean)
+    tensors["normalization.deviation"] = from_numpy(classifier.normalization.deviation)
+    if classifier.training_reference is not None:
+        tensors["training_reference.features"] = from_numpy(classifier.training_reference.features)
+    if classifier.confidence is not None:
+        tensors["confidence.nonconformity_score"] = from_numpy(classifier.confidence.nonconformity_score)
+        tensors["confidence.ood_score"] = from_numpy(classifier.confidence.ood_score)
+    return tensors
 
 
 def _card(classifier: FittedClassifier) -> dict[str, Any]:
-    known, confidence = classifier.training_reference, classifier.confidence
-    extra: dict[str, Any] = (
-        {} if known is None else {"known": {"recording_id": known.recording_id, "label": known.label}}
-    )
-    if confidence is not None:
-        extra["confidence"] = {"temperature": confidence.temperature, "error_rate": confidence.error_rate}
+    reference, confidence = classifier.training_reference, classifier.confidence
     return {
-        **extra,
         "network": {"name": classifier.network.name, "settings": classifier.network.settings},
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
@@ -116,53 +93,46 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         "manifest": classifier.manifest,
         "pressures": classifier.pressures,
         "speeds": classifier.speeds,
+        "training_reference": None
+        if reference is None
+        else {"recording_id": reference.recording_id, "label": reference.label},
+        "confidence": None
+        if confidence is None
+        else {"temperature": confidence.temperature, "error_rate": confidence.error_rate},
     }
 
 
-def _classifier(tensors: dict[str, Tensor], card: dict[str, Any]) -> FittedClassifier:
+def _classifier(card: dict[str, Any], tensors: dict[str, Tensor]) -> FittedClassifier:
     network = build_network(card["network"]["name"], **card["network"]["settings"])
-    weights = {name.removeprefix("network."): tensor for name, tensor in tensors.items() if name.startswith("network.")}
-    network.load_state_dict(weights)
+    network.load_state_dict(select_prefix("network", tensors))
+    scaling = select_prefix("normalization", tensors)
     return FittedClassifier(
         network=network.eval(),
         classes=tuple(card["classes"]),
         layout=WindowLayout(**{**card["layout"], "channels": tuple(card["layout"]["channels"])}),
-        normalization=Normalization(
-            card["normalization"], tensors["normalization.mean"].numpy(), tensors["normalization.deviation"].numpy()
-        ),
+        normalization=Normalization(card["normalization"], scaling["mean"].numpy(), scaling["deviation"].numpy()),
         settings=TrainingSettings(**card["settings"]),
         seed=card["seed"],
         history=tuple(Epoch(**epoch) for epoch in card["history"]),
         manifest=tuple(card["manifest"]),
         pressures=tuple(card["pressures"]),
         speeds=tuple(card["speeds"]),
-        training_reference=_known(tensors, card),
-        confidence=_confidence(tensors, card),
+        training_reference=_reference(card["training_reference"], tensors),
+        confidence=_confidence(card["confidence"], tensors),
     )
 
 
-def _known(tensors: dict[str, Tensor], card: dict[str, Any]) -> TrainingReference | None:
-    """None for a file from before recordings were kept, and where all windows were synthetic."""
-    if "known" not in card:
+def _reference(names: dict[str, Any] | None, tensors: dict[str, Tensor]) -> TrainingReference | None:
+    """None where all training windows were synthetic."""
+    if names is None:
         return None
-    names = card["known"]
-    return TrainingReference(tuple(names["recording_id"]), tuple(names["label"]), tensors["known.features"].numpy())
+    features = tensors["training_reference.features"].numpy()
+    return TrainingReference(tuple(names["recording_id"]), tuple(names["label"]), features)
 
 
-def _confidence(tensors: dict[str, Tensor], card: dict[str, Any]) -> Confidence | None:
-    """None where nobody asked for it, and for a file from before it was kept or whose unknown was told otherwise."""
-    if "confidence" not in card or "confidence.ood_score" not in tensors:
+def _confidence(values: dict[str, Any] | None, tensors: dict[str, Tensor]) -> Confidence | None:
+    """None where the confidence was not calibrated."""
+    if values is None:
         return None
-    nonconformity_score, ood_score = (
-        tensors[f"confidence.{name}"].numpy() for name in ("nonconformity_score", "ood_score")
-    )
-    return Confidence(nonconformity_score=nonconformity_score, ood_score=ood_score, **card["confidence"])
-
-
-def _checksum(tensors: dict[str, Tensor], card: dict[str, Any]) -> str:
-    digest = hashlib.sha256(f"{FORMAT} {VERSION}\n{json.dumps(card, sort_keys=True)}\n".encode())
-    for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name].numpy())
-        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(array.tobytes())
-    return digest.hexdigest()
+    scores: dict[str, Any] = {name: tensor.numpy() for name, tensor in select_prefix("confidence", tensors).items()}
+    return Confidence(**scores, **values)

@@ -1,11 +1,13 @@
 """Names that other rooms import, and where each lives."""
 
-from .artifacts import damaged as damaged
-from .artifacts import named as named
+from .artifacts import add_prefix as add_prefix
 from .artifacts import optimizer_tensors as optimizer_tensors
+from .artifacts import read_artifact as read_artifact
 from .artifacts import read_run as read_run
+from .artifacts import refuse_misfits as refuse_misfits
 from .artifacts import restore_optimizer as restore_optimizer
-from .artifacts import under as under
+from .artifacts import select_prefix as select_prefix
+from .artifacts import write_artifact as write_artifact
 from .artifacts import write_run as write_run
 from .compiling import compiled as compiled
 from .errors import ArtifactError as ArtifactError
@@ -48,28 +50,30 @@ __all__ = [
     "StabilityError",
     "SwashTwinError",
     "UnitError",
+    "add_prefix",
     "bar",
     "celsius",
     "compiled",
-    "damaged",
     "deg",
     "derive_seed",
     "hertz",
     "holm_correction",
     "is_unit",
     "mm",
-    "named",
     "optimizer_tensors",
     "parse",
+    "read_artifact",
     "read_run",
+    "refuse_misfits",
     "replacing",
     "restore_optimizer",
     "rpm",
+    "select_prefix",
     "sha256_of",
     "stream",
     "um",
-    "under",
     "whole_folder",
+    "write_artifact",
     "write_run",
     "write_text",
 ]

@@ -1,39 +1,141 @@
-"""Runs that take long, on disk: what a run is, how far it came and its tensors, whole in one safetensors file.
+"""Artifacts on disk: tensors and a JSON card in one safetensors file, with a version and a checksum.
 
-No interrupt separates what belongs together, and reading a file runs no code.
+Trained classifiers, window sets and runs that can go on are all such files. Reading one runs no code. A SHA-256 over
+kind, version, card and tensors tells a damaged or edited file; it is no signature, since whoever edits a file on
+purpose can write a new checksum. A crash while writing leaves the file as it was.
 """
 
+import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from swashtwin.foundation.errors import ArtifactError, InputError
+from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
 from swashtwin.foundation.files import replacing
 
+_KEY = "swashtwin"
+"""The one entry of a file's metadata; safetensors would write several in an order of its own."""
 
-def write_run(path: Path, form: str, run: Mapping[str, Any], tensors: Mapping[str, Tensor], state: object) -> None:
-    """Put a run's state into `path`; a crash leaves the file as it was.
+
+def write_artifact(
+    path: Path | str,
+    kind: str,
+    version: int,
+    card: Mapping[str, Any],
+    tensors: Mapping[str, Tensor],
+    *,
+    may_be_nan: Sequence[str] | None = (),
+) -> Path:
+    """`path`, after the artifact was written to it whole.
 
     Parameters
     ----------
-    form : name of the file's format.
-    run : what the run is, as JSON can hold it; `read_run` refuses the file to any other.
+    kind : what it is, such as ``"classifier"``.
+    version : version of the kind's card and tensors.
+    card : everything that is no tensor, as JSON can hold it.
     tensors : by name.
+    may_be_nan : names of the tensors that may hold NaN or infinity; None for all.
+
+    Raises
+    ------
+    ArtifactError
+        A tensor holds NaN or infinity.
+    """
+    saved = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    _require_finite(f"the {kind} is not saved to {path}", saved, may_be_nan)
+    card = json.loads(json.dumps(dict(card)))
+    note = {"kind": kind, "version": version, "card": card, "sha256": _checksum(kind, version, card, saved)}
+    with replacing(Path(path)) as temporary:
+        save_file(saved, temporary, metadata={_KEY: json.dumps(note, sort_keys=True)})
+    return Path(path)
+
+
+def read_artifact(
+    path: Path | str, kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
+) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """(card, tensors) that `write_artifact` wrote.
+
+    Parameters
+    ----------
+    kind, version, may_be_nan : as in `write_artifact`; another kind or version is refused.
+    advice : how to come by a good file, such as ``"save it again"``; ends each message.
+
+    Raises
+    ------
+    MissingFileError
+        There is no such file.
+    ArtifactError
+        The file is damaged, edited, something else, of another version, or a tensor holds NaN or infinity.
+    """
+    if not Path(path).is_file():
+        raise MissingFileError(f"{path} does not exist; {advice}.")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as cause:
+        reason = str(cause).splitlines()[0]
+        raise ArtifactError(f"{path} is damaged or no saved {kind} ({reason}); {advice}.") from cause
+    if _KEY not in metadata:
+        former = re.search(r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?", " ".join([*metadata, *metadata.values()]))
+        what = f"has the former format {former[0]}" if former else "was not written by swashtwin"
+        raise ArtifactError(f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}.")
+    try:
+        note = json.loads(metadata[_KEY])
+        found, card, checksum = (str(note["kind"]), note["version"]), note["card"], note["sha256"]
+    except (ValueError, KeyError, TypeError, RecursionError) as cause:
+        raise ArtifactError(f"{path} is damaged: its card cannot be read; {advice}.") from cause
+    if found[0] != kind:
+        raise ArtifactError(f"{path} holds a {found[0][:40]!r}, not a {kind}; {advice}.")
+    if found[1] != version:
+        raise ArtifactError(
+            f"{path} has version {str(found[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
+        )
+    if checksum != _checksum(kind, version, card, tensors):
+        raise ArtifactError(f"{path} was changed after it was saved (its SHA-256 does not match); {advice}.")
+    _require_finite(str(path), tensors, may_be_nan)
+    return card, tensors
+
+
+@contextmanager
+def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
+    """Within it, building an object from a card turns every misfit into an `ArtifactError` of one line."""
+    try:
+        yield
+    except ArtifactError:
+        raise
+    except (InputError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as cause:
+        reason = (str(cause).splitlines() or [type(cause).__name__])[0]
+        raise ArtifactError(
+            f"{path} is a {kind} that does not fit this swashtwin ({reason}); was it saved by a newer one?"
+        ) from cause
+
+
+def write_run(
+    path: Path, kind: str, version: int, run: Mapping[str, Any], tensors: Mapping[str, Tensor], state: object
+) -> None:
+    """Put a run's state into `path`.
+
+    Parameters
+    ----------
+    kind, version : of the file.
+    run : what the run is, as JSON can hold it; `read_run` refuses the file to any other.
+    tensors : by name; they may hold infinity.
     state : what else it needs to go on, as JSON can hold it.
     """
-    text = json.dumps({"run": dict(run), "state": state})
-    held = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with replacing(path) as temporary:
-        save_file(held, temporary, metadata={"format": form, "run": text})
+    write_artifact(path, kind, version, {"run": dict(run), "state": state}, tensors, may_be_nan=None)
 
 
-def read_run(path: Path, form: str, run: Mapping[str, Any]) -> tuple[dict[str, Tensor], Any]:
+def read_run(path: Path, kind: str, version: int, run: Mapping[str, Any]) -> tuple[dict[str, Tensor], Any]:
     """Tensors and state that `write_run` put into `path` for the same run.
 
     Raises
@@ -43,36 +145,20 @@ def read_run(path: Path, form: str, run: Mapping[str, Any]) -> tuple[dict[str, T
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as cause:
-        raise ArtifactError(f"{path} is damaged or no checkpoint ({cause}); delete it to start again.") from cause
-    if metadata.get("format") != form:
-        raise ArtifactError(
-            f"{path} has the format {metadata.get('format')!r}, this version reads {form!r}; delete it to start anew."
-        )
-    try:
-        saved = json.loads(metadata["run"])
-        _require_same_run(path, saved["run"], json.loads(json.dumps(dict(run))))
-        return tensors, saved["state"]
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as cause:
-        raise damaged(path, cause) from cause
+    card, tensors = read_artifact(path, kind, version, advice="delete it to start again", may_be_nan=None)
+    with refuse_misfits(path, kind):
+        saved, state = dict(card["run"]), card["state"]
+    _require_same_run(path, saved, json.loads(json.dumps(dict(run))))
+    return tensors, state
 
 
-def damaged(path: Path, cause: Exception) -> ArtifactError:
-    """The error that says so of a checkpoint in which something is missing or of another form."""
-    return ArtifactError(f"{path} is damaged ({type(cause).__name__}); delete it to start again.")
-
-
-def named(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def add_prefix(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The same under names that begin with `prefix` and a point."""
     return {f"{prefix}.{name}": tensor for name, tensor in tensors.items()}
 
 
-def under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Those that `named` put under `prefix`, by their own names."""
+def select_prefix(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Those that `add_prefix` put under `prefix`, by their own names."""
     start = f"{prefix}."
     return {name.removeprefix(start): tensor for name, tensor in tensors.items() if name.startswith(start)}
 
@@ -92,12 +178,29 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Te
     optimizer.load_state_dict({**optimizer.state_dict(), "state": states})
 
 
-def _require_same_run(path: Path, saved: dict[str, Any], asked: dict[str, Any]) -> None:
-    for name in {**asked, **saved}:
-        if saved.get(name) != asked.get(name):
+def _require_finite(where: str, tensors: Mapping[str, Tensor], may_be_nan: Sequence[str] | None) -> None:
+    for name, tensor in tensors.items():
+        if may_be_nan is None or name in may_be_nan or not tensor.is_floating_point():
+            continue
+        if not bool(torch.isfinite(tensor).all()):
+            raise ArtifactError(f"{where}: {name} holds NaN or infinity.")
+
+
+def _checksum(kind: str, version: int, card: Any, tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256(f"{kind} {version}\n{json.dumps(card, sort_keys=True)}\n".encode())
+    for name in sorted(tensors):
+        array = np.ascontiguousarray(tensors[name].numpy())
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _require_same_run(path: Path, saved: dict[str, Any], run: dict[str, Any]) -> None:
+    for name in {**run, **saved}:
+        if saved.get(name) != run.get(name):
             raise InputError(
                 f"{path} is of another run: its {name} is {_short(saved.get(name))}, this run's is "
-                f"{_short(asked.get(name))}; name another checkpoint, or repeat what it was made with."
+                f"{_short(run.get(name))}; name another checkpoint, or repeat the settings it was written with."
             )
 
 

@@ -32,6 +32,8 @@ from .networks.bitcn import BiTCN as BiTCN
 from .networks.network import Network as Network
 from .networks.registry import NETWORKS as NETWORKS
 from .networks.registry import build_network as build_network
+from .networks.registry import has_network as has_network
+from .networks.registry import register_network as register_network
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.confidence import Confidence as Confidence
@@ -107,6 +109,7 @@ __all__ = [
     "fit_extra_trees",
     "g_mean",
     "group_folds",
+    "has_network",
     "hold_out",
     "hold_out_specimens",
     "learn_confidence",
@@ -116,6 +119,7 @@ __all__ = [
     "recalls",
     "recording_answers",
     "recording_groups",
+    "register_network",
     "require_enough",
     "rows_of",
     "save_windows",

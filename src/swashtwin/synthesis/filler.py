@@ -90,6 +90,8 @@ def build_windows(
 ) -> WindowSet:
     """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
 
+    The recordings of `like` had a part in them, and are in their manifest.
+
     Parameters
     ----------
     name : of the filler; begins their recordings' ids.
@@ -113,6 +115,7 @@ def build_windows(
         sample_rate=like.sample_rate,
         channels=like.channels,
         unit=like.unit,
+        manifest=tuple(sorted({*like.manifest, *like.recording_id.tolist()})),
     )
 
 

@@ -78,7 +78,7 @@ def synthesize(
     if condition is None and isinstance(source, Calibration):
         conditions = [fit.condition for fit in source.fits]
     posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
-    return simulate_windows(
+    windows = simulate_windows(
         [twin.at(condition) for condition in conditions],
         count=count,
         like=like,
@@ -87,6 +87,8 @@ def synthesize(
         background=background,
         posterior=posterior,
     )
+    calibrated_on = source.recording_ids if isinstance(source, Calibration) else ()
+    return replace(windows, manifest=tuple(sorted({*windows.manifest, *calibrated_on})))
 
 
 def simulate_windows(

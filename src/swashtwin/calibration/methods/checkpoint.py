@@ -18,16 +18,16 @@ from swashtwin.calibration.methods.search import Calibrator, Progress, Search
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.foundation import (
     InputError,
-    damaged,
-    named,
+    add_prefix,
     optimizer_tensors,
     read_run,
+    refuse_misfits,
     restore_optimizer,
-    under,
+    select_prefix,
     write_run,
 )
 
-FORMAT = "swashtwin-calibration-checkpoint-1"
+_KIND, _VERSION = "calibration checkpoint", 2
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,11 @@ class Checkpoint:
         records: Mapping[str, Float[np.ndarray, "..."]],
     ) -> None:
         """Put what is moved, Adam's moments, the step size and what was recorded so far into the file."""
-        kept = {name: torch.as_tensor(array) for name, array in records.items()}
-        tensors = named("weights", weights) | named("optimizer", optimizer_tensors(optimizer)) | named("records", kept)
+        arrays = {name: torch.as_tensor(array) for name, array in records.items()}
+        tensors = add_prefix("weights", weights) | add_prefix("records", arrays)
+        tensors |= add_prefix("optimizer", optimizer_tensors(optimizer))
         state = {"schedule": schedule.state_dict(), "rates": [group["lr"] for group in optimizer.param_groups]}
-        write_run(self.path, FORMAT, self.job, tensors, state)
+        write_run(self.path, _KIND, _VERSION, self.job, tensors, state)
 
     def load(
         self, optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LRScheduler
@@ -76,16 +77,14 @@ class Checkpoint:
         """
         if not Path(self.path).exists():
             return {}, {}
-        tensors, state = read_run(self.path, FORMAT, self.job)
-        try:
-            restore_optimizer(optimizer, under("optimizer", tensors))
+        tensors, state = read_run(self.path, _KIND, _VERSION, self.job)
+        with refuse_misfits(self.path, _KIND):
+            restore_optimizer(optimizer, select_prefix("optimizer", tensors))
             schedule.load_state_dict(state["schedule"])
             for group, rate in zip(optimizer.param_groups, state["rates"], strict=True):
                 group["lr"] = rate
-        except (KeyError, TypeError, ValueError, RuntimeError) as cause:
-            raise damaged(self.path, cause) from cause
-        records = {name: tensor.numpy() for name, tensor in under("records", tensors).items()}
-        return under("weights", tensors), records
+        records = {name: tensor.numpy() for name, tensor in select_prefix("records", tensors).items()}
+        return select_prefix("weights", tensors), records
 
 
 @runtime_checkable

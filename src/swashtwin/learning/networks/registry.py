@@ -1,7 +1,11 @@
 """Networks by name."""
 
 import difflib
+from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import Any
+
+from torch import nn
 
 from swashtwin.foundation import InputError
 from swashtwin.learning.networks.ablations import BiTCNForward, BiTCNNoAttention, BiTCNOrdinary
@@ -10,6 +14,7 @@ from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
 from swashtwin.learning.networks.mlp import MLP
 from swashtwin.learning.networks.network import Network
+from swashtwin.learning.networks.own_module import OwnModule
 from swashtwin.learning.networks.recurrent import LSTM, BiGRU, BiLSTM
 from swashtwin.learning.networks.resnet1d import ResNet1d
 from swashtwin.learning.networks.sensor_graph import SensorGraph
@@ -26,17 +31,75 @@ NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLAS
 """Class of each network; a saved model is built again by its name here."""
 
 
-def build_network(name: str, n_channels: int, n_classes: int, **settings: Any) -> Network:
+_BUILT_IN = frozenset(NETWORKS)
+_ENTRY_POINTS = "swashtwin.networks"
+
+
+def register_network(name: str, network: type[Network] | Callable[..., nn.Module]) -> None:
+    """Make an own network known under `name`, to be trained, saved and loaded like any other.
+
+    A saved model names its network only, so the same call must come before it is loaded elsewhere. A package can have
+    it made automatically, for the command line too, by an entry point `name` of the group ``swashtwin.networks`` that
+    points at `network`.
+
+    Parameters
+    ----------
+    name : new name; registering it again replaces the earlier network.
+    network : a function, or a class, that gives a `torch.nn.Module` from ``(n_channels, n_classes, length)``. The
+        module takes scaled windows ``(window, channel, sample)`` and gives ``(window, class)`` scores before softmax.
+        Further arguments with defaults are settings. Or a subclass of `Network`, which has this `name`.
+
+    Raises
+    ------
+    InputError
+        The name belongs to a network of this package, or the class has another name.
+
+    Examples
+    --------
+    >>> def linear(n_channels, n_classes, length):
+    ...     return nn.Sequential(nn.Flatten(), nn.Linear(n_channels * length, n_classes))
+    >>> register_network("linear", linear)
+    >>> build_network("linear", 2, 5, length=64).n_classes
+    5
+    """
+    if name in _BUILT_IN or not name:
+        raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
+    if isinstance(network, type) and issubclass(network, Network):
+        if network.name != name:
+            raise InputError(f"{network.__name__}.name is {network.name!r}; register it under that name.")
+        NETWORKS[name] = network
+    else:
+        NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
+
+
+def has_network(name: str) -> bool:
+    """Whether a network has this name, be it registered or offered by the entry point of a package."""
+    if name not in NETWORKS:
+        for entry in entry_points(group=_ENTRY_POINTS, name=name):
+            register_network(name, entry.load())
+    return name in NETWORKS
+
+
+def build_network(name: str, n_channels: int, n_classes: int, *, length: int | None = None, **settings: Any) -> Network:
     """The network of that name with untrained weights.
+
+    Parameters
+    ----------
+    length : samples per window and channel; only networks from `register_network` need it.
 
     Raises
     ------
     InputError
         No network or none of its settings is called so (the nearest is offered), or a setting cannot be.
     """
-    if name not in NETWORKS:
+    if not has_network(name):
         near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
     kind = NETWORKS[name]
-    return kind(n_channels=n_channels, n_classes=n_classes, **checked_settings(kind, settings))
+    checked = checked_settings(kind, settings)
+    if issubclass(kind, OwnModule):
+        if length is None:
+            raise InputError(f"network {name!r} is built for one window length; give length=, in samples.")
+        checked["length"] = length
+    return kind(n_channels=n_channels, n_classes=n_classes, **checked)

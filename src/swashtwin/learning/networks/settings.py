@@ -1,4 +1,4 @@
-"""Settings of a network, held against what its constructor takes before anything is built."""
+"""Settings of a network, checked against its constructor before anything is built."""
 
 import difflib
 import inspect
@@ -9,17 +9,21 @@ from typing import Any
 
 from swashtwin.foundation import InputError
 from swashtwin.learning.networks.network import Network
+from swashtwin.learning.networks.own_module import OwnModule
 
 
 def default_settings(kind: type[Network]) -> dict[str, Any]:
-    """Default of every setting of a network by name; an ablation has those of the network that it takes a part from."""
-    found: dict[str, Any] = {}
-    for owner in kind.__mro__:
-        parameters = inspect.signature(vars(owner).get("__init__", kind.__init__)).parameters.values()
-        found |= {one.name: one.default for one in parameters if one.default is not one.empty}
-        if all(one.kind is not one.VAR_KEYWORD for one in parameters):
+    """Default of every setting of a network by name; a subclass has those of its base class too."""
+    defaults: dict[str, Any] = {}
+    constructors = [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]
+    if issubclass(kind, OwnModule):
+        constructors = [kind.build]
+    for constructor in constructors:
+        parameters = inspect.signature(constructor).parameters.values()
+        defaults |= {item.name: item.default for item in parameters if item.default is not item.empty}
+        if all(item.kind is not item.VAR_KEYWORD for item in parameters):
             break
-    return found
+    return defaults
 
 
 def checked_settings(kind: type[Network], settings: dict[str, Any]) -> dict[str, Any]:
@@ -29,16 +33,16 @@ def checked_settings(kind: type[Network], settings: dict[str, Any]) -> dict[str,
     ------
     InputError
         The network has no setting of that name (the nearest is offered), or its value is of another kind than the
-        default: a share or a word where a whole number is due, several numbers for one.
+        default: a share or a word instead of a whole number, or several numbers instead of one.
     """
-    taken = default_settings(kind)
+    defaults = default_settings(kind)
     checked = {}
     for word, value in settings.items():
-        if word not in taken:
-            near = difflib.get_close_matches(word, taken, n=1)
+        if word not in defaults:
+            near = difflib.get_close_matches(word, defaults, n=1)
             hint = f" Did you mean {near[0]}?" if near else ""
-            raise InputError(f"network {kind.name} has no setting {word!r}; it has {', '.join(taken)}.{hint}")
-        checked[word] = _checked(f"{kind.name}: {word}", value, taken[word])
+            raise InputError(f"network {kind.name} has no setting {word!r}; it has {', '.join(defaults)}.{hint}")
+        checked[word] = _checked(f"{kind.name}: {word}", value, defaults[word])
     return checked
 
 
@@ -49,14 +53,14 @@ def _checked(what: str, value: Any, default: Any) -> Any:
         entries = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
         return tuple(_checked(what, entry, default[0] if default else 1) for entry in entries)
     if isinstance(default, bool):
-        fits, due = isinstance(value, bool), "true or false"
+        fits, expected = isinstance(value, bool), "true or false"
     elif isinstance(default, int):
-        fits, due = isinstance(value, Integral) and not isinstance(value, bool), "a whole number"
+        fits, expected = isinstance(value, Integral) and not isinstance(value, bool), "a whole number"
     elif isinstance(default, float):
         fits = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-        due = "a number"
+        expected = "a number"
     else:
-        fits, due = isinstance(value, str), "a word"
+        fits, expected = isinstance(value, str), "a word"
     if not fits:
-        raise InputError(f"{what} ({value}) must be {due}; {default} is usual.")
+        raise InputError(f"{what} ({value}) must be {expected}; {default} is usual.")
     return type(default)(value)

@@ -1,7 +1,7 @@
 """A training run on disk: one file after each epoch, from which the run continues bit for bit.
 
-Weights, Adam's moments and the history stand in one file (`run_files`). Random states need no place: each epoch draws
-its order and its dropout from a stream that the seed and the epoch's number name.
+Weights, Adam's moments and the history are in one file. Random states are not saved: each epoch draws its order and its
+dropout from a stream that the seed and the epoch's number give.
 """
 
 from dataclasses import asdict
@@ -11,10 +11,18 @@ from typing import Any
 import torch
 from torch import nn
 
-from swashtwin.foundation import damaged, named, optimizer_tensors, read_run, restore_optimizer, under, write_run
+from swashtwin.foundation import (
+    add_prefix,
+    optimizer_tensors,
+    read_run,
+    refuse_misfits,
+    restore_optimizer,
+    select_prefix,
+    write_run,
+)
 from swashtwin.learning.training.settings import Epoch
 
-FORMAT = "swashtwin-checkpoint-2"
+_KIND, _VERSION = "training checkpoint", 3
 
 
 def save_checkpoint(
@@ -25,8 +33,8 @@ def save_checkpoint(
     history: tuple[Epoch, ...],
 ) -> None:
     """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
-    tensors = named("network", network.state_dict()) | named("optimizer", optimizer_tensors(optimizer))
-    write_run(path, FORMAT, run, tensors, [asdict(epoch) for epoch in history])
+    tensors = add_prefix("network", network.state_dict()) | add_prefix("optimizer", optimizer_tensors(optimizer))
+    write_run(path, _KIND, _VERSION, run, tensors, [asdict(epoch) for epoch in history])
 
 
 def load_checkpoint(
@@ -41,10 +49,8 @@ def load_checkpoint(
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    tensors, history = read_run(path, FORMAT, run)
-    try:
-        network.load_state_dict(under("network", tensors))
-        restore_optimizer(optimizer, under("optimizer", tensors))
+    tensors, history = read_run(path, _KIND, _VERSION, run)
+    with refuse_misfits(path, _KIND):
+        network.load_state_dict(select_prefix("network", tensors))
+        restore_optimizer(optimizer, select_prefix("optimizer", tensors))
         return tuple(Epoch(**epoch) for epoch in history)
-    except (KeyError, TypeError, ValueError, RuntimeError) as cause:
-        raise damaged(path, cause) from cause

@@ -131,6 +131,9 @@ def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet
             f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
             f"{windows.n_channels} and {len(windows.classes)}; build it with (train.n_channels, len(train.classes))."
         )
+    length = network.settings.get("length", windows.length)
+    if length != windows.length:
+        raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
     counts = np.bincount(windows.target, minlength=len(windows.classes))
     if not counts.all():
         raise DataError(

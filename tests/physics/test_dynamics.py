@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError
 from swashtwin.physics import assemble
@@ -15,7 +16,6 @@ from swashtwin.physics.dynamics import (
     off_axis_vector,
     piston_bore_shape,
     piston_points,
-    rigid_motions,
     slipper_swash_shape,
     swash_normal,
 )

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError, SwashTwinError, mm
 from swashtwin.physics.contacts import loose_slipper
 from swashtwin.physics.contacts.loose_slipper import LooseMotion, loose_motion, loose_slipper_lines
-from swashtwin.physics.dynamics import rigid_motions
 from swashtwin.physics.excitation import impacts
 from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
 

@@ -25,6 +25,7 @@ from .objective.measurement import GRAVITY as GRAVITY
 from .objective.measurement import measure as measure
 from .objective.spectrum_objective import Objective as Objective
 from .objective.spectrum_objective import objective_of as objective_of
+from .objective.unknowns import VALUES as VALUES
 from .objective.unknowns import Nuisances as Nuisances
 from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
 from .procedure import build_objective as build_objective
@@ -63,6 +64,7 @@ __all__ = [
     "PAPER_RATES",
     "QUANTILE",
     "THRESHOLD",
+    "VALUES",
     "Agreement",
     "Calibration",
     "Calibrator",

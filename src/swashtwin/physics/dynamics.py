@@ -15,6 +15,7 @@ Because the pistons are equal and equally spaced, their sum does not depend on t
 
 import math
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from functools import lru_cache
 from typing import Literal
 
@@ -24,16 +25,33 @@ from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from swashtwin.foundation import InputError
+from swashtwin.pump import InterfaceValue as Value
 from swashtwin.pump import Pump
 
-DEGREES_OF_FREEDOM = (
-    *("x_F", "y_F", "z_F", "a_F", "b_F"),
-    *("x_C", "y_C", "z_C", "a_C", "b_C"),
-    *("x_P", "y_P", "z_P"),
-)
-"""Names of the 13 generalized coordinates."""
 
-N_DOF = len(DEGREES_OF_FREEDOM)
+class Dof(IntEnum):
+    """Index of each degree of freedom; tilts are the rotations about x and y."""
+
+    SHELL_X = 0
+    SHELL_Y = 1
+    SHELL_Z = 2
+    SHELL_TILT_X = 3
+    SHELL_TILT_Y = 4
+    ROTOR_X = 5
+    ROTOR_Y = 6
+    ROTOR_Z = 7
+    ROTOR_TILT_X = 8
+    ROTOR_TILT_Y = 9
+    RETAINER_X = 10
+    RETAINER_Y = 11
+    RETAINER_Z = 12
+
+
+N_DOF = len(Dof)
+SHELL = slice(Dof.SHELL_X, Dof.SHELL_TILT_Y + 1)
+"""Degrees of freedom of the shell, which the sensors sit on."""
+ROTOR_XY = slice(Dof.ROTOR_X, Dof.ROTOR_Y + 1)
+"""Degrees of freedom on which the unbalance acts."""
 
 Topology = Literal["T1", "T2"]
 """T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in series.
@@ -78,7 +96,7 @@ class Structure:
         mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as the pump file says.
         """
         return (
-            self._interfaces(values[..., 1::2])
+            self._interfaces(values[..., Value.SLIPPER_SWASH_STIFFNESS :: 2])
             + _column(mount) * self.mount_stiffness
             + _column(bearing) * self.bearing_stiffness
             + self.spring_stiffness
@@ -86,7 +104,7 @@ class Structure:
 
     def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
         """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
-        return self._interfaces(values[..., 0::2]) + self.fixed_damping
+        return self._interfaces(values[..., Value.SLIPPER_SWASH_DAMPING :: 2]) + self.fixed_damping
 
     def _interfaces(self, factors: Tensor) -> Tensor:
         """Sum of the interfaces' shapes; unlike a matrix product, of the same bits in any batch."""
@@ -110,9 +128,9 @@ def moved(tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]) -> Shape
 
 def displacement_rows(pump: Pump, body: str, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 13"]:
     """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each coordinate."""
-    first = {"F": 0, "C": 5, "P": 10}[body]
+    first = {"F": Dof.SHELL_X, "C": Dof.ROTOR_X, "P": Dof.RETAINER_X}[body]
     center = {"F": pump.positions.shell, "C": pump.positions.rotor, "P": 0.0}[body]
-    rotation = {"F": 3, "C": 8, "P": 3}[body]  # the retainer turns with the swash plate
+    rotation = Dof.ROTOR_TILT_X if body == "C" else Dof.SHELL_TILT_X  # the retainer turns with the swash plate
     x, y, z = point[0], point[1], point[2] - center
     rows = np.zeros((3, N_DOF))
     rows[:, first : first + 3] = np.eye(3)
@@ -154,9 +172,9 @@ def block_valve_shape(pump: Pump) -> np.ndarray:
     """Outer-product matrix (13, 13) of the valve plate film, a ring of axial springs."""
     axial = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, pump.positions.valve_plate]))
     shape = np.outer(axial, axial)
-    for offset in (3, 4):
+    for rotor, shell in ((Dof.ROTOR_TILT_X, Dof.SHELL_TILT_X), (Dof.ROTOR_TILT_Y, Dof.SHELL_TILT_Y)):
         tilt = np.zeros(N_DOF)
-        tilt[5 + offset], tilt[offset] = 1.0, -1.0
+        tilt[rotor], tilt[shell] = 1.0, -1.0
         shape += pump.valve_plate.film_radius**2 / 2 * np.outer(tilt, tilt)
     return shape
 
@@ -183,7 +201,7 @@ def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
         row = _between(pump, axis, "F", None, point)
         stiffness += value * np.outer(row, row)
         damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
-    for rotation in (3, 4):
+    for rotation in (Dof.SHELL_TILT_X, Dof.SHELL_TILT_Y):
         stiffness[rotation, rotation] += mount.stiffness_tilt
         damping[rotation, rotation] += 2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
     return stiffness, damping
@@ -192,9 +210,9 @@ def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
 def _bearings(pump: Pump) -> np.ndarray:
     bearings = pump.bearings
     stiffness = np.zeros((N_DOF, N_DOF))
-    for place, value in zip(bearings.positions, bearings.stiffnesses, strict=True):
+    for position, value in zip(bearings.positions, bearings.stiffnesses, strict=True):
         for axis in (0, 1):
-            row = _between(pump, _AXES[axis], "C", "F", np.array([0.0, 0.0, place]))
+            row = _between(pump, _AXES[axis], "C", "F", np.array([0.0, 0.0, position]))
             stiffness += value * np.outer(row, row)
     row = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, bearings.positions[-1]]))
     return stiffness + bearings.axial_stiffness * np.outer(row, row)
@@ -245,16 +263,3 @@ def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray
     if topology == "T1":
         return _between(pump, _AXES[2], "P", "C", point) - _between(pump, _AXES[2], "P", "C", np.zeros(3))
     return _between(pump, swash_normal(pump), "C", "F", point) - slipper_swash_shape(pump, topology)[1]
-
-
-def rigid_motions(pump: Pump) -> Float[np.ndarray, "13 5"]:
-    """The five motions of the pump as one rigid body: x, y, z, and rotations about x and y through the origin."""
-    motions = np.zeros((N_DOF, 5))
-    centers = {0: pump.positions.shell, 5: pump.positions.rotor, 10: 0.0}
-    for first, center in centers.items():
-        motions[first : first + 3, :3] = np.eye(3)
-        for i in (0, 1):
-            motions[first : first + 3, 3 + i] = np.cross(_AXES[i], [0.0, 0.0, center])
-    for i in (0, 1):
-        motions[3 + i, 3 + i] = motions[8 + i, 3 + i] = 1.0
-    return motions

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.physics.dynamics import Structure, moved, off_axis_vector
+from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
 from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines
 from swashtwin.physics.recess import recess_of
 from swashtwin.physics.solvers.periodic import PeriodicTerm
@@ -29,6 +29,7 @@ from swashtwin.pump import (
     TiltedBlockFace,
     ValvePlateWear,
 )
+from swashtwin.pump import InterfaceValue as Value
 
 CONTACT_CUTOFF = 4000.0
 """Frequency [Hz] above which a slipper's contact no longer follows a recess (``contact="physical"``); an estimate."""
@@ -128,7 +129,10 @@ class FaultAction:
         strained = (values * gain[..., None])[..., None]
         force = (self.direct * gain[..., None] if self.pushes else self.direct)[..., None] * slipper_vector
         if self.strains:
-            for vector, damping, stiffness in ((self.film, 0, 1), (self.bore, 4, 5)):
+            for vector, damping, stiffness in (
+                (self.film, Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS),
+                (self.bore, Value.PISTON_BORE_DAMPING, Value.PISTON_BORE_STIFFNESS),
+            ):
                 film = strained[..., stiffness, :] * self.motion + strained[..., damping, :] * self.rate
                 force = force + film[..., None] * vector[..., None, :]
         return force
@@ -234,11 +238,12 @@ def turning_terms(fault: Fault | None, pump: Pump, values: Float[Tensor, "*batch
 
 @turning_terms.register(TiltedBlockFace)
 def _(fault: TiltedBlockFace, pump: Pump, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
-    axial, tilt = values.new_zeros(2, 13, dtype=values.dtype.to_complex())
-    axial[7], axial[2] = 1, -1
-    tilt[8], tilt[3], tilt[9], tilt[4] = 1, -1, 1j, -1j  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
+    axial, tilt = values.new_zeros(2, N_DOF, dtype=values.dtype.to_complex())
+    axial[Dof.ROTOR_Z], axial[Dof.SHELL_Z] = 1, -1
+    tilt[Dof.ROTOR_TILT_X], tilt[Dof.SHELL_TILT_X] = 1, -1
+    tilt[Dof.ROTOR_TILT_Y], tilt[Dof.SHELL_TILT_Y] = 1j, -1j  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
     pair = torch.outer(axial, tilt) + torch.outer(tilt, axial)
-    scale = values[..., 3, None, None] * fault.variation * pump.valve_plate.film_radius / 2
+    scale = values[..., Value.BLOCK_VALVE_STIFFNESS, None, None] * fault.variation * pump.valve_plate.film_radius / 2
     return [PeriodicTerm(1, scale * pair)]
 
 

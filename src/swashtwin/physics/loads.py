@@ -18,6 +18,7 @@ from jaxtyping import Complex, Float
 
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import Chambers, NotConverged, solve
+from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.recess import recess_of, slipper_profile
 from swashtwin.pump import (
@@ -339,10 +340,10 @@ def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndar
 def _shares(pump: Pump) -> np.ndarray:
     """What each degree of freedom takes of the resultants, for topology T1."""
     balance, tangent = pump.valve_plate.balance_ratio, math.tan(pump.rotating_group.swash_angle)
-    shares = np.zeros((13, 3))
-    shares[[2, 7, 12], 0] = balance, 1 - balance, -1.0
-    shares[[3, 8], 1] = balance - 1 - tangent**2, 1 - balance + tangent**2
-    shares[[4, 9], 2] = 1 - balance, balance - 1
+    shares = np.zeros((N_DOF, 3))
+    shares[[Dof.SHELL_Z, Dof.ROTOR_Z, Dof.RETAINER_Z], 0] = balance, 1 - balance, -1.0
+    shares[[Dof.SHELL_TILT_X, Dof.ROTOR_TILT_X], 1] = balance - 1 - tangent**2, 1 - balance + tangent**2
+    shares[[Dof.SHELL_TILT_Y, Dof.ROTOR_TILT_Y], 2] = 1 - balance, balance - 1
     return shares
 
 
@@ -375,14 +376,14 @@ def force_lines(
     """
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
-    lines = np.empty((len(cases), n_lines + 1, 13), dtype=complex)
+    lines = np.empty((len(cases), n_lines + 1, N_DOF), dtype=complex)
     for index, case in enumerate(cases):
         whole = _whole(max(steps, 2 * n_lines + 2), case)
         with _naming(index, case, whole):
             lines[index] = _all_force_lines(_pressing(case), whole)[: n_lines + 1]
     if topology == "T2":
-        lines[:, :, 7] += lines[:, :, 12]
-        lines[:, :, 12] = 0
+        lines[:, :, Dof.ROTOR_Z] += lines[:, :, Dof.RETAINER_Z]
+        lines[:, :, Dof.RETAINER_Z] = 0
     return lines
 
 
@@ -411,7 +412,7 @@ def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 1
     lines = (np.fft.rfft(resultants) * (2 / steps) * to_zero).T @ _shares(case.pump).T
     lines[0] /= 2
     unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
-    lines[1, 5] += unbalance
-    lines[1, 6] -= 1j * unbalance
+    lines[1, Dof.ROTOR_X] += unbalance
+    lines[1, Dof.ROTOR_Y] -= 1j * unbalance
     lines.flags.writeable = False
     return lines

@@ -30,6 +30,7 @@ from .parameters import PARAMETERS as PARAMETERS
 from .parameters import Bearings as Bearings
 from .parameters import Interface as Interface
 from .parameters import Interfaces as Interfaces
+from .parameters import InterfaceValue as InterfaceValue
 from .parameters import Pump as Pump
 from .parameters import Sensor as Sensor
 from .parsing import read_condition as read_condition
@@ -49,6 +50,7 @@ __all__ = [
     "Fault",
     "GrooveErosion",
     "Interface",
+    "InterfaceValue",
     "Interfaces",
     "LooseSlipper",
     "OperatingCondition",

@@ -6,6 +6,7 @@ Pumps live in TOML files, which `pump_files` reads; ``pumps/25scy14-1b.toml`` is
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any
@@ -21,6 +22,18 @@ PARAMETERS = (
     "piston_bore.stiffness",
 )
 """The six values that calibration finds, in the order of every vector of them."""
+
+
+class InterfaceValue(IntEnum):
+    """Index of each of the six values in the order of `PARAMETERS`."""
+
+    SLIPPER_SWASH_DAMPING = 0
+    SLIPPER_SWASH_STIFFNESS = 1
+    BLOCK_VALVE_DAMPING = 2
+    BLOCK_VALVE_STIFFNESS = 3
+    PISTON_BORE_DAMPING = 4
+    PISTON_BORE_STIFFNESS = 5
+
 
 LETTERS = MappingProxyType(
     {

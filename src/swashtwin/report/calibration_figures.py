@@ -197,7 +197,7 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
     panel.axvline(1, color=NOMINAL, linewidth=1.2)
     panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
     names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
-    panel.set(ylim=(-0.6, 5.6), yticks=range(6), yticklabels=names)
+    panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
     panel.grid(axis="y", visible=False)
     ratio_axis(panel, "x", "value over nominal value")
     caption = (

@@ -1,6 +1,6 @@
 """Part of the page about an identifiability report."""
 
-from swashtwin.calibration import IdentifiabilityReport
+from swashtwin.calibration import VALUES, IdentifiabilityReport
 from swashtwin.report.identifiability_figures import coordinate_words, identifiability_drawings
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
@@ -21,7 +21,7 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
 
 def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
     """What came out, in plain words."""
-    standing = dict(zip(report.names[:6], report.standing, strict=False))
+    standing = dict(zip(report.names[VALUES], report.standing, strict=False))
     identified, weak = (
         [name for name, word in standing.items() if word == verdict] for verdict in ("identified", "weak")
     )
@@ -78,6 +78,6 @@ def directions_table(report: IdentifiabilityReport) -> Table:
         "Independent combinations of the six values, the best determined first: remaining share of "
         "the prior's width, and weights. The Fisher information's greatest eigenvalue is "
         f"{number(report.condition_number)} times its least.",
-        ("combination", "share left", *report.names[:6]),
+        ("combination", "share left", *report.names[VALUES]),
         tuple(rows),
     )

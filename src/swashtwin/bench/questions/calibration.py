@@ -39,7 +39,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.foundation import VERSION, InputError, MPa, mm
 from swashtwin.physics import Twin
-from swashtwin.pump import Interfaces, OperatingCondition, SwashPlateDefect, load_pump
+from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 
 
@@ -259,7 +259,9 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
             phases=contender.phases,
             seed=pump.seed,
         )
-        intervals = tuple(_interval(pump, name, calibration, index, float(truth[index])) for index in range(6))
+        intervals = tuple(
+            _interval(pump, name, calibration, index, float(truth[index])) for index in range(len(PARAMETERS))
+        )
         sure = [interval["held"] for interval in intervals if interval["verdict"] == "identified"]
         values = {
             "wall_s": calibration.wall_s,

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from swashtwin.calibration.methods.checkpoint import Checkpoint
 from swashtwin.calibration.methods.search import EXACT, Decay, History, Progress, Search, one_thread, with_priors
 from swashtwin.calibration.objective.spectrum_objective import MODEL_ERROR, Objective
-from swashtwin.calibration.objective.unknowns import REACH
+from swashtwin.calibration.objective.unknowns import CONSTANTS, REACH, VALUES
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.physics import SteadySolver
 from swashtwin.recordings import Recording
@@ -222,10 +222,10 @@ class ParameterNetwork(nn.Module):
             "logarithms": nominal,
         }[settings.values]
         self.register_buffer("scale", torch.as_tensor(magnitude))
-        self.register_buffer("center", torch.as_tensor(unknowns.start[6:]))
-        self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[6:]))
+        self.register_buffer("center", torch.as_tensor(unknowns.start[CONSTANTS]))
+        self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[CONSTANTS]))
         start = np.zeros(len(unknowns))
-        start[:6] = 0 if self.logarithms else nominal / magnitude
+        start[VALUES] = 0 if self.logarithms else nominal / magnitude
         with torch.no_grad():
             self.dense.bias.zero_()
             self.dense.bias.copy_(torch.as_tensor(start) - self._given(window))
@@ -240,8 +240,8 @@ class ParameterNetwork(nn.Module):
     ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
         """Interface values, and the other coordinates within four deviations of their priors' means; float64."""
         given = self._given(window).double()
-        values = self.scale * (given[:6].exp() if self.logarithms else given[:6])
-        return values, self.center + self.deviation * REACH * torch.tanh(given[6:] / REACH)
+        values = self.scale * (given[VALUES].exp() if self.logarithms else given[VALUES])
+        return values, self.center + self.deviation * REACH * torch.tanh(given[CONSTANTS] / REACH)
 
 
 def measured_window(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import Unknowns
+from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
 from swashtwin.foundation import MissingExtraError
 from swashtwin.physics import HarmonicBalance, SteadySolver
 
@@ -59,7 +59,7 @@ class History:
     @property
     def values(self) -> Float[np.ndarray, "step 6"]:
         """Interface values, in the order of `pump.PARAMETERS`."""
-        return np.exp(self.points[:, :6])
+        return np.exp(self.points[:, VALUES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Search:
     @property
     def values(self) -> Float[np.ndarray, " 6"]:
         """Interface values, in the order of `pump.PARAMETERS`."""
-        return np.exp(self.point[:6])
+        return np.exp(self.point[VALUES])
 
 
 @runtime_checkable

@@ -88,6 +88,10 @@ def search_space(twin: Twin, bounds: Mapping[str, tuple[float, float]] | float |
     return SearchSpace(nominal=nominal, lower=lower, upper=upper)
 
 
+VALUES = slice(len(PARAMETERS))
+"""Where the six interface values stand in a vector of unknowns."""
+CONSTANTS = slice(len(PARAMETERS), None)
+"""Where all that is searched beside them stands."""
 SCALES = tuple(item.name for item in fields(Scales))
 PATH_BAND = (900.0, 2200.0)
 """Frequencies [Hz] over which the modes of a housing are spread before anything is measured; rigid below."""
@@ -168,16 +172,25 @@ class Unknowns:
     def __len__(self) -> int:
         return len(self.names)
 
+    def index_of_scale(self, name: str) -> int:
+        """Where a searched factor of `Scales` stands."""
+        return len(PARAMETERS) + self.scales.index(name)
+
+    @property
+    def first_of_path(self) -> int:
+        """Where the gains and modes of the sensors' path begin."""
+        return len(PARAMETERS) + len(self.scales)
+
     def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
         """The six values at `point`."""
-        return point[..., :6].exp()
+        return point[..., VALUES].exp()
 
     def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 4"]:
         """Factors on mount, bearing, excitation and sensor at `point`."""
         columns = []
         for name, own in zip(SCALES, self.own_scales, strict=True):
             held = torch.full(point.shape[:-1], float(own), dtype=point.dtype, device=point.device)
-            columns.append(point[..., 6 + self.scales.index(name)] if name in self.scales else held)
+            columns.append(point[..., self.index_of_scale(name)] if name in self.scales else held)
         return torch.stack(columns, dim=-1).exp()
 
     def response_of(
@@ -189,7 +202,7 @@ class Unknowns:
         return path_response(frequency, *self._path_of(point))
 
     def _path_of(self, point: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        first = 6 + len(self.scales)
+        first = self.first_of_path
         ends = np.cumsum([first, self.n_channels * self.has_gains, self.modes, self.modes])
         gain, modes, damping = (point[..., a:b].exp() for a, b in pairwise(ends.tolist()))
         if not self.has_gains:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.measurement import Lines, Measurement, agreeing, measure
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, search_space, unknowns_of
+from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Inversion, Prior
@@ -20,7 +20,7 @@ from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE
 from swashtwin.calibration.uncertainty.profiles import interval_of, walk
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin, carry_over
-from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, values_match
 from swashtwin.recordings import Recording
 
 TRADED = 0.7
@@ -259,12 +259,13 @@ def _prior(
     here = known.twin.at(_calibrated_at(known, condition, healthy))
     there = carry_over(here, condition, bore_exponent=0.5)
     moved = (there.values / here.values).log().numpy()
-    center[:6] += moved
+    center[VALUES] += moved
     uncertain = moved / 2
-    uncertain[4] = 0.5 * abs(math.log(_viscosity(here) / _viscosity(there)))  # between no film and all film
-    drift[:6, :6] = np.diag(settings.drift**2 + uncertain**2)
+    bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
+    uncertain[bore] = 0.5 * abs(math.log(_viscosity(here) / _viscosity(there)))
+    drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
     if "excitation" in unknowns.scales:  # no healthy pump tells of it; `law` counts it
-        place = 6 + unknowns.scales.index("excitation")
+        place = unknowns.index_of_scale("excitation")
         covariance[place], covariance[:, place] = 0.0, 0.0
         covariance[place, place] = HELD**2
     return Prior(center, covariance + drift, drift)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES
 from swashtwin.calibration.uncertainty.discrepancy import (
     Discrepancy,
     Linearized,
@@ -25,6 +26,7 @@ from swashtwin.calibration.uncertainty.posterior import (
     sandwich,
 )
 from swashtwin.calibration.uncertainty.profiles import Profile, profiles
+from swashtwin.pump import PARAMETERS
 
 Standing = Literal["identified", "weak", "traded off", "flat", "dead", "at bound"]
 
@@ -100,7 +102,7 @@ class IdentifiabilityReport:
     def words(self) -> tuple[str, ...]:
         """What a reader should know, in sentences."""
         by: dict[str, list[str]] = {}
-        for name, standing in zip(self.names[:6], self.standing, strict=False):
+        for name, standing in zip(self.names[VALUES], self.standing, strict=False):
             by.setdefault(standing, []).append(name)
         told = [f"{', '.join(letters)}: {standing}." for standing, letters in by.items()]
         told += [f"{one.words}." for one in self.directions]
@@ -154,7 +156,7 @@ def identifiability(
         prior_std=prior,
         correlation=correlation,
         standing=tuple(_standings(around, std)),
-        directions=tuple(_directions(objective.unknowns.names[:6], covariance[:6, :6], prior[:6])),
+        directions=tuple(_directions(objective.unknowns.names[VALUES], covariance[VALUES, VALUES], prior[VALUES])),
         condition_number=_condition_number(around),
         discrepancy=lacking,
         profiles=profiles(objective, point) if with_profiles else (),
@@ -170,7 +172,7 @@ def _standings(around: Linearized, std: np.ndarray) -> Iterable[Standing]:
     margin = BOUND_MARGIN * (unknowns.upper - unknowns.lower)
     on_bound = (point - unknowns.lower < margin) | (unknowns.upper - point < margin)
     for i in range(len(point)):
-        limit = IDENTIFIED_STD if i < 6 else UNIDENTIFIED_SHARE * prior[i] / 2
+        limit = IDENTIFIED_STD if i < len(PARAMETERS) else UNIDENTIFIED_SHARE * prior[i] / 2
         if felt[i] < DEAD:
             yield "dead"
         elif on_bound[i]:
@@ -193,7 +195,7 @@ def _directions(letters: tuple[str, ...], covariance: np.ndarray, prior: np.ndar
 
 def _condition_number(around: Linearized) -> float:
     scaled = around.slope / around.sigma[:, None]
-    values, rest = scaled[:, :6], scaled[:, 6:] * around.objective.unknowns.deviation[6:]
+    values, rest = scaled[:, VALUES], scaled[:, CONSTANTS] * around.objective.unknowns.deviation[CONSTANTS]
     inner = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]), rest.T @ values)
     return float(np.linalg.cond(values.T @ values - values.T @ rest @ inner))
 

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import Unknowns
+from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
 from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, discrepancy_of, linearized, noise_covariance
 from swashtwin.foundation import InputError, MPa, mm, rpm
 from swashtwin.physics import Twin, prepare
@@ -98,7 +98,7 @@ def expected_information_gain(
             wider = _with_twin(wider, moved, _limited(objective, one.twin))
         then = _posterior(wider, moved, lacking)
         narrower = np.sqrt(np.diag(now) / np.diag(then))
-        letters = objective.unknowns.names[:6]
+        letters = objective.unknowns.names[VALUES]
         nats = (np.linalg.slogdet(now)[1] - np.linalg.slogdet(then)[1]) / 2
         gains.append(Gain(one.name, float(nats), tuple(zip(letters, map(float, narrower), strict=True))))
     return tuple(sorted(gains, key=lambda gain: -gain.nats))
@@ -218,7 +218,7 @@ def _with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[
             row.insert(place, 0.0 if label == "point" else row[like])
 
     if unknowns.has_gains:
-        insert(6 + len(unknowns.scales) + unknowns.n_channels, f"gain {channel}", 6 + len(unknowns.scales))
+        insert(unknowns.first_of_path + unknowns.n_channels, f"gain {channel}", unknowns.first_of_path)
     for mode in range(1, unknowns.modes + 1):
         insert(len(names), f"mode {mode} in {channel}", len(names) - 1)
     moved = np.array(rows.pop("point"))
@@ -233,4 +233,4 @@ def _posterior(objective: Objective, point: np.ndarray, lacking: Discrepancy) ->
     root = np.linalg.cholesky(noise_covariance(around, lacking))
     scaled = np.linalg.solve(root, around.slope) * prior
     covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
-    return covariance[:6, :6]
+    return covariance[VALUES, VALUES]

@@ -169,7 +169,7 @@ def _is_gravity(factor: float) -> bool:
 
 def _with_more(unknowns: Unknowns, names: tuple[str, ...], center: float, deviation: float) -> Unknowns:
     """`unknowns` with coordinates of one prior after the scales, all starting at its center."""
-    place, count = 6 + len(unknowns.scales), len(names)
+    place, count = unknowns.first_of_path, len(names)
 
     def more(row: np.ndarray, value: float) -> np.ndarray:
         return np.insert(row, place, np.full(count, value))

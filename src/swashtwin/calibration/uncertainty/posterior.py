@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import Unknowns
+from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
 from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
 from swashtwin.foundation import InputError, stream
 from swashtwin.physics import Twin
@@ -104,9 +104,9 @@ def estimates_of(
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
     space = objective.space
-    values, covariance, prior_std = np.exp(point[:6]), covariance[:6, :6], objective.unknowns.deviation
+    values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
-    correlation = np.abs(covariance / np.outer(std, std)) - np.eye(6)
+    correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
     found = []
     for i, name in enumerate(PARAMETERS):
         partner = int(np.argmax(correlation[i]))
@@ -169,7 +169,7 @@ class Posterior:
 
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
         """`twin` with the values, scales and sensor path of `point`."""
-        values = Interfaces.from_values(np.exp(point[:6]))
+        values = Interfaces.from_values(np.exp(point[VALUES]))
         path = self.unknowns.path_at(point, self.channels, twin.pump.channels)
         moved = twin.with_interfaces(values, self.unknowns.scales_at(point))
         return moved if path is None else replace(moved, path=path)

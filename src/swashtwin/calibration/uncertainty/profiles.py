@@ -16,9 +16,11 @@ from jaxtyping import Float
 
 from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.calibration.objective.unknowns import VALUES
 from swashtwin.calibration.uncertainty.discrepancy import discrepancy_of, linearized, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import COVERAGE
 from swashtwin.foundation import InputError
+from swashtwin.pump import PARAMETERS
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 """Rise of the sum of squares at which an interval ends (Wilks)."""
@@ -205,7 +207,7 @@ def profiles(
     objective: Objective, point: Float[np.ndarray, " unknown"], names: tuple[str, ...] | None = None
 ) -> tuple[Profile, ...]:
     """Profiles of several coordinates; of the six values by default."""
-    names = objective.unknowns.names[:6] if names is None else names
+    names = objective.unknowns.names[VALUES] if names is None else names
     valley = _Likelihood(objective, point)
     with one_thread():
         best, least = valley.descend(np.asarray(point, dtype=float), held=None)
@@ -220,7 +222,7 @@ class _Likelihood(Valley):
         around, unknowns = linearized(objective, point), objective.unknowns
         self.objective, self.lower, self.upper = objective, unknowns.lower, unknowns.upper
         self.root = np.linalg.cholesky(noise_covariance(around, discrepancy_of(around)))
-        wider = np.where(np.arange(len(unknowns)) < 6, _WIDER, 1.0)
+        wider = np.where(np.arange(len(unknowns)) < len(PARAMETERS), _WIDER, 1.0)
         self.center, self.precision = unknowns.center, 1 / (unknowns.deviation * wider)
         self.simulations = 1
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from swashtwin.physics.contacts.settings import SlipperContact, slipper_weight
 from swashtwin.physics.contacts.slippers import distance_rows, slipper_lines
 from swashtwin.pump import Fault, OperatingCondition, Pump
+from swashtwin.pump import InterfaceValue as Value
 
 
 def slipper_forces(
@@ -35,7 +36,7 @@ def slipper_forces(
     """
     count, n_lines = pump.rotating_group.piston_count, motion.shape[0] - 1
     angle = 2 * math.pi * np.arange(samples) / samples + 2 * math.pi * np.arange(count)[:, None] / count
-    damping, stiffness = (float(values[i]) for i in (0, 1))
+    damping, stiffness = (float(values[i]) for i in (Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS))
     film = stiffness + 1j * condition.speed * damping * np.arange(n_lines + 1)
     coordinates = motion.detach().cpu().numpy() @ distance_rows(pump, topology).T
     ways = (np.ones_like(angle), np.cos(angle), np.sin(angle))

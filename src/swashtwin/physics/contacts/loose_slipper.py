@@ -27,6 +27,7 @@ from scipy.optimize import brentq
 
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.contacts.rattling import rattle
+from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import FRICTION, Impact
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
@@ -235,8 +236,8 @@ def loose_slipper_lines(
     lines += _lines(pressed, motion.angle[0], n_lines)
     lines *= np.exp(1j * np.arange(n_lines + 1) * _ahead(pump, fault))[:, None]
     if topology == "T2":
-        lines[:, 7] += lines[:, 12]
-        lines[:, 12] = 0
+        lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
+        lines[:, Dof.RETAINER_Z] = 0
     return lines
 
 
@@ -245,11 +246,11 @@ def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
     group = pump.rotating_group
     slope = math.tan(group.swash_angle) ** 2
     upward, sideward = group.pitch_radius * force * np.cos(angle), group.pitch_radius * force * np.sin(angle)
-    loads = np.zeros((force.size, 13))
-    loads[:, 3] = -(1 + slope) * upward
-    loads[:, 4] = sideward
-    loads[:, 8] = slope * upward
-    loads[:, 12] = -force
+    loads = np.zeros((force.size, N_DOF))
+    loads[:, Dof.SHELL_TILT_X] = -(1 + slope) * upward
+    loads[:, Dof.SHELL_TILT_Y] = sideward
+    loads[:, Dof.ROTOR_TILT_X] = slope * upward
+    loads[:, Dof.RETAINER_Z] = -force
     return loads
 
 

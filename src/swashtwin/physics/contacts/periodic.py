@@ -17,6 +17,7 @@ from swashtwin.physics.contacts.slippers import distance_rows, slipper_lines
 from swashtwin.physics.dynamics import moved
 from swashtwin.physics.solvers.periodic import PeriodicTerm
 from swashtwin.pump import Fault, OperatingCondition, Pump
+from swashtwin.pump import InterfaceValue as Value
 
 _WAYS = (np.array([1.0]), np.array([0, 1.0]), np.array([0, -1j]))
 """Lines of 1, cos and sin: a slipper's distance per unit of each coordinate."""
@@ -51,7 +52,9 @@ def periodic_films(
     longest = max(len(series) for line in pairs for series in line)
     stacked = np.array([[np.pad(series, (0, longest - len(series))) for series in line] for line in pairs])
     shapes = np.einsum("abm,ai,bj->mij", stacked, rows, rows)
-    damping, stiffness = (values[..., i, None, None] for i in (0, 1))
+    damping, stiffness = (
+        values[..., i, None, None] for i in (Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS)
+    )
     terms = []
     for order in range(count, min(longest - 1, n_lines) + 1, count):
         if np.abs(stacked[..., order]).max() > FAINTEST:

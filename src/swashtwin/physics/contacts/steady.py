@@ -26,7 +26,7 @@ from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.contacts.marching import march, march_back
 from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.contacts.slippers import Slippers, slippers_on_grid
-from swashtwin.physics.dynamics import Structure, moved
+from swashtwin.physics.dynamics import N_DOF, Structure, moved
 from swashtwin.pump import Fault, OperatingCondition, Pump
 
 
@@ -185,7 +185,7 @@ class _PeriodicMotion(torch.autograd.Function):
         states, forces, touching = core.repeat(slippers, one_sided, marching)
         ctx.core, ctx.slippers, ctx.marching = core, slippers, marching
         ctx.states, ctx.forces, ctx.touching = states, forces, touching
-        return torch.as_tensor(states[:-1, :13])
+        return torch.as_tensor(states[:-1, :N_DOF])
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor) -> Any:
@@ -239,7 +239,7 @@ class _Core:
             if change < marching.tolerance and lifting == one_sided:
                 return result
             once = np.linalg.matrix_power(self._mean_step(slippers, touching[:-1])[0], steps)
-            states[0] += np.linalg.solve(np.eye(26) - once, gap)
+            states[0] += np.linalg.solve(np.eye(2 * N_DOF) - once, gap)
         raise SwashTwinError(
             f"the motion does not repeat within {marching.most} revolutions (it still changes by {change:.1e} of "
             "itself), so it has no order lines; reduce the severity of the fault."
@@ -251,7 +251,7 @@ class _Core:
         """Adjoints of states and film forces that repeat, for the gradient `upstream` of the displacements."""
         steps = len(upstream)
         wanted = np.zeros((steps, 26))
-        wanted[:, :13] = upstream
+        wanted[:, :N_DOF] = upstream
         stiffness = self._contact_matrix(slippers, touching[:-1])
         once = np.linalg.matrix_power(self._mean_step(slippers, touching[:-1])[1].T, steps)
         adjoints, pulls = np.zeros((steps, 26)), np.zeros((steps, len(self.rows)))
@@ -261,14 +261,14 @@ class _Core:
             gap = adjoints[0] - start
             if _relative(gap, adjoints) < marching.tolerance:  # against their mean too: a steady one hardly varies
                 return adjoints, pulls
-            start = start + np.linalg.solve(np.eye(26) - once, gap)
+            start = start + np.linalg.solve(np.eye(2 * N_DOF) - once, gap)
         raise SwashTwinError(f"the gradient of the motion does not repeat within {marching.most} revolutions.")
 
     def film_gradient(
         self, slippers: Slippers, touching: np.ndarray, states: np.ndarray, pulls: np.ndarray
     ) -> np.ndarray:
         """Gradient with respect to stiffness, damping and the factor on the recess."""
-        coordinates = states[:-1].reshape(-1, 2, 13) @ self.rows.T
+        coordinates = states[:-1].reshape(-1, 2, N_DOF) @ self.rows.T
         near, rate = np.einsum("kja,kda->dkj", slippers.directions, coordinates)
         pull = -np.einsum("kja,ka,kj->kj", slippers.directions, pulls, slippers.weights * touching[:-1])
         stiffness, damping, gain = self.film
@@ -289,7 +289,7 @@ class _Core:
         """One step of state and of adjoint if the films were as strong throughout as they are in the mean."""
         mean = self._contact_matrix(slippers, touching).mean(axis=0)
         answer = -mean @ self.strain
-        ahead, implicit = self.phi + self.before @ answer, np.eye(26) - self.after @ answer
+        ahead, implicit = self.phi + self.before @ answer, np.eye(2 * N_DOF) - self.after @ answer
         return np.linalg.solve(implicit, ahead), np.linalg.solve(implicit.T, ahead.T).T
 
 

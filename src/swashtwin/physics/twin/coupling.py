@@ -12,11 +12,12 @@ from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.contacts.periodic import periodic_films
 from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.contacts.steady import slipper_steady_state
-from swashtwin.physics.dynamics import Structure, Topology
+from swashtwin.physics.dynamics import N_DOF, Dof, Structure, Topology
 from swashtwin.physics.fault_forcing import FaultAction, turning_terms
 from swashtwin.physics.solvers.periodic import periodic_steady_state
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
 from swashtwin.pump import Fault, OperatingCondition, Pump
+from swashtwin.pump import InterfaceValue as Value
 
 MOST = 2000
 """Iterations for slippers that differ: they take much of the film with them, and the motion settles slowly."""
@@ -44,9 +45,15 @@ class Problem:
     """Speed of the shaft [rad/s]."""
 
     @property
+    def excitation(self) -> Float[Tensor, " row"]:
+        """Factor on the forces of the fault."""
+        return self.scales[:, 2]
+
+    @property
     def stiffness(self) -> Float[Tensor, "row 13 13"]:
         """K of equal slippers [N/m]."""
-        return self.structure.stiffness(self.values, self.scales[:, 0], self.scales[:, 1])
+        mount, bearing, *_ = self.scales.unbind(-1)
+        return self.structure.stiffness(self.values, mount, bearing)
 
     @property
     def damping(self) -> Float[Tensor, "row 13 13"]:
@@ -55,7 +62,7 @@ class Problem:
 
     def force(self, action: FaultAction) -> Complex[Tensor, "row line 13"]:
         """Lines of all forces where the fault acts by `action` [N, N m]."""
-        forces = action.forces(self.values, self.structure.slipper_vector, self.scales[:, 2])
+        forces = action.forces(self.values, self.structure.slipper_vector, self.excitation)
         return (self.pressure + forces).expand(len(self.values), -1, -1)
 
 
@@ -112,7 +119,7 @@ class SlippersApart:
         secant finds it, and one Newton step on it passes its derivatives on.
         """
         between = _between(problem.values)
-        bore = problem.values[:, 5, None]
+        bore = problem.values[:, Value.PISTON_BORE_STIFFNESS, None]
         mount, bearing, excitation, _ = problem.scales.unbind(-1)
 
         def motion_at(assumed: Tensor) -> tuple[Tensor, Tensor]:
@@ -145,9 +152,9 @@ class SlippersApart:
         n_lines = force.shape[1] - 1
         films = periodic_films(self.pump, self.topology, self.contact, self.condition, self.fault, values, n_lines)
         shape = films.mean_shape - structure.interface_shapes[0]
-        damping = problem.damping + values[:, 0, None, None] * shape
-        stiffness = problem.stiffness + values[:, 1, None, None] * shape
-        loads = held_down(self.pump, problem, force + problem.scales[:, 2, None, None] * films.force)
+        damping = problem.damping + values[:, Value.SLIPPER_SWASH_DAMPING, None, None] * shape
+        stiffness = problem.stiffness + values[:, Value.SLIPPER_SWASH_STIFFNESS, None, None] * shape
+        loads = held_down(self.pump, problem, force + problem.excitation[:, None, None] * films.force)
         return periodic_steady_state(
             solver, structure.mass, damping, stiffness, problem.speed, loads, films.terms, most=MOST
         )
@@ -155,15 +162,16 @@ class SlippersApart:
 
 def _between(values: Tensor) -> Tensor:
     """Elongation between retainer and cylinder block along the shaft, per unit of each coordinate."""
-    between = values.new_zeros(13)
-    between[12], between[7] = 1.0, -1.0
+    between = values.new_zeros(N_DOF)
+    between[Dof.RETAINER_Z], between[Dof.ROTOR_Z] = 1.0, -1.0
     return between
 
 
 def _sliding(pump: Pump, problem: Problem, force: Tensor) -> Tensor:
     """Mean elongation between retainer and block of linear films where pistons slide in their bores."""
     between = _between(problem.values)
-    stiffness = problem.stiffness - problem.values[:, 5, None, None] * torch.outer(between, between)
+    bore = problem.values[:, Value.PISTON_BORE_STIFFNESS, None, None]
+    stiffness = problem.stiffness - bore * torch.outer(between, between)
     mean = force[:, 0].real - pump.coupling.spring_preload * between
     return torch.linalg.solve(stiffness, mean) @ between
 
@@ -196,8 +204,8 @@ def held_down(pump: Pump, problem: Problem, force: Complex[Tensor, "row line 13"
     central spring's preload. In topology T2, whose slippers are rigid with the rotor, the films of valve plate and
     slippers share the mean as springs do. Only the order 0 is touched.
     """
-    apart = _sliding(pump, problem, force)
-    steady = (problem.values[:, 5] * apart - pump.coupling.spring_preload)[:, None] * _between(problem.values)
+    bore = problem.values[:, Value.PISTON_BORE_STIFFNESS] * _sliding(pump, problem, force)
+    steady = (bore - pump.coupling.spring_preload)[:, None] * _between(problem.values)
     return torch.cat([force[:, :1] + steady[:, None], force[:, 1:]], dim=1)
 
 
@@ -211,7 +219,8 @@ def linear_motion(
     recess : mean of what a recess adds to a slipper's distance [m], which strains the films steadily.
     """
     structure, force = problem.structure, problem.force(problem.action)
-    strained = (problem.scales[:, 2] * problem.values[:, 1] * recess)[:, None] * structure.slipper_vector
+    film = problem.values[:, Value.SLIPPER_SWASH_STIFFNESS]
+    strained = (problem.excitation * film * recess)[:, None] * structure.slipper_vector
     force = torch.cat([force[:, :1] - strained[:, None], force[:, 1:]], dim=1)
     force = held_down(pump, problem, force)
     return HarmonicBalance().steady_state(structure.mass, problem.damping, problem.stiffness, frequency, force)

@@ -167,9 +167,13 @@ def carry_over(twin: Twin, condition: OperatingCondition, *, bore_exponent: floa
     there_pressure, here_pressure = _driving_pressure(condition), _driving_pressure(here)
     damping = valve_plate_squeeze_damping(pump, film, after) / valve_plate_squeeze_damping(pump, film, before)
     stiffness = valve_plate_stiffness(pump, film, there_pressure) / valve_plate_stiffness(pump, film, here_pressure)
-    factors = (viscosity, there_pressure / here_pressure, damping, stiffness, viscosity**bore_exponent, 1.0)
-    moved = [value * factor for value, factor in zip(_interfaces(twin).values(), factors, strict=True)]
-    return replace(twin, condition=condition, interfaces=Interfaces.from_values(moved))
+    factors = Interfaces(
+        slipper_swash=Interface(damping=viscosity, stiffness=there_pressure / here_pressure),
+        block_valve=Interface(damping=damping, stiffness=stiffness),
+        piston_bore=Interface(damping=viscosity**bore_exponent, stiffness=1.0),
+    )
+    values = [value * factor for value, factor in zip(_interfaces(twin).values(), factors.values(), strict=True)]
+    return replace(twin, condition=condition, interfaces=Interfaces.from_values(values))
 
 
 def _interfaces(twin: Twin) -> Interfaces:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from swashtwin.physics.contacts.loose_slipper import contact_lines
-from swashtwin.physics.dynamics import Structure
+from swashtwin.physics.dynamics import N_DOF, ROTOR_XY, Structure
 from swashtwin.physics.fault_forcing import excitation_lines, fault_forces, worn_values
 from swashtwin.physics.loads import LoadCase, chamber_pressures, force_lines
 from swashtwin.physics.twin.model import Twin
@@ -64,7 +64,7 @@ class OperatingGrid:
         total = np.zeros_like(self.lines[0])
         for row, weight in self.corners(np.array([speed]), np.array([pressure])):
             total += weight[0] * self.lines[row[0]]
-        total[1, 5:7] += self.unbalance * speed**2
+        total[1, ROTOR_XY] += self.unbalance * speed**2
         return total
 
     def tables(self, step: float) -> "ForceTables":
@@ -108,10 +108,10 @@ class ForceTables:
             start = row * (self.n_angles + 3) + left + 1
             for tap, share in zip(_TAPS, _cubic(part), strict=True):
                 total += self.table.take(start + tap, axis=0) * (share * weight)[:, None]
-        force = np.zeros((len(angle), 13))
+        force = np.zeros((len(angle), N_DOF))
         force[:, self.active] = total
         turn = np.exp(1j * angle) * speed**2
-        force[:, 5:7] += (turn[:, None] * self.grid.unbalance).real
+        force[:, ROTOR_XY] += (turn[:, None] * self.grid.unbalance).real
         return force
 
 
@@ -144,8 +144,8 @@ def operating_grid(
     reach = _reach(twin.bandwidth, speeds)
     cases = [LoadCase(twin.pump, condition, twin.fault) for condition in conditions]
     lines = force_lines(cases, int(reach.max()), topology=twin.topology)
-    unbalance = lines[-1, 1, 5:7] / conditions[-1].speed ** 2  # on these two nothing else acts
-    lines[:, :, 5:7] = 0
+    unbalance = lines[-1, 1, ROTOR_XY] / conditions[-1].speed ** 2  # on these two nothing else acts
+    lines[:, :, ROTOR_XY] = 0
     place, structure = np.full((len(speeds), len(pressures)), -1), twin.structure
     for row, (i, j) in enumerate(needed):
         place[i, j] = row

@@ -17,7 +17,7 @@ from torch.utils.checkpoint import checkpoint
 from swashtwin.foundation import InputError
 from swashtwin.physics.contacts.loose_slipper import contact_lines
 from swashtwin.physics.contacts.settings import SlipperContact
-from swashtwin.physics.dynamics import Structure, Topology, assemble, moved
+from swashtwin.physics.dynamics import N_DOF, SHELL, Structure, Topology, assemble, moved
 from swashtwin.physics.fault_forcing import FaultAction, active_orders, excitation_lines, fault_action, wear_factors
 from swashtwin.physics.loads import LoadCase, force_lines
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
@@ -27,7 +27,7 @@ from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
 
 WORKSPACE = 64 * 2**20
 """Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""
-_LINE_BYTES = 12 * 13 * 16
+_LINE_BYTES = 12 * N_DOF * 16
 """Bytes that one line of one row takes: a dozen complex vectors."""
 
 
@@ -156,7 +156,7 @@ def motion_of(
         motion = linear_motion(pump, problem, frequency, recess)[0]
     else:
         motion = drive.coupling.motion(problem, HarmonicBalance())[0]
-    out = motion.new_zeros(n_lines + 1, 13)
+    out = motion.new_zeros(n_lines + 1, N_DOF)
     out[torch.as_tensor(np.concatenate([[0], drive.orders]))] = motion
     return out
 
@@ -180,7 +180,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
         stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
         force = force.expand(len(values), -1, -1)
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
-    shell = motion[..., None, :, :5] * structure.sensor_rows[:, None, :5]  # sensors sit on the shell
+    shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
     read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
     return read if drive.path is None else read * drive.path
 
@@ -194,7 +194,7 @@ def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*
         One is not positive; it is named.
     """
     names = (*PARAMETERS, "scales.mount", "scales.bearing", "scales.excitation", "scales.sensor")
-    for tensor, words in ((values, names[:6]), (scales, names[6:])):
+    for tensor, words in ((values, names[: len(PARAMETERS)]), (scales, names[len(PARAMETERS) :])):
         if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):
             continue
         row = tensor.detach().reshape(-1, len(words))

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from swashtwin.foundation import InputError
+from swashtwin.physics.dynamics import N_DOF
 from swashtwin.physics.fault_forcing import turning_terms, worn_values
 from swashtwin.physics.solvers.steady import HarmonicBalance
 from swashtwin.physics.solvers.trajectories import first_order_hold_trajectory
@@ -97,7 +98,7 @@ def profile_blocks(
 
     grid = operating_grid(twin, profile, shaft, (instants(*span) for span in spans))
     tables, march = grid.tables(1 / rate), _march_of(twin, 1 / rate)
-    state = march.settled(grid, profile, shaft) if start == "steady" else torch.zeros(26, dtype=torch.float64)
+    state = march.settled(grid, profile, shaft) if start == "steady" else torch.zeros(2 * N_DOF, dtype=torch.float64)
     for span in spans:
         instant = instants(*span)
         force = tables.force(*shaft.at(instant), profile.pressure_at(instant))
@@ -177,7 +178,7 @@ class _March:
         """
         forces = torch.as_tensor(force)
         states = first_order_hold_trajectory(self.mass, self.damping, self.stiffness, forces, self.step, state)
-        velocity = states[:, 13:] @ self.sensors.T / self.step
+        velocity = states[:, N_DOF:] @ self.sensors.T / self.step
         length = len(force) - 7
         slope = sum(weight * velocity[3 + ahead : 3 + ahead + length : every] for ahead, weight in SLOPE.items())
         return np.ascontiguousarray(torch.as_tensor(slope).T.numpy()), states[length]

@@ -37,15 +37,19 @@ COUNT, PER_CELL, PER_RECORDING = 150, 60, 14
 
 def split(recordings: list[Recording]) -> tuple[list[Recording], list[Recording]]:
     """(training, test) recordings: the first two of four pumps, and the third; the scarce cell keeps one."""
-    pumps = sorted({str(one.specimen) for one in recordings})[:4]
-    own = [one for one in recordings if one.specimen in pumps]
-    last = max(one.recording_id.rsplit("_", 1)[-1] for one in own)
-    train = [one for one in own if not one.recording_id.endswith(f"_{last}")]
+    pumps = sorted({str(recording.specimen) for recording in recordings})[:4]
+    of_pumps = [recording for recording in recordings if recording.specimen in pumps]
+    last = max(recording.recording_id.rsplit("_", 1)[-1] for recording in of_pumps)
+    train = [recording for recording in of_pumps if not recording.recording_id.endswith(f"_{last}")]
     scarce = [
-        one for one in train if one.label == LABEL and one.condition and one.condition.discharge_pressure == MPa(15)
+        recording
+        for recording in train
+        if recording.label == LABEL and recording.condition and recording.condition.discharge_pressure == MPa(15)
     ]
-    dropped = {one.recording_id for one in scarce[1:]}
-    return [one for one in train if one.recording_id not in dropped], [one for one in own if one not in train]
+    dropped = {recording.recording_id for recording in scarce[1:]}
+    return [recording for recording in train if recording.recording_id not in dropped], [
+        recording for recording in of_pumps if recording not in train
+    ]
 
 
 def twins(train: list[Recording]) -> dict[str, Filler]:
@@ -57,20 +61,27 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
     """
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10))
     faults = {"normal": (None,), **MACHINED}
-    nominal = [Twin(load_pump("25scy14-1b"), condition, fault) for one in faults.values() for fault in one]
-    pumps = sorted({str(one.specimen) for one in train})
-    found, machines = [], []
+    nominal = [
+        Twin(load_pump("25scy14-1b"), condition, fault)
+        for faults_of_class in faults.values()
+        for fault in faults_of_class
+    ]
+    pumps = sorted({str(recording.specimen) for recording in train})
+    calibrations, machines = [], []
     for twin in nominal:
         for pump in pumps:
-            own = [r for r in train if r.specimen == pump and r.label == twin.label and r.condition]
-            known = [r for r in own if r.condition and r.condition.discharge_pressure == MPa(10)]
-            found.append(calibrate(twin, known, method=GaussNewton(), nuisances=Nuisances.usual(), phases=False))
+            of_pump = [r for r in train if r.specimen == pump and r.label == twin.label and r.condition]
+            at_10 = [r for r in of_pump if r.condition and r.condition.discharge_pressure == MPa(10)]
+            calibrations.append(calibrate(twin, at_10, method=GaussNewton(), nuisances=Nuisances.usual(), phases=False))
             machines.append(pump)
-    calibrated, posteriors = [one.twin for one in found], [one.posterior for one in found]
+    calibrated, posteriors = (
+        [calibration.twin for calibration in calibrations],
+        [calibration.posterior for calibration in calibrations],
+    )
     healthy = [
         calibrate(
             nominal[0],
-            [one for one in train if one.specimen == pump and one.label == "normal"],
+            [recording for recording in train if recording.specimen == pump and recording.label == "normal"],
             method=GaussNewton(),
             nuisances=Nuisances.housing(),
             phases=False,
@@ -83,25 +94,27 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
         "calibrated": TwinFiller(calibrated),
         "calibrated, residual": TwinFiller(calibrated, background="residual", specimens=machines),
         "calibrated, posterior": TwinFiller(calibrated, posterior=posteriors),
-        "calibrated on healthy": TwinFiller([one.with_fault(twin.fault) for twin in nominal for one in healthy]),
+        "calibrated on healthy": TwinFiller(
+            [twin_of_healthy.with_fault(twin.fault) for twin in nominal for twin_of_healthy in healthy]
+        ),
     }
 
 
 def row(name: str, filler: Filler, train: WindowSet, test: WindowSet, seed: int) -> dict[str, object]:
     """Likeness in both cells, cost, and what trees learn from it."""
-    told: dict[str, object] = {"filler": name}
+    figures: dict[str, object] = {"filler": name}
     for cell, pressure in CELLS.items():
         began = time.process_time()
-        made = filler(train, label=LABEL, pressure=pressure, count=COUNT, seed=seed)
-        told.setdefault("cpu_s", time.process_time() - began)
-        held = test.subset(in_cell(test, LABEL, pressure))
-        told[cell] = {
-            "distance_db": spectral_distance(held, made).tolist(),
-            "auroc": discriminative_score(held, made, seed=seed),
-            "copied": copied_share(train, made),
+        synthetic = filler(train, label=LABEL, pressure=pressure, count=COUNT, seed=seed)
+        figures.setdefault("cpu_s", time.process_time() - began)
+        held_out = test.subset(in_cell(test, LABEL, pressure))
+        figures[cell] = {
+            "distance_db": spectral_distance(held_out, synthetic).tolist(),
+            "auroc": discriminative_score(held_out, synthetic, seed=seed),
+            "copied": copied_share(train, synthetic),
         }
     scores = train_synthetic_test_real(filler, train, test, per_cell=PER_CELL, seed=seed)
-    return told | {"tstr": scores[0].macro_recall, "measured": scores[1].macro_recall}
+    return figures | {"tstr": scores[0].macro_recall, "measured": scores[1].macro_recall}
 
 
 def main() -> None:
@@ -109,26 +122,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=100, help="seed of the rig and of the fillers")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
-    recordings, tested = split([one for one, _ in rig_recordings(asked.seed, SIZE)])
+    recordings, tested = split([recording for recording, _ in rig_recordings(options.seed, SIZE)])
     train = cut_evenly(recordings, length=2048, count=PER_RECORDING)
     test = cut_evenly(tested, length=2048, count=PER_RECORDING, like=train)
-    own, held = (one.subset(in_cell(one, LABEL, CELLS["full"])) for one in (train, test))
+    measured_train, measured_test = (
+        windows.subset(in_cell(windows, LABEL, CELLS["full"])) for windows in (train, test)
+    )
     rows: list[dict[str, object]] = [
         {
             "filler": "measured",
             "full": {
-                "distance_db": spectral_distance(held, own).tolist(),
-                "auroc": discriminative_score(held, own, seed=asked.seed),
+                "distance_db": spectral_distance(measured_test, measured_train).tolist(),
+                "auroc": discriminative_score(measured_test, measured_train, seed=options.seed),
             },
         }
     ]
     for name, filler in {**FILLERS, **twins(recordings)}.items():
-        rows.append(row(name, filler, train, test, asked.seed))
-        if not asked.json:
+        rows.append(row(name, filler, train, test, options.seed))
+        if not options.json:
             print(json.dumps(rows[-1]), flush=True)
-    print(json.dumps({"rows": rows, "seed": asked.seed, "windows": len(train)} if asked.json else rows[0]))
+    print(json.dumps({"rows": rows, "seed": options.seed, "windows": len(train)} if options.json else rows[0]))
 
 
 if __name__ == "__main__":

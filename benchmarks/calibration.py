@@ -157,10 +157,10 @@ def eager_states(given: Probe, step: float, n: int) -> Tensor:
 def eager_loss(target: Objective, values: Tensor, step: float, n: int) -> Tensor:
     """Spectrum loss of the last readings that the loop gave, transformed at the measured orders."""
     states = eager_states(equations(target, values), step, n)
-    readings = torch.diff(states[:, 13:], dim=0) / step @ target.twin.structure.sensor_rows.T
-    angle = target.twin.condition.speed * step * torch.arange(len(readings), dtype=torch.float64)
+    acceleration = torch.diff(states[:, 13:], dim=0) / step @ target.twin.structure.sensor_rows.T
+    angle = target.twin.condition.speed * step * torch.arange(len(acceleration), dtype=torch.float64)
     turns = torch.exp(-1j * angle[:, None] * torch.as_tensor(target.comparisons[0].measurement.orders))
-    amplitude = (2 / len(readings) * (readings.T.to(turns.dtype) @ turns)).abs()
+    amplitude = (2 / len(acceleration) * (acceleration.T.to(turns.dtype) @ turns)).abs()
     measured = target.comparisons[0].measured
     return ((amplitude - measured).square().mean() / measured.square().mean()).sqrt()
 
@@ -177,10 +177,10 @@ def eager_row() -> Row:
     gradient_s = seconds(lambda: torch.autograd.grad(eager_loss(target, values, step, STEPS), values), 3) / share
     peak = (memory() - before) / share
     with torch.no_grad():
-        own = eager_states(given, step, STEPS)
+        states = eager_states(given, step, STEPS)
         force = forces_in_time(given, step, STEPS)
         ours = rk4_trajectory(given.mass, given.damping, given.stiffness, force, step)[1:]
-    error = float((own - ours).abs().max() / ours.abs().max())
+    error = float((states - ours).abs().max() / ours.abs().max())
     return Row("one loss, eager Runge-Kutta loop (extrapolated)", value_s, gradient_s, peak, error)
 
 
@@ -189,10 +189,10 @@ def method_row(name: str, method: IPINN | GaussNewton) -> Row:
     target = objective()
     before = memory()
     started = time.perf_counter()
-    found = method.search(target, seed=0)
+    result = method.search(target, seed=0)
     wall = time.perf_counter() - started
-    value_s = seconds(lambda: target.spectrum_loss(target.start), 20) * found.simulations
-    ratio = found.values / (target.space.nominal * FACTORS)
+    value_s = seconds(lambda: target.spectrum_loss(target.start), 20) * result.simulations
+    ratio = result.values / (target.space.nominal * FACTORS)
     return Row(name, value_s, wall, memory() - before, float(np.abs(ratio[[2, 4]] - 1).max()))
 
 
@@ -257,11 +257,11 @@ def recovery(seeds: int) -> None:
                 for seed, recording in enumerate(recordings)
             ]
             ratio = np.array([[e.value / e.nominal for e in run.estimates] for run in runs]) / factors
-            found = np.abs(ratio[:, [2, 4, 3]] - 1) < (0.1, 0.1, 0.3)
+            is_near = np.abs(ratio[:, [2, 4, 3]] - 1) < (0.1, 0.1, 0.3)
             flagged = sum(run.estimate("K_sw").verdict == "not identified" for run in runs)
             loss = np.median([run.fit_after.spectrum_value_error for run in runs])
             wall = np.median([run.wall_s for run in runs])
-            counts = f"{int(found.all(axis=1).sum())}/{seeds}"
+            counts = f"{int(is_near.all(axis=1).sum())}/{seeds}"
             print(f"{title:34}{name:24}{counts:>7}{f'{flagged}/{seeds}':>14}{loss:9.4f}{wall:8.2f}", flush=True)
 
 

@@ -31,7 +31,7 @@ def level(twin: Twin) -> float:
 
 def change(twin: Twin, other: Twin) -> float:
     """Change of the amplitudes of all sensors, over those of `twin`."""
-    first, second = (one.acceleration().abs().numpy() for one in (twin, other))
+    first, second = (model.acceleration().abs().numpy() for model in (twin, other))
     return float(np.linalg.norm(second - first) / np.linalg.norm(first))
 
 
@@ -68,13 +68,14 @@ def film_table() -> None:
         twin = Twin(PUMP, warm, fault)
         cold, hot = (warm.replaced(oil_temperature=celsius(t)) for t in (30, 60))
         low = warm.replaced(discharge_pressure=MPa(5))
-        moved = [carry_over(twin, one) for one in (cold, hot, low)]
-        factors = [(one.values / twin.values).numpy()[:4].round(3).tolist() for one in moved]
+        moved = [carry_over(twin, condition) for condition in (cold, hot, low)]
+        factors = [(there.values / twin.values).numpy()[:4].round(3).tolist() for there in moved]
         print(f"{name}: factors on C_sw K_sw C_v K_v at 30 degC {factors[0]}, 60 degC {factors[1]}, 5 MPa {factors[2]}")
-        kept, carried = change(twin.at(cold), twin.at(hot)), change(moved[0], moved[1])
+        without, with_films = change(twin.at(cold), twin.at(hot)), change(moved[0], moved[1])
         pressure = change(twin.at(low), moved[2])
         print(
-            f"  30 -> 60 degC moves the spectrum by {kept:.1%} without films, {carried:.1%} with; 5 MPa {pressure:.1%}"
+            f"  30 -> 60 degC moves the spectrum by {without:.1%} without films, {with_films:.1%} with; "
+            f"5 MPa {pressure:.1%}"
         )
     for thickness in (7.5, 10, 15, 20, 22, 25):
         twin = with_film(Twin(PUMP, warm, CASES["0.6 mm, shared"]), um(thickness))
@@ -87,11 +88,11 @@ def film_table() -> None:
 
 def deviations(twin: Twin) -> np.ndarray:
     """Standard deviations of the logarithms of the six values, as in docs/physics.md, section 6, without nuisances."""
-    kept = torch.as_tensor(np.flatnonzero(twin.orders % 7 == 0))
+    indices = torch.as_tensor(np.flatnonzero(twin.orders % 7 == 0))
     logs = twin.values.log()
 
     def amplitude(point: torch.Tensor) -> torch.Tensor:
-        return twin.acceleration(point.exp())[:, kept].abs().flatten()
+        return twin.acceleration(point.exp())[:, indices].abs().flatten()
 
     slope = torch.autograd.functional.jacobian(amplitude, logs).numpy()
     sigma = np.hypot(0.05 * amplitude(logs).numpy(), 0.02)

@@ -42,17 +42,17 @@ def sve_of(twin: Twin, held_out: Recording) -> float:
     return spectrum_value_error(comparison.measurement.amplitude, comparison.amplitude_of(twin))
 
 
-def figures(found: Calibration, held_out: Recording, truth: np.ndarray) -> dict[str, list[float]]:
+def figures(calibration: Calibration, held_out: Recording, truth: np.ndarray) -> dict[str, list[float]]:
     """What one calibration came to, value by value."""
-    values = np.log([one.value for one in found.estimates])
-    low, high = np.log([one.interval for one in found.estimates]).T
-    sure = np.array([one.verdict in ("identified", "weak") for one in found.estimates])
-    held = (low <= truth) & (truth <= high)
+    values = np.log([estimate.value for estimate in calibration.estimates])
+    low, high = np.log([estimate.interval for estimate in calibration.estimates]).T
+    sure = np.array([estimate.verdict in ("identified", "weak") for estimate in calibration.estimates])
+    is_covered = (low <= truth) & (truth <= high)
     return {
-        "sve": [sve_of(found.twin, held_out)],
+        "sve": [sve_of(calibration.twin, held_out)],
         "error": np.abs(values - truth).tolist(),
-        "coverage": held.astype(float).tolist(),
-        "coverage_told": held[sure].astype(float).tolist(),
+        "coverage": is_covered.astype(float).tolist(),
+        "coverage_identified": is_covered[sure].astype(float).tolist(),
         "width": (high - low).tolist(),
     }
 
@@ -71,7 +71,7 @@ def of_fleet(seed: int, name: str) -> list[tuple[str, dict[str, list[float]]]]:
         truth = truth_of(run)
         rows.append(("alone", figures(calibrate(twin, [used], **options), held_out, truth)))
         rows.append(("fleet", figures(fleet.calibrations[pump], held_out, truth)))
-        others = calibrate_fleet(twin, [some[0][0] for one, some in pairs.items() if one != pump], **options)
+        others = calibrate_fleet(twin, [some[0][0] for name, some in pairs.items() if name != pump], **options)
         mean = others.population.mean[:6]
         typical = twin.with_interfaces(Interfaces.from_values(np.exp(mean)))
         rows.append(("sister", {"sve": [sve_of(typical, held_out)], "error": np.abs(mean - truth).tolist()}))
@@ -89,19 +89,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[2, 3], help="fleets of the rig, six pumps each")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
     rows = []
     for name in NUISANCES:
-        found = [pair for seed in asked.seeds for pair in of_fleet(seed, name)]
-        for kind in dict.fromkeys(kind for kind, _ in found):
-            some = [one for each, one in found if each == kind]
-            joined = {metric: np.concatenate([one[metric] for one in some]) for metric in some[0]}
+        figures_by_kind = [pair for seed in options.seeds for pair in of_fleet(seed, name)]
+        for kind in dict.fromkeys(kind for kind, _ in figures_by_kind):
+            some = [values for each, values in figures_by_kind if each == kind]
+            joined = {metric: np.concatenate([values[metric] for values in some]) for metric in some[0]}
             means = {metric: float(values.mean()) if len(values) else None for metric, values in joined.items()}
-            by_value = np.mean([one["error"] for one in some], axis=0).round(3).tolist()
+            by_value = np.mean([values["error"] for values in some], axis=0).round(3).tolist()
             rows.append({"twin": kind, "nuisances": name, "pumps": len(some), **means, "error_by_value": by_value})
-    if asked.json:
-        print(json.dumps({"rows": rows, "seeds": asked.seeds}))
+    if options.json:
+        print(json.dumps({"rows": rows, "seeds": options.seeds}))
         return
     for row in rows:
         print("  ".join(f"{key} {value:.3f}" if isinstance(value, float) else f"{value}" for key, value in row.items()))

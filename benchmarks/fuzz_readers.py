@@ -139,9 +139,9 @@ def mutated(content: bytes, generator: np.random.Generator) -> bytes:
     at = int(generator.integers(0, reach))
     size = int(2 ** generator.uniform(0, np.log2(max(2, len(content) // 4))))
     if kind < 7:
-        for place in generator.integers(0, reach, int(generator.integers(1, 12))):
-            changed[place] = (
-                int(generator.integers(0, 256)) if kind < 6 else changed[place] ^ (1 << generator.integers(8))
+        for offset in generator.integers(0, reach, int(generator.integers(1, 12))):
+            changed[offset] = (
+                int(generator.integers(0, 256)) if kind < 6 else changed[offset] ^ (1 << generator.integers(8))
             )
     elif kind == 7:
         word = _WORDS[generator.integers(0, len(_WORDS))]
@@ -163,7 +163,7 @@ def outcome(name: str, path: Path, original: bytes, *, lazily: bool) -> tuple[st
     facts = {} if name == "hdf5_foreign" else facts
     try:
         if name == "store":
-            (back,) = [one.loaded() for one in open_recordings(path)] if lazily else read_recordings(path)
+            (back,) = [recording.loaded() for recording in open_recordings(path)] if lazily else read_recordings(path)
         else:
             back = open_recording(path, **facts).loaded() if lazily else read_recording(path, **facts)
     except SwashTwinError as error:
@@ -179,7 +179,7 @@ def outcome(name: str, path: Path, original: bytes, *, lazily: bool) -> tuple[st
     return "same" if back.signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
 
 
-def fuzz(name: str, first: int, count: int, seed: int, folder: Path, told: Callable[[int, str, str], None]) -> None:
+def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Callable[[int, str, str], None]) -> None:
     """Tell the outcome of each of `count` mutations of a file, from number `first` on."""
     warnings.simplefilter("ignore")
     valid = FORMATS[name](folder)
@@ -191,19 +191,29 @@ def fuzz(name: str, first: int, count: int, seed: int, folder: Path, told: Calla
         generator = np.random.default_rng([seed, *name.encode(), number])
         path = folder / f"mutated_{number}{suffix}"
         path.write_bytes(mutated(content, generator))
-        told(number, *outcome(name, path, content, lazily=number % 2 == 1))
+        report(number, *outcome(name, path, content, lazily=number % 2 == 1))
         path.unlink(missing_ok=True)
 
 
 def _run(name: str, count: int, seed: int) -> dict[str, object]:
     counts: Counter[str] = Counter()
     failures: list[dict[str, object]] = []
-    done, started, slowest = 0, time.perf_counter(), 0.0
-    while done < count:
-        command = [sys.executable, "-W", "ignore", __file__, "--inside", name, str(done), str(count - done), str(seed)]
+    finished, started, slowest = 0, time.perf_counter(), 0.0
+    while finished < count:
+        command = [
+            sys.executable,
+            "-W",
+            "ignore",
+            __file__,
+            "--inside",
+            name,
+            str(finished),
+            str(count - finished),
+            str(seed),
+        ]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             assert process.stdout is not None
-            asked, last = time.perf_counter(), ""
+            asked_at, last = time.perf_counter(), ""
             while True:
                 ready, _, _ = select([process.stdout], [], [], _PATIENCE)
                 last = process.stdout.readline() if ready else "hang"
@@ -211,18 +221,18 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
                     break
                 number, kind, said = json.loads(last)
                 counts[kind] += 1
-                if done > 0:
-                    slowest = max(slowest, time.perf_counter() - asked)
-                asked, done = time.perf_counter(), number + 1
+                if finished > 0:
+                    slowest = max(slowest, time.perf_counter() - asked_at)
+                asked_at, finished = time.perf_counter(), number + 1
                 if kind in FAILURES:
                     failures.append({"number": number, "kind": kind, "said": said})
             if last == "hang":
                 process.kill()
-        if done < count:
+        if finished < count:
             kind = "hang" if last == "hang" else "crash"
             counts[kind] += 1
-            failures.append({"number": done, "kind": kind, "said": ""})
-            done += 1
+            failures.append({"number": finished, "kind": kind, "said": ""})
+            finished += 1
     return {
         "format": name,
         "count": count,
@@ -251,15 +261,16 @@ def main() -> int:
     for name in FORMATS if given.format == "all" else [given.format]:
         results.append(_run(name, given.count, given.seed))
         if not given.json:
-            one = results[-1]
+            result = results[-1]
             print(
-                f"{name:13s} {one['seconds']:7.1f} s  slowest {one['slowest_s']:.2f} s  {one['outcomes']}", flush=True
+                f"{name:13s} {result['seconds']:7.1f} s  slowest {result['slowest_s']:.2f} s  {result['outcomes']}",
+                flush=True,
             )
             for failure in results[-1]["failures"][:8]:
                 print("   ", failure, flush=True)
     if given.json:
         print(json.dumps({"rate": RATE, "seed": given.seed, "results": results}))
-    return int(any(one["failures"] for one in results))
+    return int(any(result["failures"] for result in results))
 
 
 if __name__ == "__main__":

@@ -34,10 +34,10 @@ RULES = ("noise", "misfit", "discrepancy")
 
 
 @dataclass(frozen=True)
-class Found:
+class Coverage:
     """One calibration under one rule."""
 
-    held: list[bool]
+    is_covered: list[bool]
     verdicts: list[str]
     off: list[float]
 
@@ -52,7 +52,7 @@ def covariance_under(rule: str, around: Linearized) -> np.ndarray:
     return np.linalg.inv(scaled.T @ scaled / misfit + np.eye(len(prior))) * np.outer(prior, prior)
 
 
-def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Found]:
+def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Coverage]:
     """Intervals of one recording, by nuisances and rule."""
     torch.set_num_threads(1)
     assert recording.condition is not None
@@ -64,30 +64,39 @@ def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Found]
         point = GaussNewton(starts=2).search(objective, seed=0).point
         around = linearized(objective, point)
         for rule in RULES:
-            found = estimates_of(objective, point, covariance_under(rule, around))
-            result[name, rule] = Found(
-                held=[one.interval[0] <= true <= one.interval[1] for one, true in zip(found, truth, strict=True)],
-                verdicts=[one.verdict for one in found],
-                off=[float(np.log(one.value / true) / one.log_std) for one, true in zip(found, truth, strict=True)],
+            estimates = estimates_of(objective, point, covariance_under(rule, around))
+            result[name, rule] = Coverage(
+                is_covered=[
+                    estimate.interval[0] <= true <= estimate.interval[1]
+                    for estimate, true in zip(estimates, truth, strict=True)
+                ],
+                verdicts=[estimate.verdict for estimate in estimates],
+                off=[
+                    float(np.log(estimate.value / true) / estimate.log_std)
+                    for estimate, true in zip(estimates, truth, strict=True)
+                ],
             )
     return result
 
 
-def row_of(label: str, nuisances: str, rule: str, found: list[Found]) -> dict[str, object]:
+def row_of(label: str, nuisances: str, rule: str, coverages: list[Coverage]) -> dict[str, object]:
     """One line of the table."""
-    held, off = np.array([one.held for one in found]), np.abs([one.off for one in found])
-    named = np.array([one.verdicts for one in found])
+    is_covered, off = (
+        np.array([coverage.is_covered for coverage in coverages]),
+        np.abs([coverage.off for coverage in coverages]),
+    )
+    named = np.array([coverage.verdicts for coverage in coverages])
     sure = named == "identified"
     return {
         "label": label,
         "nuisances": nuisances,
         "rule": rule,
-        "recordings": len(found),
+        "recordings": len(coverages),
         "identified": int(sure.sum()),
-        "coverage_identified": float(held[sure].mean()) if sure.any() else None,
+        "coverage_identified": float(is_covered[sure].mean()) if sure.any() else None,
         "beyond_three": float((off[sure] > 3).mean()) if sure.any() else None,
-        "coverage": float(held.mean()),
-        "coverage_by_value": held.mean(axis=0).round(3).tolist(),
+        "coverage": float(is_covered.mean()),
+        "coverage_by_value": is_covered.mean(axis=0).round(3).tolist(),
         "k_sw_not_identified": float(np.isin(named[:, 1], ["not identified", "at bound", "weak"]).mean()),
     }
 
@@ -98,18 +107,21 @@ def main() -> None:
     parser.add_argument("--fleets", type=int, default=2, help="seeds 0... of the rig, six pumps each")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     rows = []
     for label in LABELS:
-        taken = [
+        pairs = [
             pair
-            for seed in range(asked.fleets)
-            for pair in rig_recordings(seed, RigSize(specimens=6, repeats=1), labels=(label,), jobs=asked.jobs)
+            for seed in range(options.fleets)
+            for pair in rig_recordings(seed, RigSize(specimens=6, repeats=1), labels=(label,), jobs=options.jobs)
         ]
-        found = Parallel(n_jobs=asked.jobs)(delayed(of_recording)(*pair) for pair in taken)
-        rows += [row_of(label, name, rule, [one[name, rule] for one in found]) for name, rule in found[0]]
-    if asked.json:
-        print(json.dumps({"rows": rows, "fleets": asked.fleets}))
+        by_recording = Parallel(n_jobs=options.jobs)(delayed(of_recording)(*pair) for pair in pairs)
+        rows += [
+            row_of(label, name, rule, [coverage[name, rule] for coverage in by_recording])
+            for name, rule in by_recording[0]
+        ]
+    if options.json:
+        print(json.dumps({"rows": rows, "fleets": options.fleets}))
         return
     for row in rows:
         sure = "-" if row["coverage_identified"] is None else f"{row['coverage_identified']:.2f}"

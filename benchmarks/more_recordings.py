@@ -34,43 +34,45 @@ METRICS = ("accuracy", "recording_accuracy")
 
 def further(seed: int, size: RigSize) -> Iterator[Recording]:
     """Recordings of a larger fleet of the same seed at the tested pressure, those of the paper-sized one left out."""
-    known = SIZES["paper"]
-    for one, run in rig_recordings(seed, size):
-        repeat = int(one.recording_id.rpartition("_")[2])
-        place = ord(run.specimen.name) - ord("A")
-        if SCENARIO.is_near(one) and not (place < known.specimens and repeat <= known.repeats):
-            yield one
+    size_paper = SIZES["paper"]
+    for recording, run in rig_recordings(seed, size):
+        repeat = int(recording.recording_id.rpartition("_")[2])
+        index = ord(run.specimen.name) - ord("A")
+        if SCENARIO.is_near(recording) and not (index < size_paper.specimens and repeat <= size_paper.repeats):
+            yield recording
 
 
 def cut(recordings: Iterator[Recording], like: WindowSet) -> WindowSet:
     """As many windows of each as the study takes; the recordings themselves are not kept."""
-    made = like.subset(like.synthetic)
-    for one in recordings:
-        made = made + cut_evenly([one], length=SCENARIO.length, count=SCENARIO.windows, like=like)
-    return made
+    windows = like.subset(like.synthetic)
+    for recording in recordings:
+        windows = windows + cut_evenly([recording], length=SCENARIO.length, count=SCENARIO.windows, like=like)
+    return windows
 
 
 def of_fleet(seed: int) -> dict[str, dict[str, dict[str, float]]]:
     """Scores by row and level of the study on one fleet."""
     torch.set_num_threads(1)
-    known = SIZES["paper"]
-    dataset: StudyDataset = prepare([one for one, _ in rig_recordings(seed, known)], SCENARIO, seed, ())
+    size_paper = SIZES["paper"]
+    dataset: StudyDataset = prepare(
+        [recording for recording, _ in rig_recordings(seed, size_paper)], SCENARIO, seed, ()
+    )
     measured = dataset.measured
-    own = set(measured.specimen.tolist())
-    repeats = RigSize(known.specimens, known.repeats + MORE_REPEATS)
+    trained_on = set(measured.specimen.tolist())
+    repeats = RigSize(size_paper.specimens, size_paper.repeats + MORE_REPEATS)
     more = {
-        "repeats": cut((r for r in further(seed, repeats) if r.specimen in own), measured),
-        "pumps": cut(further(seed, RigSize(known.specimens + MORE_PUMPS, known.repeats)), measured),
+        "repeats": cut((r for r in further(seed, repeats) if r.specimen in trained_on), measured),
+        "pumps": cut(further(seed, RigSize(size_paper.specimens + MORE_PUMPS, size_paper.repeats)), measured),
     }
-    found: dict[str, dict[str, dict[str, float]]] = {}
+    rows: dict[str, dict[str, dict[str, float]]] = {}
     for row, added in ROWS.items():
         train = measured
         for name in added:
             train = train + more[name]
         classifier = train_model(MODELS["paper"][DEFAULT], train, seed=seed, manifest=dataset.manifest)
         scores = {level: evaluate(classifier, test, level=level) for level, test in dataset.tests.items()}
-        found[row] = {level: {name: getattr(one, name) for name in METRICS} for level, one in scores.items()}
-    return found
+        rows[row] = {level: {name: getattr(score, name) for name in METRICS} for level, score in scores.items()}
+    return rows
 
 
 def main() -> None:
@@ -79,20 +81,20 @@ def main() -> None:
     parser.add_argument("--fleets", type=int, default=3, help="seeds 0... of the rig")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
-    fleets = Parallel(n_jobs=asked.jobs)(delayed(of_fleet)(seed) for seed in range(asked.fleets))
+    options = parser.parse_args()
+    fleets = Parallel(n_jobs=options.jobs)(delayed(of_fleet)(seed) for seed in range(options.fleets))
     rows = [
         {"trained on": row, "level": level}
-        | {name: spread([one[row][level][name] for one in fleets]) for name in METRICS}
+        | {name: spread([fleet[row][level][name] for fleet in fleets]) for name in METRICS}
         for row in ROWS
         for level in SCENARIO.levels
     ]
-    if asked.json:
-        print(json.dumps({"rows": rows, "fleets": asked.fleets}))
+    if options.json:
+        print(json.dumps({"rows": rows, "fleets": options.fleets}))
         return
     for row in rows:
-        told = ", ".join(f"{name} {row[name]['mean']:.3f}" for name in METRICS)
-        print(f"{row['trained on']:16s} {row['level']}: {told}")
+        words = ", ".join(f"{name} {row[name]['mean']:.3f}" for name in METRICS)
+        print(f"{row['trained on']:16s} {row['level']}: {words}")
 
 
 if __name__ == "__main__":

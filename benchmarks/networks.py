@@ -43,7 +43,7 @@ def contenders(only: list[str] | None) -> dict[str, tuple[str, dict[str, Any]]]:
     rows["bitcn, stride 8"] = ("bitcn", {"stride": 8})
     rows |= {name: (name, {"stride": 8}) for name in NETWORKS if name.startswith("bitcn_")}
     rows |= {name: (name, {}) for name in NETWORKS if not name.startswith("bitcn")}
-    return {row: made for row, made in rows.items() if only is None or row == PAPER or made[0] in only}
+    return {row: entry for row, entry in rows.items() if only is None or row == PAPER or entry[0] in only}
 
 
 def trainer(network: Network, batch: int, channels: int, length: int) -> Callable[[], None]:
@@ -77,13 +77,13 @@ def answerers(network: Network, channels: int, length: int, folder: Path) -> dic
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     path = export_onnx(classifier, folder / "model.onnx")
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    asked = {count: windows.subset(np.resize(np.arange(len(windows)), count)) for count in (1, TOGETHER)}
+    inputs = {count: windows.subset(np.resize(np.arange(len(windows)), count)) for count in (1, TOGETHER)}
     return {
         count: {
             "torch": lambda some=some: classifier.predict_proba(some),
             "onnx": lambda some=some: session.run(None, {"windows": some.signal}),
         }
-        for count, some in asked.items()
+        for count, some in inputs.items()
     }
 
 
@@ -129,15 +129,17 @@ def main() -> None:
 def measured(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Everything known of each row."""
     rows = contenders(given.only)
-    networks = {row: build_network(name, given.channels, len(CLASSES), **made) for row, (name, made) in rows.items()}
+    networks = {
+        row: build_network(name, given.channels, len(CLASSES), **settings) for row, (name, settings) in rows.items()
+    }
     shape = given.channels, given.length
     steps = {row: trainer(network, given.batch, *shape) for row, network in networks.items()}
     trained = in_turns(steps, given.steps, time.process_time)
     with tempfile.TemporaryDirectory() as folder:
         answering = {row: answerers(network, *shape, Path(folder)) for row, network in networks.items()}
-        told, together = (
+        times, together = (
             in_turns(
-                {f"{row} by {by}": call for row, own in answering.items() for by, call in own[count].items()},
+                {f"{row} by {by}": call for row, calls in answering.items() for by, call in calls[count].items()},
                 -(-given.calls // count),
                 time.thread_time,
             )
@@ -150,8 +152,8 @@ def measured(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
             "receptive_field": getattr(network, "receptive_field", None),
             "epoch_cpu_s": epoch[row],
             "ratio": epoch[row] / epoch[PAPER],
-            "torch_ms": milliseconds(told[f"{row} by torch"]),
-            "onnx_ms": milliseconds(told[f"{row} by onnx"]),
+            "torch_ms": milliseconds(times[f"{row} by torch"]),
+            "onnx_ms": milliseconds(times[f"{row} by onnx"]),
             **{
                 f"{by}_windows_per_s": TOGETHER / float(np.median(together[f"{row} by {by}"]["cpu"]))
                 for by in ("torch", "onnx")

@@ -127,7 +127,7 @@ def case(truth: np.ndarray, start: np.ndarray, seed: int) -> Case:
     )
     point = np.log(nominal * truth)
     verdicts = estimates_of(objective, point, posterior_covariance(objective, point))
-    identified = np.array([one.verdict == "identified" for one in verdicts])
+    identified = np.array([verdict.verdict == "identified" for verdict in verdicts])
     floor = FLOOR * weighted(objective, point)
     top = FLOOR * weighted(objective, GaussNewton(starts=8).search(from_truth, seed=seed).point)
     return Case(objective, point, identified, seed, floor, max(floor, top))
@@ -146,34 +146,34 @@ def weighted(objective: Objective, point: np.ndarray) -> float:
         return float(objective.weighted_loss(torch.as_tensor(point)))
 
 
-def run(one: Case, method: Calibrator) -> tuple[Search, float]:
+def run(case: Case, method: Calibrator) -> tuple[Search, float]:
     """What was found, and how long it took [s]."""
     started = time.perf_counter()
-    return method.search(one.objective, seed=one.seed), time.perf_counter() - started
+    return method.search(case.objective, seed=case.seed), time.perf_counter() - started
 
 
 def row(name: str, start: str, given: Sequence[Case]) -> Row:
     """A method's runs from one kind of start."""
     floor, optimum, ratios, errors, simulations, walls = 0, 0, [], [], [], []
-    for one in given:
-        found, wall = run(one, METHODS[name])
-        loss = weighted(one.objective, found.point)
-        floor += loss <= one.floor
-        optimum += loss <= one.optimum
-        ratios.append(FLOOR * loss / one.floor)
-        errors.append(float(np.abs(found.point - one.truth)[one.identified].max(initial=0.0)))
-        simulations.append(found.simulations)
+    for case in given:
+        result, wall = run(case, METHODS[name])
+        loss = weighted(case.objective, result.point)
+        floor += loss <= case.floor
+        optimum += loss <= case.optimum
+        ratios.append(FLOOR * loss / case.floor)
+        errors.append(float(np.abs(result.point - case.truth)[case.identified].max(initial=0.0)))
+        simulations.append(result.simulations)
         walls.append(wall)
     medians = (float(np.median(column)) for column in (ratios, errors))
     middle = (float(np.median(column)) for column in (simulations, walls))
     return Row(name, start, len(given), floor, optimum, *medians, max(errors), *middle)
 
 
-def line(one: Row) -> str:
+def line(row: Row) -> str:
     """A row of the table."""
-    counts = f"{f'{one.floor}/{one.runs}':>8}{f'{one.optimum}/{one.runs}':>9}"
-    figures = f"{one.loss:8.3f}{one.error:8.3f}{one.worst_error:8.3f}{one.simulations:8.0f}{one.wall_s:8.2f}"
-    return f"{one.method:40}{counts}{figures}"
+    counts = f"{f'{row.floor}/{row.runs}':>8}{f'{row.optimum}/{row.runs}':>9}"
+    figures = f"{row.loss:8.3f}{row.error:8.3f}{row.worst_error:8.3f}{row.simulations:8.0f}{row.wall_s:8.2f}"
+    return f"{row.method:40}{counts}{figures}"
 
 
 def main() -> None:
@@ -197,7 +197,7 @@ def main() -> None:
             if not arguments.json:
                 print(line(rows[-1]), flush=True)
     if arguments.json:
-        print(json.dumps([asdict(one) for one in rows], indent=1))
+        print(json.dumps([asdict(row) for row in rows], indent=1))
 
 
 if __name__ == "__main__":

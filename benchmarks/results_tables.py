@@ -112,10 +112,10 @@ def mean_std(spread: Mapping[str, Any]) -> str:
 
 def difference(study: StudyResult, first: Mapping[str, str], second: Mapping[str, str], metric: str) -> str:
     """Difference of two rows in points, with its interval."""
-    one = study.contrast(first, second, metric=metric)
-    low, high = one.interval
-    told = f"{100 * one.mean:+.1f} ({100 * low:+.1f} to {100 * high:+.1f})"
-    return f"**{told}**" if one.is_clear else told
+    contrast = study.contrast(first, second, metric=metric)
+    low, high = contrast.interval
+    words = f"{100 * contrast.mean:+.1f} ({100 * low:+.1f} to {100 * high:+.1f})"
+    return f"**{words}**" if contrast.is_clear else words
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -133,8 +133,10 @@ def long_table(study: StudyResult) -> str:
     """One line a row."""
     metrics = LONG[study.study]
     factors = ("level", "classifier", "training_set", *_varied(study))
-    told = [[*named(row, factors), *(mean_std(row[one]) for one in metrics), seeds(row)] for row in rows_of(study)]
-    return markdown([*factors, *(study.metrics[one] for one in metrics), "n"], told)
+    lines = [
+        [*named(row, factors), *(mean_std(row[metric]) for metric in metrics), seeds(row)] for row in rows_of(study)
+    ]
+    return markdown([*factors, *(study.metrics[metric] for metric in metrics), "n"], lines)
 
 
 def curve_table(study: StudyResult) -> str:
@@ -144,18 +146,18 @@ def curve_table(study: StudyResult) -> str:
     if all(value.isdigit() for value in values):
         values.sort(key=int)
     factors = ("level", "classifier", "training_set")
-    lines: dict[tuple[str, ...], dict[str, dict[str, Any]]] = {}
+    by_line: dict[tuple[str, ...], dict[str, dict[str, Any]]] = {}
     for row in rows:
-        lines.setdefault(tuple(named(row, factors)), {})[row[factor]] = row
-    told = [
+        by_line.setdefault(tuple(named(row, factors)), {})[row[factor]] = row
+    lines = [
         [
             *line,
-            *(mean_std(own[one]["accuracy"]) if one in own else "" for one in values),
-            seeds(next(iter(own.values()))),
+            *(mean_std(rows_of_line[value]["accuracy"]) if value in rows_of_line else "" for value in values),
+            seeds(next(iter(rows_of_line.values()))),
         ]
-        for line, own in lines.items()
+        for line, rows_of_line in by_line.items()
     ]
-    return markdown([*factors, *values, "n"], told)
+    return markdown([*factors, *values, "n"], lines)
 
 
 def against_table(study: StudyResult) -> str:
@@ -163,23 +165,26 @@ def against_table(study: StudyResult) -> str:
     rows = {(row["classifier"], row["level"]): row for row in rows_of(study)}
     levels = [level for level in LEVELS if any(key[1] == level for key in rows)]
     rivals = study.study == "algorithms"  # rivals stand below ours, ablations differ from the whole network
-    told = []
+    lines = []
     for name in dict.fromkeys(key[0] for key in rows):
-        whole = next((one for one in reversed(AGAINST[study.study]) if name.startswith(f"{one}_")), DEFAULT)
+        whole = next(
+            (rival for rival in reversed(AGAINST[study.study]) if name.startswith(f"{rival}_")),
+            DEFAULT,
+        )
         line = [classifier_words(name), seeds(rows[name, levels[0]])]
         for level in levels:
-            pair = [{"classifier": one, **CALIBRATED, "level": level} for one in (name, whole)]
+            pair = [{"classifier": classifier, **CALIBRATED, "level": level} for classifier in (name, whole)]
             differs = name not in (DEFAULT, whole) and (rivals or name not in AGAINST[study.study])
             other = difference(study, *(reversed(pair) if rivals else pair), "accuracy") if differs else ""
             line += [mean_std(rows[name, level]["accuracy"]), mean_std(rows[name, level]["g_mean"]), other]
         runs = [run for run in study.runs if run.task.factors["classifier"] == name]
         times = [np.median([getattr(run, unit) for run in runs]) for unit in ("cpu_s", "wall_s")]
         mean = rows[name, levels[0]]["accuracy"]["mean"]
-        told.append((-mean if rivals and name != DEFAULT else -1.0, [*line, *(f"{time:.0f}" for time in times)]))
+        lines.append((-mean if rivals and name != DEFAULT else -1.0, [*line, *(f"{time:.0f}" for time in times)]))
     header = ["classifier", "n"]
     for level in levels:
         header += [f"accuracy, {level}", f"G-mean, {level}", "ours less it" if rivals else "less the whole one"]
-    ordered = [line for _, line in sorted(told, key=lambda one: one[0])]
+    ordered = [line for _, line in sorted(lines, key=lambda line: line[0])]
     return markdown([*header, "processor [s]", "clock [s]"], ordered)
 
 
@@ -187,21 +192,26 @@ def budget_table(study: StudyResult) -> str:
     """Mean accuracy by training set and number of synthetic windows, and what is known of the windows themselves."""
     rows = rows_of(study)
     budgets = [value for value in dict.fromkeys(row["synthetic"] for row in rows) if value != "0"]
-    told = []
+    lines = []
     for kind, name in dict.fromkeys((row["classifier"], row["training_set"]) for row in rows):
-        own = {
+        rows_by_cell = {
             (row["level"], row["synthetic"]): row
             for row in rows
             if (row["classifier"], row["training_set"]) == (kind, name)
         }
         line = [classifier_words(kind), training_set_words(name)]
         for level in ("L2", "L4"):
-            line += [f"{own.get((level, one), own.get((level, '0')))['accuracy']['mean']:.3f}" for one in budgets]
-        middle = own.get(("L4", budgets[len(budgets) // 2]), own.get(("L4", "0")))
+            line += [
+                f"{rows_by_cell.get((level, budget), rows_by_cell.get((level, '0')))['accuracy']['mean']:.3f}"
+                for budget in budgets
+            ]
+        middle = rows_by_cell.get(("L4", budgets[len(budgets) // 2]), rows_by_cell.get(("L4", "0")))
         further = [middle["scarce_recall"], middle.get("discriminator", {"mean": None})]
-        told.append([*line, *("" if one["mean"] is None else f"{one['mean']:.3f}" for one in further), seeds(middle)])
-    columns = [f"{level}, {one}" for level in ("L2", "L4") for one in budgets]
-    return markdown(["classifier", "training set", *columns, "recall in the cell, L4", "AUROC", "n"], told)
+        lines.append(
+            [*line, *("" if spread["mean"] is None else f"{spread['mean']:.3f}" for spread in further), seeds(middle)]
+        )
+    columns = [f"{level}, {budget}" for level in ("L2", "L4") for budget in budgets]
+    return markdown(["classifier", "training set", *columns, "recall in the cell, L4", "AUROC", "n"], lines)
 
 
 def differences(study: StudyResult) -> Iterator[str]:
@@ -212,18 +222,19 @@ def differences(study: StudyResult) -> Iterator[str]:
             other = {**row, **second}
             if not first.items() <= row.items() or other == row or other not in rows:
                 continue
-            held = ", ".join(named(row, [name for name in study.factors if name not in second]))
-            left, right = (", ".join(named(one, list(second))) for one in (row, other))
+            fixed = ", ".join(named(row, [name for name in study.factors if name not in second]))
+            left, right = (", ".join(named(factors, list(second))) for factors in (row, other))
             for metric in ("accuracy", *FURTHER_METRICS.get(study.study, ())):
-                yield f"- {held}: {left} less {right}, {study.metrics[metric]}: {difference(study, row, other, metric)}"
+                points = difference(study, row, other, metric)
+                yield f"- {fixed}: {left} less {right}, {study.metrics[metric]}: {points}"
 
 
 def _varied(study: StudyResult) -> list[str]:
     return [name for name in study.factors if name not in ("level", "classifier", "training_set")]
 
 
-def told(study: StudyResult) -> str:
-    """All that is told of a study."""
+def summary(study: StudyResult) -> str:
+    """Title, table and differences of a study."""
     if study.study in LONG:
         table = long_table(study)
     elif study.study in CURVES:
@@ -240,10 +251,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="Folder of finished runs.")
     arguments = parser.parse_args()
-    known = {*LONG, *CURVES, *AGAINST, "augmentation"}
+    studies = {*LONG, *CURVES, *AGAINST, "augmentation"}
     for study in collect_studies(arguments.folder):
-        if study.study in known:
-            print(told(study), end="\n\n")
+        if study.study in studies:
+            print(summary(study), end="\n\n")
 
 
 if __name__ == "__main__":

@@ -72,23 +72,25 @@ def main() -> None:
     parser.add_argument("--fleets", type=int, default=5, help="seeds 0... of the rig")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     pumps: list[list[Recording]] = []
-    for seed in range(asked.fleets):
-        taken = [r for r, _ in rig_recordings(seed, SIZES["small"], labels=("swash_plate",), jobs=asked.jobs)]
-        pumps += [[r for r in taken if r.specimen == name] for name in sorted({str(r.specimen) for r in taken})]
-    found = Parallel(n_jobs=asked.jobs)(delayed(of_pump)(pump) for pump in pumps)
+    for seed in range(options.fleets):
+        recordings = [r for r, _ in rig_recordings(seed, SIZES["small"], labels=("swash_plate",), jobs=options.jobs)]
+        pumps += [
+            [r for r in recordings if r.specimen == name] for name in sorted({str(r.specimen) for r in recordings})
+        ]
+    results = Parallel(n_jobs=options.jobs)(delayed(of_pump)(pump) for pump in pumps)
     rows = [
         {"twin": twin, "test": test}
-        | {metric: spread([getattr(one[twin, test], metric) for one in found]) for metric in METRICS}
-        for twin, test in found[0]
+        | {metric: spread([getattr(result[twin, test], metric) for result in results]) for metric in METRICS}
+        for twin, test in results[0]
     ]
-    if asked.json:
-        print(json.dumps({"rows": rows, "pumps": len(pumps), "fleets": asked.fleets}))
+    if options.json:
+        print(json.dumps({"rows": rows, "pumps": len(pumps), "fleets": options.fleets}))
         return
     for row in rows:
-        told = "  ".join(f"{metric} {row[metric]['mean']:.3f} +- {row[metric]['std']:.3f}" for metric in METRICS)
-        print(f"{row['test']:12s} {row['twin']:24s} {told}")
+        words = "  ".join(f"{metric} {row[metric]['mean']:.3f} +- {row[metric]['std']:.3f}" for metric in METRICS)
+        print(f"{row['test']:12s} {row['twin']:24s} {words}")
 
 
 if __name__ == "__main__":

@@ -62,11 +62,11 @@ def rows_at(n_steps: int) -> list[dict[str, Any]]:
     return [alone(measured, entry, n_steps) for entry in ENTRIES]
 
 
-def relative(found: np.ndarray, wanted: np.ndarray) -> float:
+def relative(values: np.ndarray, wanted: np.ndarray) -> float:
     """Largest difference over the largest of `wanted`, as far as both reach."""
-    length = min(len(found), len(wanted))
+    length = min(len(values), len(wanted))
     wanted = wanted[:length]
-    return float(np.abs(found[:length] - wanted).max() / np.abs(wanted).max())
+    return float(np.abs(values[:length] - wanted).max() / np.abs(wanted).max())
 
 
 def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
@@ -77,7 +77,7 @@ def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
     for row in rows:
         row = dict(row)
         if "missing" not in row:
-            gains, found = row.pop("gains"), np.array(row.pop("slopes"))
+            gains, gradient = row.pop("gains"), np.array(row.pop("slopes"))
             wanted = {"slopes": truth["steady_slopes"], **truth}
             if not row.pop("linear"):
                 wanted = alone(lifting, n_steps)
@@ -88,7 +88,7 @@ def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
                 wanted["slopes"] = stepped[timed]
             row["error"] = relative(gains, wanted["quarter"])
             row["error_radau"] = None if wanted["radau"] is None else relative(gains, wanted["radau"])
-            row["error_gradient"] = relative(found, wanted["slopes"])
+            row["error_gradient"] = relative(gradient, wanted["slopes"])
         judged.append(row)
     return judged
 
@@ -116,12 +116,12 @@ def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 def memory_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Peak memory [MB] of the gradient in steady state, at the step and at a quarter of it."""
-    found = {row["key"]: row["memory_mb"] for row in rows if row["key"] in ("steady", "steady_rk4")}
+    memory = {row["key"]: row["memory_mb"] for row in rows if row["key"] in ("steady", "steady_rk4")}
     fine = alone(measured, FINE, STEPS_PER_REVOLUTION)["memory_mb"]
-    flat = bool(abs(fine - found["steady_rk4"]) <= FLAT_MB)
+    flat = bool(abs(fine - memory["steady_rk4"]) <= FLAT_MB)
     return {
-        "harmonic_balance_mb": found["steady"],
-        "rk4_mb": found["steady_rk4"],
+        "harmonic_balance_mb": memory["steady"],
+        "rk4_mb": memory["steady_rk4"],
         "rk4_four_times_the_steps_mb": fine,
         "flat": flat,
     }
@@ -129,15 +129,15 @@ def memory_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def batch_times() -> dict[str, float]:
     """Value and gradient of one and of many sets of values."""
-    one, many = alone(throughput.ours, 1), alone(throughput.ours, BATCH)
-    return {"one_s": one, "two_hundred_s": many, "ratio": many / one}
+    alone_time, many = alone(throughput.ours, 1), alone(throughput.ours, BATCH)
+    return {"one_s": alone_time, "two_hundred_s": many, "ratio": many / alone_time}
 
 
-def bars_of(told: dict[str, Any]) -> list[dict[str, Any]]:
-    """What was asked for, what was found, and whether that is enough; None where it was not measured."""
-    ratios, memory, windows = told["ratios"], told["memory"], told["windows"]
+def bars_of(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Each target with its measured value, and whether it is met; None where it was not measured."""
+    ratios, memory, windows = report["ratios"], report["memory"], report["windows"]
     growth = windows["at"][str(COUNTS[2])] / windows["at"][str(COUNTS[1])] / (COUNTS[2] / COUNTS[1])
-    asked = (
+    bars = (
         ("eager RK4 over steady state", ratios["eager"], "at least", 3000),
         ("diffrax over steady state", ratios["diffrax"], "at least", 300),
         ("JAX scan over steady state", ratios["jax"], "at least", 40),
@@ -146,18 +146,18 @@ def bars_of(told: dict[str, Any]) -> list[dict[str, Any]]:
         ("memory of the gradient in steady state [MB]", memory["harmonic_balance_mb"], "at most", 50),
         ("what four times the steps change of it [MB]", abs(memory["rk4_four_times_the_steps_mb"] - memory["rk4_mb"]),
          "at most", FLAT_MB),
-        (f"{BATCH} sets in one batch over one set", told["batch"]["ratio"], "at most", 40),
+        (f"{BATCH} sets in one batch over one set", report["batch"]["ratio"], "at most", 40),
         ("1,000 synthetic windows on two cores [s]", windows["wall_s"], "at most", 10),
         ("time per window, 1,000 over 300 of them", growth, "at most", 1.15),
     )  # fmt: skip
     return [
         {
             "bar": name,
-            "found": found,
+            "value": value,
             "wanted": f"{word} {bound}",
-            "passed": None if math.isnan(found) else bool(found >= bound if word == "at least" else found <= bound),
+            "passed": None if math.isnan(value) else bool(value >= bound if word == "at least" else value <= bound),
         }
-        for name, found, word, bound in asked
+        for name, value, word, bound in bars
     ]
 
 
@@ -176,7 +176,7 @@ def everything() -> dict[str, Any]:
     """All that is measured."""
     rows = judge(rows_at(STEPS_PER_REVOLUTION), STEPS_PER_REVOLUTION)
     short = judge(rows_at(SHORT), SHORT)
-    told = {
+    report = {
         "rows": rows,
         "ratios": ratios_of(rows),
         "rows_at_20000_steps": short,
@@ -191,12 +191,12 @@ def everything() -> dict[str, Any]:
         "memory": memory_of(rows),
         "machine": machine(),
     }
-    return {**told, "bars": bars_of(told)}
+    return {**report, "bars": bars_of(report)}
 
 
-def show(told: dict[str, Any]) -> None:
+def show(report: dict[str, Any]) -> None:
     """Print the tables and the bars."""
-    for rows in (told["rows"], told["rows_at_20000_steps"]):
+    for rows in (report["rows"], report["rows_at_20000_steps"]):
         print(f"{'':44}{'steps':>8}{'value s':>10}{'gradient s':>12}{'MB':>8}{'error':>9}{'Radau':>9}{'slopes':>9}")
         for row in rows:
             if "missing" in row:
@@ -204,27 +204,27 @@ def show(told: dict[str, Any]) -> None:
                 continue
             scaled = "" if row["measured_share"] == 1 else f"  scaled from {row['measured_share']:.1%}"
             errors = (row["error"], row["error_radau"], row["error_gradient"])
-            told_errors = "".join(f"{'-':>9}" if error is None else f"{error:9.1e}" for error in errors)
+            error_columns = "".join(f"{'-':>9}" if error is None else f"{error:9.1e}" for error in errors)
             print(
                 f"{row['name']:44}{row['steps']:8d}{row['value_s']:10.3g}{row['gradient_s']:12.3g}"
-                f"{row['memory_mb']:8.3g}{told_errors}{scaled}"
+                f"{row['memory_mb']:8.3g}{error_columns}{scaled}"
             )
         print()
-    for name, ratio in told["ratios"].items():
-        print(f"{name}: {ratio:.3g} (at 20,000 steps {told['ratios_at_20000_steps'][name]:.3g})")
+    for name, ratio in report["ratios"].items():
+        print(f"{name}: {ratio:.3g} (at 20,000 steps {report['ratios_at_20000_steps'][name]:.3g})")
     print()
-    for bar in told["bars"]:
+    for bar in report["bars"]:
         verdict = {True: "met", False: "MISSED", None: "not measured"}[bar["passed"]]
-        print(f"{bar['bar']:48}{bar['found']:10.3g}  {bar['wanted']:16}{verdict}")
+        print(f"{bar['bar']:48}{bar['value']:10.3g}  {bar['wanted']:16}{verdict}")
 
 
-def finite(told: Any) -> Any:
+def finite(value: Any) -> Any:
     """The same with null for what is no number, as JSON has it."""
-    if isinstance(told, dict):
-        return {name: finite(value) for name, value in told.items()}
-    if isinstance(told, list):
-        return [finite(value) for value in told]
-    return None if isinstance(told, float) and not math.isfinite(told) else told
+    if isinstance(value, dict):
+        return {name: finite(element) for name, element in value.items()}
+    if isinstance(value, list):
+        return [finite(element) for element in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def main() -> None:
@@ -250,11 +250,11 @@ def main() -> None:
 
         print(json.dumps(alone(shares), indent=1))
         return
-    told = everything()
+    report = everything()
     if arguments.json:
-        print(json.dumps(finite(told), indent=1, allow_nan=False))
+        print(json.dumps(finite(report), indent=1, allow_nan=False))
     else:
-        show(told)
+        show(report)
 
 
 if __name__ == "__main__":

@@ -34,13 +34,13 @@ def make(folder: Path, size: int) -> int:
     from swashtwin.recordings import Recording
 
     generator = np.random.default_rng(0)
-    readings = max(LENGTH, size // (4 * CHANNELS))
-    block = generator.standard_normal((CHANNELS, min(BLOCK, readings)), dtype=np.float32)
+    count = max(LENGTH, size // (4 * CHANNELS))
+    block = generator.standard_normal((CHANNELS, min(BLOCK, count)), dtype=np.float32)
     with h5py.File(folder / "source.h5", "w") as file, (folder / "plain.bin").open("wb") as plain:
-        data = file.create_dataset("acc", (CHANNELS, readings), np.float32)
+        data = file.create_dataset("acc", (CHANNELS, count), np.float32)
         data.attrs.update({"fs": RATE, "unit": "m/s^2"})
-        for start in range(0, readings, BLOCK):
-            part = block[:, : readings - start] * (1 + start / readings)
+        for start in range(0, count, BLOCK):
+            part = block[:, : count - start] * (1 + start / count)
             data[:, start : start + BLOCK] = part
             plain.write(part.astype(np.float32).tobytes())
     names = tuple(f"acc/{number}" for number in range(CHANNELS))
@@ -51,7 +51,7 @@ def make(folder: Path, size: int) -> int:
     network = build_network("bitcn", CHANNELS, 2, channels=(4,))
     windows = cut_windows(recordings, length=LENGTH)
     save_classifier(fit(network, windows, settings=TrainingSettings(epochs=1), seed=0), folder / "model.safetensors")
-    return readings
+    return count
 
 
 def numpy_reads(folder: Path) -> str:
@@ -103,13 +103,13 @@ STEPS: dict[str, Callable[[Path], str]] = {
 }
 
 
-def _apart(step: str, folder: Path) -> dict[str, float | str]:
+def _in_subprocess(step: str, folder: Path) -> dict[str, float | str]:
     command = [sys.executable, __file__, "--step", step, "--folder", str(folder)]
-    done = subprocess.run(
+    process = subprocess.run(
         command, capture_output=True, text=True, check=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
     )
-    told: dict[str, float | str] = json.loads(done.stdout)
-    return told
+    figures: dict[str, float | str] = json.loads(process.stdout)
+    return figures
 
 
 def main() -> None:
@@ -125,30 +125,30 @@ def main() -> None:
         seconds = time.perf_counter() - started
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        cpu = sum(one.ru_utime + one.ru_stime for one in used)
+        cpu = sum(usage.ru_utime + usage.ru_stime for usage in used)
         print(json.dumps({"seconds": seconds, "cpu_s": cpu, "peak_mb": peak, "said": said}))
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        made = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1]);"
              "import streaming; print(streaming.make(Path(sys.argv[2]), int(sys.argv[3])))",
              str(Path(__file__).parent), name, str(int(given.gigabytes * 1e9))],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
-        size = int(made.stdout) * CHANNELS * 4
-        steps = {step: _apart(step, folder) for step in STEPS}
-    for told in steps.values():
-        told["mb_per_s"] = size / 1e6 / float(told["seconds"])
-        told["ratio"] = float(steps["numpy_reads"]["seconds"]) / float(told["seconds"])
+        size = int(process.stdout) * CHANNELS * 4
+        steps = {step: _in_subprocess(step, folder) for step in STEPS}
+    for figures in steps.values():
+        figures["mb_per_s"] = size / 1e6 / float(figures["seconds"])
+        figures["ratio"] = float(steps["numpy_reads"]["seconds"]) / float(figures["seconds"])
     if given.json:
         print(json.dumps({"megabytes": size / 1e6, "channels": CHANNELS, "length": LENGTH, "steps": steps}))
         return
     print(f"{size / 1e6:.0f} MB of single precision, {CHANNELS} channels, windows of {LENGTH}")
-    for step, told in steps.items():
-        speed = f"{told['mb_per_s']:8.0f} MB/s {told['ratio']:7.3f} of NumPy's"
-        used = f"{told['seconds']:8.2f} s {told['cpu_s']:8.2f} s CPU {told['peak_mb']:7.0f} MB"
-        print(f"{step:12s} {used} {speed}  {told['said']}")
+    for step, figures in steps.items():
+        speed = f"{figures['mb_per_s']:8.0f} MB/s {figures['ratio']:7.3f} of NumPy's"
+        used = f"{figures['seconds']:8.2f} s {figures['cpu_s']:8.2f} s CPU {figures['peak_mb']:7.0f} MB"
+        print(f"{step:12s} {used} {speed}  {figures['said']}")
 
 
 if __name__ == "__main__":

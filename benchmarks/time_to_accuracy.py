@@ -34,7 +34,7 @@ def trained(name: str, model: Model, dataset: StudyDataset, seed: int) -> dict[s
 
 def of_fleet(seed: int, times: float) -> list[dict[str, Any]]:
     """The default's training, the paper's first epoch, and as many of them as fill the time."""
-    recordings = [one for one, _ in rig_recordings(seed, SIZES["paper"])]
+    recordings = [recording for recording, _ in rig_recordings(seed, SIZES["paper"])]
     dataset = prepare(recordings, SCENARIOS["paper"], seed, ())
     ours = trained(DEFAULT, MODELS["paper"][DEFAULT], dataset, seed)
     first = trained("the paper's", PAPERS_OWN.with_training(epochs=1), dataset, seed)
@@ -48,10 +48,10 @@ def main() -> None:
     parser.add_argument("--fleets", type=int, default=1, help="seeds 0... of the rig")
     parser.add_argument("--times", type=float, default=5.0, help="the default's time, how often")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
-    rows = [row for seed in range(asked.fleets) for row in of_fleet(seed, asked.times)]
-    if asked.json:
+    rows = [row for seed in range(options.fleets) for row in of_fleet(seed, options.times)]
+    if options.json:
         print(json.dumps({"rows": rows}))
         return
     for row in rows:

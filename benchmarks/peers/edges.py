@@ -75,13 +75,13 @@ class Case:
         """Forces [N, N m] at times [s]: the pressures' lines, and the displacement as it is."""
         drive, values, speed = self.twin.drive, self.twin.values, self.twin.condition.speed
         count = self.twin.pump.rotating_group.piston_count
-        apart = 2 * math.pi * np.arange(count)[:, None] / count
+        offset = 2 * math.pi * np.arange(count)[:, None] / count
         every = drive.orders % count == 0
         rates, lines = 1j * drive.frequency[0, every], drive.pressure[0, every]
         film, bore = (vector.reshape(-1, 13)[0] for vector in (drive.action.film, drive.action.bore))
 
         def at(time: Tensor) -> Tensor:
-            shape, slope = slipper_profile(self.twin.pump, self.defect, speed * time.numpy() + apart)
+            shape, slope = slipper_profile(self.twin.pump, self.defect, speed * time.numpy() + offset)
             moved, moving = torch.as_tensor(shape.sum(0))[:, None], torch.as_tensor(speed * slope.sum(0))[:, None]
             strained = (values[1] * moved + values[0] * moving) * film + (values[5] * moved + values[4] * moving) * bore
             return (torch.exp(time[:, None] * rates) @ lines).real + strained
@@ -89,7 +89,7 @@ class Case:
         return at
 
 
-def settled(case: Case, step: float) -> np.ndarray:
+def mean_accelerations(case: Case, step: float) -> np.ndarray:
     """Mean acceleration [m/s^2] of each sensor (part, sensor) between the compared moments, once settled."""
     moments = [case.passage * i / PARTS for i in range(1, PARTS)]
     breaks = sorted({*moments, *case.bends()}) if case.aligned else moments
@@ -102,20 +102,20 @@ def settled(case: Case, step: float) -> np.ndarray:
         return rk4_trajectory_with_breaks(*case.matrices(), case.force(), step, case.passage, breaks, start)
 
     start = torch.linalg.solve(torch.eye(26, dtype=torch.float64) - turn, march(None).states[-1])
-    found = march(start)
+    trajectory = march(start)
     wanted = torch.tensor([0, *moments, case.passage], dtype=torch.float64)
-    rows = torch.searchsorted(found.time, wanted - 1e-12)
-    velocity = found.states[rows, 13:] @ case.twin.structure.sensor_rows.T
+    rows = torch.searchsorted(trajectory.time, wanted - 1e-12)
+    velocity = trajectory.states[rows, 13:] @ case.twin.structure.sensor_rows.T
     return np.diff(velocity.numpy(), axis=0) / (case.passage / PARTS)
 
 
 def errors(damping: float) -> list[Line]:
     """Error over the step [us] for each way, with this damping of the slippers' film [N s/m]."""
     settle()
-    own = pump_twin()
-    values = own.values.numpy().copy()
+    reference = pump_twin()
+    values = reference.values.numpy().copy()
     values[0] = damping
-    twin = own.with_interfaces(Interfaces.from_values(values))
+    twin = reference.with_interfaces(Interfaces.from_values(values))
     assert isinstance(twin.fault, SwashPlateDefect)
     smooth = twin.with_fault(replace(twin.fault, edge="raised_cosine"))
     limit = rk4_limit(state_matrix(*Case(twin, True).matrices()))
@@ -126,9 +126,13 @@ def errors(damping: float) -> list[Line]:
     )
     lines = []
     for name, color, case in ways:
-        exact = settled(replace(case, aligned=True), limit * min(SHARES) / FINEST)
-        found = [np.abs(settled(case, limit * share) - exact).max() / np.abs(exact).max() for share in SHARES]
-        lines.append(Line(name, color, [(limit * s * 1e6, float(e)) for s, e in zip(SHARES, found, strict=True)]))
+        exact = mean_accelerations(replace(case, aligned=True), limit * min(SHARES) / FINEST)
+        errors_of_steps = [
+            np.abs(mean_accelerations(case, limit * share) - exact).max() / np.abs(exact).max() for share in SHARES
+        ]
+        lines.append(
+            Line(name, color, [(limit * s * 1e6, float(e)) for s, e in zip(SHARES, errors_of_steps, strict=True)])
+        )
     return lines
 
 
@@ -141,12 +145,12 @@ def draw_edges(folder: Path) -> None:
 def edges_figure(lines: dict[float, list[Line]]) -> tuple[Figure, list[dict[str, object]]]:
     """One panel for each film, and their data."""
     figure, axes = panels(1, len(lines), 4.0, sharey=True)
-    for place, (damping, of_film) in zip(axes[0], lines.items(), strict=True):
-        place.set(xscale="log", yscale="log", xlabel="step [µs]", title=FILMS[damping])
+    for ax, (damping, of_film) in zip(axes[0], lines.items(), strict=True):
+        ax.set(xscale="log", yscale="log", xlabel="step [µs]", title=FILMS[damping])
         for line in of_film:
-            place.plot(*zip(*line.points, strict=True), marker="o", markersize=3.5, color=line.color)
-        place.set_xticks(TICKS[damping], [f"{tick:g}" for tick in TICKS[damping]])
-        place.xaxis.set_minor_formatter(NullFormatter())
+            ax.plot(*zip(*line.points, strict=True), marker="o", markersize=3.5, color=line.color)
+        ax.set_xticks(TICKS[damping], [f"{tick:g}" for tick in TICKS[damping]])
+        ax.xaxis.set_minor_formatter(NullFormatter())
     axes[0, 0].set_ylabel("error of the acceleration, relative [1]")
     for line, away in zip(next(iter(lines.values())), (0.15, 40, 0.15), strict=True):
         step, error = line.points[0]

@@ -90,22 +90,22 @@ def scaling_figure(steps: Sequence[Line], sets: Sequence[Line]) -> tuple[Figure,
     """The two panels, and their data."""
     figure, axes = panels(1, 2, 4.6, sharey=True, width_ratios=(1.15, 1))
     left, right = axes[0]
-    for place, lines in ((left, steps), (right, sets)):
-        place.set(xscale="log", yscale="log")
+    for ax, lines in ((left, steps), (right, sets)):
+        ax.set(xscale="log", yscale="log")
         for line in lines:
             style = "--" if line.scaled else "-"
-            place.plot(*zip(*line.points, strict=True), style, marker="o", markersize=3.5, color=line.color)
+            ax.plot(*zip(*line.points, strict=True), style, marker="o", markersize=3.5, color=line.color)
     left.set(xlabel="steps of 0.97 µs [1]", ylabel="value and gradient [s]", title="One set of values")
     right.set(xlabel="sets of values at once [1]", title="One revolution; dashed: scaled up from fewer steps")
     left.axvline(STEPS_PER_REVOLUTION, color="black", linewidth=0.8, linestyle=":")
     left.text(
         STEPS_PER_REVOLUTION, left.get_ylim()[0], " one revolution", fontsize=8, va="bottom", rotation=90, ha="right"
     )
-    for place, lines in ((left, steps), (right, sets)):
-        low = place.get_xlim()[0]
-        label_ends(place, lines)
-        place.set_xticks(*named_decades(low, max(line.points[-1][0] for line in lines)))
-        place.xaxis.set_minor_locator(NullLocator())
+    for ax, lines in ((left, steps), (right, sets)):
+        low = ax.get_xlim()[0]
+        label_ends(ax, lines)
+        ax.set_xticks(*named_decades(low, max(line.points[-1][0] for line in lines)))
+        ax.xaxis.set_minor_locator(NullLocator())
     name_decades(left)
     data = [
         {"panel": panel, "line": line.name, "x": x, "seconds": y, "scaled": line.scaled}
@@ -122,20 +122,20 @@ def named_decades(low: float, high: float) -> tuple[list[float], list[str]]:
     return ticks, [f"{tick:,.0f}" for tick in ticks]
 
 
-def label_ends(place: Axes, lines: Sequence[Line], *, gap: float = 0.045) -> None:
+def label_ends(ax: Axes, lines: Sequence[Line], *, gap: float = 0.045) -> None:
     """Name each line beside its last point, moved as far apart as reading needs; above it where it ends early."""
-    low, high = place.get_xlim()
-    place.set_xlim(low, high * (high / low) ** 0.62)
-    place.autoscale(False)
+    low, high = ax.get_xlim()
+    ax.set_xlim(low, high * (high / low) ** 0.62)
+    ax.autoscale(False)
     last = max(line.points[-1][0] for line in lines)
-    for line in (one for one in lines if one.points[-1][0] < last):
+    for line in (line for line in lines if line.points[-1][0] < last):
         x, y = line.points[-1]
-        place.text(x, 1.4 * y, line.name, fontsize=8.5, color=line.color, ha="center")
+        ax.text(x, 1.4 * y, line.name, fontsize=8.5, color=line.color, ha="center")
     lines = [line for line in lines if line.points[-1][0] == last]
-    inverse = place.transAxes.inverted()
-    ends = [inverse.transform(place.transData.transform(line.points[-1])) for line in lines]
+    inverse = ax.transAxes.inverted()
+    ends = [inverse.transform(ax.transData.transform(line.points[-1])) for line in lines]
     for line, end, height in zip(lines, ends, spread_labels([end[1] for end in ends], gap), strict=True):
-        place.annotate(
+        ax.annotate(
             line.name, tuple(end), (end[0] + 0.03, height), "axes fraction", "axes fraction", fontsize=8.5,
             color=line.color, va="center", arrowprops={"arrowstyle": "-", "color": line.color, "linewidth": 0.5},
         )  # fmt: skip

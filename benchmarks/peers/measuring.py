@@ -101,24 +101,24 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
     """Row of the table for `n_steps` of the common steps, and the sensors' motion for comparison."""
     settle()
     try:
-        made = contender_class(entry)
+        kind = contender_class(entry)
     except ImportError:
         return {"key": entry.key, "name": entry.name, "missing": f"pip install {entry.install}"}
     timed = min(n_steps, entry.steps or n_steps)
-    cut = {"per_step": made.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine // entry.stride}
+    cut = {"per_step": kind.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine // entry.stride}
     values = pump_twin().values.numpy()
-    made.rehearsal(Problem(WARM_UP_STEPS, **cut)).gradient(values)
-    contender = made(Problem(timed * entry.refine // entry.stride, **cut))
+    kind.rehearsal(Problem(WARM_UP_STEPS, **cut)).gradient(values)
+    contender = kind(Problem(timed * entry.refine // entry.stride, **cut))
     compile_s = contender.prepare(values)
-    kept: list[tuple[float, np.ndarray]] = []
-    memory_mb, gradient_s = peak_memory(lambda: kept.append(contender.gradient(values)))
+    results: list[tuple[float, np.ndarray]] = []
+    memory_mb, gradient_s = peak_memory(lambda: results.append(contender.gradient(values)))
     if gradient_s < BUDGET:
         gradient_s = seconds(lambda: contender.gradient(values))
     velocities = contender.velocities(values)
     contender.value(values)  # compiles, where there is a compiler
     value_s = seconds(lambda: contender.value(values))
-    share = timed / n_steps if made.grows else 1.0
-    loss, slopes = kept[0]
+    share = timed / n_steps if kind.grows else 1.0
+    loss, slopes = results[0]
     return {
         "key": entry.key,
         "name": entry.name,
@@ -128,7 +128,7 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         "steps": round(contender.steps / share),
         "measured_share": share,
         "compile_s": compile_s,
-        "linear": made.linear,
+        "linear": kind.linear,
         "loss": loss,
         "slopes": list(slopes * values),
         "gains": gains(velocities[:: SAMPLED_EVERY * entry.refine // entry.stride]),
@@ -144,13 +144,13 @@ def times_over_steps(entry: Entry, counts: tuple[int, ...]) -> list[tuple[int, f
     """Time [s] of one value and gradient for each number of the common steps; empty where the library is missing."""
     settle()
     try:
-        made = contender_class(entry)
+        kind = contender_class(entry)
     except ImportError:
         return []
     values, times = pump_twin().values.numpy(), []
     for count in counts:
         per_revolution = STEPS_PER_REVOLUTION // entry.stride
-        contender = made(Problem(count // entry.stride, made.per_step, per_revolution))
+        contender = kind(Problem(count // entry.stride, kind.per_step, per_revolution))
         contender.prepare(values)
         if not times:
             contender.gradient(values)

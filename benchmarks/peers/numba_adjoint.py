@@ -35,18 +35,18 @@ def _forward(state, push, start, h):
 def _backward(state, push, h, states, slope):
     transposed = np.ascontiguousarray(state.T)
     of_state, of_push = np.zeros_like(state), np.zeros_like(push)
-    carried = np.zeros(len(state))
+    adjoint = np.zeros(len(state))
     for i in range(len(states) - 2, -1, -1):
         x = states[i]
         x2, x3, x4, _ = _stages(state, push, x, i, h)
-        carried = carried + slope[i + 1]
-        b4 = h / 6 * carried
+        adjoint = adjoint + slope[i + 1]
+        b4 = h / 6 * adjoint
         a4 = transposed @ b4
-        b3 = h / 3 * carried + h * a4
+        b3 = h / 3 * adjoint + h * a4
         a3 = transposed @ b3
-        b2 = h / 3 * carried + h / 2 * a3
+        b2 = h / 3 * adjoint + h / 2 * a3
         a2 = transposed @ b2
-        b1 = h / 6 * carried + h / 2 * a2
+        b1 = h / 6 * adjoint + h / 2 * a2
         for row in range(len(state)):
             for column in range(len(state)):
                 of_state[row, column] += (
@@ -55,7 +55,7 @@ def _backward(state, push, h, states, slope):
         of_push[2 * i] += b1
         of_push[2 * i + 1] += b2 + b3
         of_push[2 * i + 2] += b4
-        carried = carried + a4 + a3 + a2 + transposed @ b1
+        adjoint = adjoint + a4 + a3 + a2 + transposed @ b1
     return of_state, of_push
 
 

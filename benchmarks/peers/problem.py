@@ -81,15 +81,15 @@ def equations() -> Equations:
     for array in (damping, stiffness):
         array[1:] /= nominal[:, None, None]
     left, size, right = np.linalg.svd(np.concatenate([flat.real, flat.imag]), full_matrices=False)
-    kept = size > 1e-12 * size[0]
-    scores = np.split(left[:, kept] * size[kept], 2)
+    is_kept = size > 1e-12 * size[0]
+    scores = np.split(left[:, is_kept] * size[is_kept], 2)
     return Equations(
         mass=twin.structure.mass.diagonal().numpy(),
         damping=damping,
         stiffness=stiffness,
         load=force[0],
         motion=scores[0] + 1j * scores[1],
-        weight=right[kept].reshape(-1, 13, 6) / nominal,
+        weight=right[is_kept].reshape(-1, 13, 6) / nominal,
         sensor_rows=twin.structure.sensor_rows.numpy(),
     )
 

@@ -26,7 +26,7 @@ def shares() -> dict[str, Any]:
     contender = Steady(Problem())
     values = pump_twin().values.numpy()
     contender.gradient(values)
-    one = seconds(lambda: contender.gradient(values))
+    per_gradient = seconds(lambda: contender.gradient(values))
     single, many = (gradient_of_sets(count) for count in (1, SETS))
     single(), many()
     in_batch = (seconds(many) - seconds(single)) / (SETS - 1)
@@ -38,10 +38,14 @@ def shares() -> dict[str, Any]:
             contender.gradient(values)
     operations = sum(event.count for event in record.key_averages() if event.key.startswith("aten::")) / CALLS
     return {
-        "one_s": one,
+        "one_s": per_gradient,
         "one_more_set_s": in_batch,
         "one_solve_s": solve,
         "operations": round(operations),
         "threads": torch.get_num_threads(),
-        "shares": {"arithmetic": in_batch / one, "fixed": 1 - in_batch / one, "solves": 2 * solve / one},
+        "shares": {
+            "arithmetic": in_batch / per_gradient,
+            "fixed": 1 - in_batch / per_gradient,
+            "solves": 2 * solve / per_gradient,
+        },
     }

@@ -54,8 +54,8 @@ def radau(n_steps: int) -> np.ndarray:
     values = problem.nominal
     given = problem.state_slopes
     state = given[0] + np.tensordot(values, given[1:], 1)
-    known = equations()
-    force = (known.load + known.motion @ (known.weight @ values)) / known.mass
+    system = equations()
+    force = (system.load + system.motion @ (system.weight @ values)) / system.mass
     rates = 1j * pump_twin().condition.speed * pump_twin().orders
 
     def rate(time: float, x: np.ndarray) -> np.ndarray:
@@ -65,5 +65,5 @@ def radau(n_steps: int) -> np.ndarray:
 
     moments = problem.step * np.arange(0, n_steps + 1, SAMPLED_EVERY)
     floor = 1e-11 * np.abs(problem.start)
-    found = solve_ivp(rate, (0, moments[-1]), problem.start, "Radau", moments, rtol=1e-10, atol=floor, jac=state)
-    return found.y.T @ problem.sensor_rows.T
+    solution = solve_ivp(rate, (0, moments[-1]), problem.start, "Radau", moments, rtol=1e-10, atol=floor, jac=state)
+    return solution.y.T @ problem.sensor_rows.T

@@ -94,7 +94,7 @@ def jax_batch(count: int, n_steps: int) -> Callable[[], Any]:
     values = jnp.asarray(sets_of_values(count))
 
     def loss(at: jx.Array, tables: tuple[jx.Array, jx.Array]) -> jx.Array:
-        return jnp.sum(jx.vmap(lambda one: scan.motion_of(one, tables))(at) ** 2)
+        return jnp.sum(jx.vmap(lambda values: scan.motion_of(values, tables))(at) ** 2)
 
     compiled = jx.jit(jx.grad(loss)).lower(values, scan.tables).compile()
     return lambda: jx.block_until_ready(compiled(values, scan.tables))
@@ -105,8 +105,8 @@ def measured_windows() -> WindowSet:
     twin = pump_twin()
     label = twin.label
     recordings = []
-    for one in (twin, twin.with_fault(None)):
-        recording = one.simulate(2.0, SAMPLE_RATE, recording_id=one.label)
+    for model in (twin, twin.with_fault(None)):
+        recording = model.simulate(2.0, SAMPLE_RATE, recording_id=model.label)
         recordings.append(replace(recording, signal=add_noise(recording.signal, 20.0, 0), synthetic=False))
     return cut_windows(recordings, length=WINDOW, classes=("normal", label))
 
@@ -120,9 +120,9 @@ def windows(counts: tuple[int, ...]) -> dict[str, Any]:
     wall = {}
     for count in counts:
         started = time.perf_counter()
-        made = simulate_windows(twin, count=count, like=like, seed=count)
+        synthetic = simulate_windows(twin, count=count, like=like, seed=count)
         wall[count] = time.perf_counter() - started
-        assert made.signal.shape == (count, len(like.channels), WINDOW)
+        assert synthetic.signal.shape == (count, len(like.channels), WINDOW)
     return {
         "count": counts[-1],
         "wall_s": wall[counts[-1]],

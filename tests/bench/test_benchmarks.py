@@ -31,8 +31,8 @@ def module(name: str) -> ModuleType:
 
 
 def gradient_of(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
-    made = getattr(module(name), of_class)
-    contender = made(module("problem").Problem(STEPS, per_step=made.per_step))
+    contender_class = getattr(module(name), of_class)
+    contender = contender_class(module("problem").Problem(STEPS, per_step=contender_class.per_step))
     values = contender.problem.nominal
     loss, slopes = contender.gradient(values)
     assert contender.value(values) == pytest.approx(loss, rel=1e-12)
@@ -76,8 +76,8 @@ def test_the_settled_motion_goes_on_as_the_eager_loop_steps_it(eager: tuple[floa
 
 
 def test_the_loss_of_the_eager_loop_has_the_slopes_that_differences_give() -> None:
-    made = module("eager").Eager
-    contender = made(module("problem").Problem(STEPS))
+    contender_class = module("eager").Eager
+    contender = contender_class(module("problem").Problem(STEPS))
     values = contender.problem.nominal
     slopes = contender.gradient(values)[1] * values
     for i in (0, 2, 4):

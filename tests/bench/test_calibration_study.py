@@ -26,9 +26,9 @@ def test_each_twin_has_a_trial_for_each_pump(study):
 
 
 def test_no_twin_beats_the_rig_s_own_lines(study):
-    for place in range(2):
-        best = study.values("rmse", twin="rig_truth")[place]
-        others = [study.values("rmse", twin=name)[place] for name in ("nominal", "calibrated", "gauss_newton")]
+    for index in range(2):
+        best = study.values("rmse", twin="rig_truth")[index]
+        others = [study.values("rmse", twin=name)[index] for name in ("nominal", "calibrated", "gauss_newton")]
         assert best < min(others)
 
 
@@ -38,15 +38,15 @@ def test_calibrating_brings_spectra_nearer_on_recordings_held_out(study):
 
 
 def test_intervals_and_verdicts_of_every_value_are_told(study):
-    told = study.details["intervals"]
-    assert set(told) == {"calibrated", "gauss_newton"}
-    single = told["calibrated"]["single"]
-    assert len(single) == told["calibrated"]["values"] == 12
+    intervals = study.details["intervals"]
+    assert set(intervals) == {"calibrated", "gauss_newton"}
+    single = intervals["calibrated"]["single"]
+    assert len(single) == intervals["calibrated"]["values"] == 12
     for row in single:
         low, high = row["interval"]
         assert row["held"] == (low <= row["truth"] <= high)
     sure = [row for row in single if row["verdict"] == "identified"]
-    assert len(sure) == told["calibrated"]["identified"]
+    assert len(sure) == intervals["calibrated"]["identified"]
     assert math.isnan(study.values("coverage", twin="nominal")[0])
 
 
@@ -64,10 +64,10 @@ def test_lines_of_the_rig_s_truth_are_those_that_are_measured():
     lines = sensor_lines(run)
     orders = np.array([28, 35, 42])
     assert recording.condition is not None
-    found = order_spectrum(recording.signal, recording.sample_rate, recording.condition.shaft_frequency, orders)
+    spectrum = order_spectrum(recording.signal, recording.sample_rate, recording.condition.shaft_frequency, orders)
     loud = np.abs(lines[:, orders - 1]) > 0.3
     assert loud.any()
-    np.testing.assert_allclose(found.amplitude[loud], np.abs(lines[:, orders - 1])[loud], rtol=0.1)
+    np.testing.assert_allclose(spectrum.amplitude[loud], np.abs(lines[:, orders - 1])[loud], rtol=0.1)
     assert true_values(run).shape == (6,)
 
 
@@ -87,7 +87,7 @@ def test_a_pressure_the_rig_has_not_is_refused():
 
 def test_under_thick_films_the_twin_and_the_rig_damp_less():
     settings = CalibrationStudySettings(specimens=1, repeats=2, thick_film=True, contenders=("gauss_newton",))
-    told = run_calibration_study(seeds=[7], settings=settings).details["intervals"]["gauss_newton"]["single"]
-    slipper = next(row for row in told if row["letter"] == "C_sw")
+    intervals = run_calibration_study(seeds=[7], settings=settings).details["intervals"]["gauss_newton"]["single"]
+    slipper = next(row for row in intervals if row["letter"] == "C_sw")
     assert slipper["truth"] < 2e5
     assert slipper["interval"][0] < 9e4

@@ -30,23 +30,27 @@ def embeddings(study: StudyResult) -> list[Embedding]:
 
 def confusions(study: StudyResult, seed: int) -> list[Any]:
     """Confusion matrices of the classifiers that learnt from measured windows alone."""
-    own = [one for one in (*study.outcomes, *study.rivals) if (one.seed, one.training_set) == (seed, "measured")]
-    return [(one.factors, one.scores.confusion.tolist()) for one in own]
+    outcomes = [
+        outcome
+        for outcome in (*study.outcomes, *study.rivals)
+        if (outcome.seed, outcome.training_set) == (seed, "measured")
+    ]
+    return [(outcome.factors, outcome.scores.confusion.tolist()) for outcome in outcomes]
 
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
-    told = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    table = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     wanted = [(name, level) for name in SETS for level in ("L2", "L4")]
-    assert [(row["training_set"], row["level"]) for row in told["rows"]] == wanted
-    for row in [*told["rows"], *told["rivals"]]:
+    assert [(row["training_set"], row["level"]) for row in table["rows"]] == wanted
+    for row in [*table["rows"], *table["rivals"]]:
         for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
             assert len(row[name]["values"]) == 2
             assert row[name]["mean"] == pytest.approx(np.mean(row[name]["values"]))
-    assert {row["classifier"] for row in told["rivals"]} == {"extra_trees"}
-    assert (told["study"], told["seeds"]) == ("case1", [0, 1])
-    assert "stand-in for a machine" in told["origin"]
-    assert set(told["splits"]["0"]) == {"train", "calibration", "reference", "L2", "L4"}
-    assert len(told["contrasts"]) == 8
+    assert {row["classifier"] for row in table["rivals"]} == {"extra_trees"}
+    assert (table["study"], table["seeds"]) == ("case1", [0, 1])
+    assert "stand-in for a machine" in table["origin"]
+    assert set(table["splits"]["0"]) == {"train", "calibration", "reference", "L2", "L4"}
+    assert len(table["contrasts"]) == 8
 
 
 def test_synthetic_windows_are_in_the_filled_training_sets_only(result: StudyResult) -> None:
@@ -82,8 +86,8 @@ def test_a_rerun_does_nothing_again(
     assert again.rows() == result.rows()
     assert said == ["6 of seed 0 done before", "6 of seed 1 done before"]
     assert len(again.calibrations) == 2
-    for one, before in zip(embeddings(again), embeddings(result), strict=True):
-        np.testing.assert_allclose(one.features, before.features, rtol=1e-6)
+    for embedding, before in zip(embeddings(again), embeddings(result), strict=True):
+        np.testing.assert_allclose(embedding.features, before.features, rtol=1e-6)
 
 
 def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
@@ -164,7 +168,7 @@ def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.Monke
     assert not set(keys) & {task.key for task in other_pump.tasks(0, "data")}
     on_a_gpu = [task.key for task in plan.tasks(0, "data", "cuda")]
     networks = [task.factors["classifier"] == DEFAULT for task in plan.tasks(0, "data")]
-    assert [one != other for one, other in zip(keys, on_a_gpu, strict=True)] == networks
+    assert [key != other for key, other in zip(keys, on_a_gpu, strict=True)] == networks
     filled = replace(plan, training_sets={"jitter": TrainingSet("jitter")})
     before = {task.key for task in filled.tasks(0, "data")}
     monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
@@ -207,8 +211,8 @@ def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: py
 
 
 def test_a_calibration_is_not_taken_for_one_of_recordings_that_say_something_else(recordings: list[Recording]) -> None:
-    def named(own: list[Recording]) -> list[str]:
-        return [task.key for task in calibration_tasks(own, TINY, 0)]
+    def named(recordings: list[Recording]) -> list[str]:
+        return [task.key for task in calibration_tasks(recordings, TINY, 0)]
 
     faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
     assert not set(named(recordings)) & set(named(faster))

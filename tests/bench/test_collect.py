@@ -48,8 +48,8 @@ def test_runs_of_older_settings_are_left_out_and_counted(result: StudyResult, tm
     measured = [run for run in result.runs if run.task.factors["training_set"] == "measured"]
     for number, run in enumerate(measured):
         older = replace(run, task=replace(run.task, settings={**run.task.settings, "model": {"kind": "older"}}))
-        for place, one in enumerate((older, run)):
-            os.utime(save_run(one, tmp_path) / "result.json", (number, 10 * number + place))
+        for index, version in enumerate((older, run)):
+            os.utime(save_run(version, tmp_path) / "result.json", (number, 10 * number + index))
     (study,) = collect_studies(tmp_path)
     assert {run.task.key for run in study.runs} == {run.task.key for run in measured}
     assert "4 runs of other settings" in study.notes[-1]
@@ -73,23 +73,23 @@ def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> Non
         return replace(run, task=replace(run.task, factors=factors), roles=roles, cells=cells)
 
     runs = [varied(run, value) for run in result.runs for value in ("1", "2")]
-    told = replace(result, runs=tuple(runs)).to_dict()
-    assert set(told["splits"]) == set(told["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
-    assert told["splits"]["0, 2"]["train"] == ["2"]
-    assert told["cells"]["L2"] != told["cells"]["L2, 2"]
-    assert [name for name in told["cells"] if name.startswith("L4")] == ["L4"]
+    table = replace(result, runs=tuple(runs)).to_dict()
+    assert set(table["splits"]) == set(table["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
+    assert table["splits"]["0, 2"]["train"] == ["2"]
+    assert table["cells"]["L2"] != table["cells"]["L2, 2"]
+    assert [name for name in table["cells"] if name.startswith("L4")] == ["L4"]
 
 
 def test_rows_stand_in_the_order_of_the_study_whatever_was_run_first(result: StudyResult) -> None:
     plan = plan_of("case1", "quick")
     last_first = result.runs[::-1]
-    told = [(row["classifier"], row["training_set"], row["level"]) for row in assemble_result(plan, last_first).rows()]
-    assert told == [(row["classifier"], row["training_set"], row["level"]) for row in result.rows()]
+    rows = [(row["classifier"], row["training_set"], row["level"]) for row in assemble_result(plan, last_first).rows()]
+    assert rows == [(row["classifier"], row["training_set"], row["level"]) for row in result.rows()]
 
 
 def test_a_classifier_of_fewer_seeds_says_so_beside_its_point(result: StudyResult) -> None:
-    kept = [run for run in result.runs if (run.task.factors["classifier"], run.task.seed) != ("extra_trees", 1)]
-    study = assemble_result(plan_of("case1", "quick"), kept)
+    runs = [run for run in result.runs if (run.task.factors["classifier"], run.task.seed) != ("extra_trees", 1)]
+    study = assemble_result(plan_of("case1", "quick"), runs)
     drawing = time_drawing(replace(study, trials=study.trials, rival_names=()), "case1")
     assert "extra trees (n = 1)" in drawing.svg
     assert "ours) (n" not in drawing.svg
@@ -105,7 +105,9 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
     for run in result.runs:
         if run.task.factors["training_set"] == "calibrated":
             outcomes = [
-                replace(one, factors={**one.factors, "snr": snr}) for one in run.outcomes for snr in ("clean", "5 dB")
+                replace(outcome, factors={**outcome.factors, "snr": snr})
+                for outcome in run.outcomes
+                for snr in ("clean", "5 dB")
             ]
             noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
     for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
@@ -146,6 +148,6 @@ def test_what_is_to_be_read_with_a_classifier_is_told_where_it_was_trained(resul
         replace(run, task=replace(run.task, factors={**run.task.factors, "classifier": "spectral_noise"}))
         for run in runs
     ]
-    told = "New noise in every epoch"
-    assert not any(told in note for note in assemble_result(plan, runs).notes)
-    assert any(told in note for note in assemble_result(plan, [*runs, *noisy]).notes)
+    note_start = "New noise in every epoch"
+    assert not any(note_start in note for note in assemble_result(plan, runs).notes)
+    assert any(note_start in note for note in assemble_result(plan, [*runs, *noisy]).notes)

@@ -61,8 +61,8 @@ def test_a_network_of_the_first_sensor_does_not_hear_the_second() -> None:
     assert np.array_equal(several.predict_proba(test), several.predict_proba(changed))
 
 
-@pytest.mark.parametrize(("name", "told"), [(name, dict(settings)) for name, settings in COMPOSED.items()])
-def test_what_a_model_is_composed_of_stands_in_its_settings_and_only_there(name: str, told: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("name", "settings"), COMPOSED.items())
+def test_what_a_model_is_composed_of_stands_in_its_settings_and_only_there(name: str, settings: dict[str, Any]) -> None:
     usual = MODELS["quick"]["spectral_bitcn"].described()
     assert not {"trainings", "sensors"} & set(usual)
-    assert MODELS["quick"][name].described() == usual | told
+    assert MODELS["quick"][name].described() == usual | settings

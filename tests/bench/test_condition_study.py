@@ -26,8 +26,10 @@ def study(of_one_pump) -> StudyTable:
 
 
 def test_every_condition_is_held_out_once_for_every_classifier(study):
-    held = [row["held_out"] for row in study.details["single"] if row["level"] == "L3" and row["classifier"] == TREES]
-    assert len(held) == len(set(held)) == 3
+    held_out = [
+        row["held_out"] for row in study.details["single"] if row["level"] == "L3" and row["classifier"] == TREES
+    ]
+    assert len(held_out) == len(set(held_out)) == 3
     assert {row["classifier"] for row in study.rows()} == {*REMEDIES, TREES}
     assert all(len(study.values("recall", classifier=name, level="L3")) == 3 for name in REMEDIES)
 

@@ -21,25 +21,25 @@ TINY = ConfidenceStudySettings(
 
 def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
     parts = _recorded(0, TINY)
-    ids = [one.recording_id for some in parts.values() for one in some]
+    ids = [recording.recording_id for some in parts.values() for recording in some]
     assert len(set(ids)) == len(ids)
-    specimens = {role: {one.specimen for one in some} for role, some in parts.items()}
+    specimens = {role: {recording.specimen for recording in some} for role, some in parts.items()}
     assert specimens["train"] == specimens["same"] == specimens["L2"]
     assert not specimens["L4"] & (specimens["train"] | specimens["other"])
     assert not specimens["other"] & specimens["train"]
     for some in parts.values():
-        assert {one.label for one in some} == set(CLASSES)
+        assert {recording.label for recording in some} == set(CLASSES)
 
 
 def test_every_row_has_every_figure() -> None:
     study = run_confidence(seeds=(0,), settings=TINY)
-    told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
-    assert len(told["rows"]) == 8
-    for row in told["rows"]:
+    table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert len(table["rows"]) == 8
+    for row in table["rows"]:
         assert all(row[name]["mean"] is not None for name in METRICS)
         assert 1 <= row["set_size"]["mean"] <= 5
         assert math.isclose(
             row["unknown_auroc"]["mean"], sum(row[f"auroc_{label}"]["mean"] for label in CLASSES) / 5, rel_tol=1e-9
         )
-    assert "stand-in for a machine" in told["origin"]
-    assert "sets asked to hold 90%" in told["answer"][0]
+    assert "stand-in for a machine" in table["origin"]
+    assert "sets asked to hold 90%" in table["answer"][0]

@@ -14,11 +14,11 @@ from swashtwin.learning import Epoch
 
 
 def trained(classifier: str, training_set: str = "calibrated", seed: int = 0, **varied: str) -> Run:
-    made = run(training_set, seed, 0.8, classifier)
-    factors = {**made.task.factors, **varied}
-    outcomes = tuple(replace(one, factors={**one.factors, **varied}) for one in made.outcomes)
-    task = replace(made.task, factors=factors)
-    return replace(made, task=task, outcomes=outcomes, history=(Epoch(1, 1.0, 0.5),), embedding=embedding(factors))
+    base = run(training_set, seed, 0.8, classifier)
+    factors = {**base.task.factors, **varied}
+    outcomes = tuple(replace(outcome, factors={**outcome.factors, **varied}) for outcome in base.outcomes)
+    task = replace(base.task, factors=factors)
+    return replace(base, task=task, outcomes=outcomes, history=(Epoch(1, 1.0, 0.5),), embedding=embedding(factors))
 
 
 def drawn(study: StudyResult) -> tuple[str, set[str]]:
@@ -57,12 +57,12 @@ def test_of_many_trainings_an_even_choice_is_drawn_and_counted() -> None:
 
 
 def test_a_network_without_features_is_counted_and_gives_no_other_its_name() -> None:
-    kept = trained("spectral_longer")
+    longer = trained("spectral_longer")
     bare = replace(trained("spectral_bitcn"), embedding=None)
     flat = trained("spectral_window")
     assert flat.embedding is not None
     flat = replace(flat, embedding=replace(flat.embedding, features=np.ones_like(flat.embedding.features)))
-    drawing = embedding_drawing(assemble_result(plan_of("ablation", "quick"), [bare, kept, flat]), "made")
+    drawing = embedding_drawing(assemble_result(plan_of("ablation", "quick"), [bare, longer, flat]), "made")
     assert "twice the epochs" in drawing.svg
     assert set(drawing.columns["classifier"]) == {"spectral_longer"}
     assert "1 of 3 trainings; of the others no features were kept, or all are the same." in drawing.caption

@@ -86,8 +86,8 @@ QUICK: dict[str, Filler] = {
 
 
 def filled(name: str, train: WindowSet, **changes: object) -> WindowSet:
-    asked = {"label": "piston", "pressure": MPa(15), "count": 9, "seed": 3} | changes
-    return QUICK[name](train, **asked)  # type: ignore[arg-type]
+    arguments = {"label": "piston", "pressure": MPa(15), "count": 9, "seed": 3} | changes
+    return QUICK[name](train, **arguments)  # type: ignore[arg-type]
 
 
 every = pytest.mark.parametrize("name", FILLERS)
@@ -97,20 +97,20 @@ every = pytest.mark.parametrize("name", FILLERS)
 @pytest.mark.parametrize("scarce", [8, 0])
 def test_a_filler_gives_as_many_marked_windows_of_the_cell_as_asked(name: str, scarce: int) -> None:
     train = measured(scarce)
-    made = filled(name, train)
+    synthetic = filled(name, train)
     assert isinstance(FILLERS[name], Filler)
-    assert len(made) == 9
-    assert made.synthetic.all()
-    assert set(made.label) == {"piston"}
-    assert made.classes == train.classes
-    assert made.layout == train.layout
-    np.testing.assert_array_equal(made.discharge_pressure, MPa(15))
-    np.testing.assert_allclose(made.speed, rpm(1200), rtol=0.02)
-    assert len(set(made.recording_id)) == 9
-    assert not set(made.recording_id) & set(train.recording_id)
-    assert np.isfinite(made.signal).all()
-    assert made.signal.std(axis=2).min() > 0
-    assert len(train + made) == len(train) + 9
+    assert len(synthetic) == 9
+    assert synthetic.synthetic.all()
+    assert set(synthetic.label) == {"piston"}
+    assert synthetic.classes == train.classes
+    assert synthetic.layout == train.layout
+    np.testing.assert_array_equal(synthetic.discharge_pressure, MPa(15))
+    np.testing.assert_allclose(synthetic.speed, rpm(1200), rtol=0.02)
+    assert len(set(synthetic.recording_id)) == 9
+    assert not set(synthetic.recording_id) & set(train.recording_id)
+    assert np.isfinite(synthetic.signal).all()
+    assert synthetic.signal.std(axis=2).min() > 0
+    assert len(train + synthetic) == len(train) + 9
 
 
 @every
@@ -132,9 +132,9 @@ def test_a_filler_does_not_look_at_synthetic_windows(name: str) -> None:
 def test_a_filler_takes_a_set_without_pressures(name: str) -> None:
     train = measured()
     nowhere = replace(train, discharge_pressure=np.full(len(train), np.nan))
-    made = filled(name, nowhere, pressure=math.nan)
-    assert np.isnan(made.discharge_pressure).all()
-    assert np.isfinite(made.signal).all()
+    synthetic = filled(name, nowhere, pressure=math.nan)
+    assert np.isnan(synthetic.discharge_pressure).all()
+    assert np.isfinite(synthetic.signal).all()
 
 
 @every
@@ -168,17 +168,19 @@ def test_a_cell_s_own_windows_are_drawn_from_and_where_there_are_none_those_of_i
 @given(count=st.integers(1, 40), seed=st.integers(0, 10))
 def test_a_duplicate_is_a_measured_window_and_none_comes_thrice_before_all_came_twice(count: int, seed: int) -> None:
     train = measured()
-    made = Duplicate()(train, label="piston", pressure=MPa(15), count=count, seed=seed).signal
-    own = train.signal[in_cell(train, "piston", MPa(15))]
-    places = [int(np.flatnonzero((own == window).all(axis=(1, 2)))[0]) for window in made]
-    uses = np.bincount(places, minlength=len(own))
+    synthetic = Duplicate()(train, label="piston", pressure=MPa(15), count=count, seed=seed).signal
+    of_cell = train.signal[in_cell(train, "piston", MPa(15))]
+    indices = [int(np.flatnonzero((of_cell == window).all(axis=(1, 2)))[0]) for window in synthetic]
+    uses = np.bincount(indices, minlength=len(of_cell))
     assert uses.max() - uses.min() <= 1
 
 
 def test_a_noisy_duplicate_has_the_ratio_of_signal_to_noise_that_was_asked_for() -> None:
     train = measured()
-    asked = {"label": "piston", "pressure": MPa(15), "count": 8, "seed": 0}
-    clean, noisy = (one(train, **asked).signal.astype(float) for one in (Duplicate(), NoisyDuplicate(snr_db=10.0)))
+    arguments = {"label": "piston", "pressure": MPa(15), "count": 8, "seed": 0}
+    clean, noisy = (
+        filler(train, **arguments).signal.astype(float) for filler in (Duplicate(), NoisyDuplicate(snr_db=10.0))
+    )
     ratio = 10 * np.log10(clean.var(axis=2) / (noisy - clean).var(axis=2))
     np.testing.assert_allclose(ratio, 10.0, atol=1.0)
 
@@ -186,19 +188,19 @@ def test_a_noisy_duplicate_has_the_ratio_of_signal_to_noise_that_was_asked_for()
 def test_a_window_that_is_not_jittered_is_a_duplicate_but_for_its_seam() -> None:
     train = measured()
     still = Jitter(snr_db=math.inf, gain=0.0, speed=0.0, warp=0.0, phase=False)
-    asked = {"label": "piston", "pressure": MPa(15), "count": 8, "seed": 0}
-    own, copy = (one(train, **asked).signal for one in (still, Duplicate()))
-    np.testing.assert_allclose(own[..., 60:PERIOD], copy[..., 60:PERIOD], atol=1e-4)
-    assert np.abs(own - copy).std() < 0.2
+    arguments = {"label": "piston", "pressure": MPa(15), "count": 8, "seed": 0}
+    unchanged, copy = (filler(train, **arguments).signal for filler in (still, Duplicate()))
+    np.testing.assert_allclose(unchanged[..., 60:PERIOD], copy[..., 60:PERIOD], atol=1e-4)
+    assert np.abs(unchanged - copy).std() < 0.2
 
 
 def test_jitter_states_the_speed_that_its_windows_have() -> None:
     train = measured()
     fast = Jitter(snr_db=math.inf, gain=0.0, speed=0.2, warp=0.0)
-    made = fast(train, label="piston", pressure=MPa(10), count=12, seed=0)
-    angle = np.arange(LENGTH) / RATE * made.speed[:, None]
-    for window, own in zip(made.signal[:, 1], angle, strict=True):  # 7 periods per revolution, and noise
-        wave = np.stack([np.cos(7 * own), np.sin(7 * own)])[:, : LENGTH // 2]
+    synthetic = fast(train, label="piston", pressure=MPa(10), count=12, seed=0)
+    angle = np.arange(LENGTH) / RATE * synthetic.speed[:, None]
+    for window, window_angle in zip(synthetic.signal[:, 1], angle, strict=True):  # 7 periods per revolution, and noise
+        wave = np.stack([np.cos(7 * window_angle), np.sin(7 * window_angle)])[:, : LENGTH // 2]
         left = window[: LENGTH // 2] - np.linalg.lstsq(wave.T, window[: LENGTH // 2], rcond=None)[0] @ wave
         assert left.std() < 0.4
 
@@ -231,21 +233,21 @@ def test_rings_of_machines_of_different_speeds_have_the_same_length_and_become_w
     train = measured()
     mixed = replace(train, speed=np.where(np.arange(len(train)) % 2, 1.0, 1.1) * train.speed)
     both = np.array([0, 1])
-    rings = periodic_extensions(mixed, both, PERIOD)
-    assert rings.shape == (2, 2, PERIOD)
-    made = cut_extensions(rings, mixed, both, stream(0, "angle"))
-    assert made.shape == (2, 2, LENGTH)
-    np.testing.assert_allclose(made.std(axis=2), mixed.signal[:2].std(axis=2), rtol=0.1)
+    extensions = periodic_extensions(mixed, both, PERIOD)
+    assert extensions.shape == (2, 2, PERIOD)
+    windows = cut_extensions(extensions, mixed, both, stream(0, "angle"))
+    assert windows.shape == (2, 2, LENGTH)
+    np.testing.assert_allclose(windows.std(axis=2), mixed.signal[:2].std(axis=2), rtol=0.1)
 
 
 def test_amplitudes_and_phases_are_all_there_is_of_a_ring() -> None:
-    rings = stream(0, "rings").normal(size=(6, 2, 64))
-    np.testing.assert_allclose(with_amplitude(rings, log_amplitude(rings)), rings, atol=1e-9)
+    extensions = stream(0, "rings").normal(size=(6, 2, 64))
+    np.testing.assert_allclose(with_amplitude(extensions, log_amplitude(extensions)), extensions, atol=1e-9)
     condition = np.eye(2)[[0, 1, 0, 1, 0, 1]]
-    form = SpectralForm.fit(rings, condition, 3, 0)
-    scores = form.scores(rings, condition)
-    np.testing.assert_allclose(form.rebuild(scores, condition, rings, condition), rings, atol=1e-9)
-    other = form.rebuild(scores[::-1].copy(), condition[::-1].copy(), rings, condition)
+    form = SpectralForm.fit(extensions, condition, 3, 0)
+    scores = form.scores(extensions, condition)
+    np.testing.assert_allclose(form.rebuild(scores, condition, extensions, condition), extensions, atol=1e-9)
+    other = form.rebuild(scores[::-1].copy(), condition[::-1].copy(), extensions, condition)
     np.testing.assert_allclose(form.scores(other, condition[::-1].copy()), scores[::-1], atol=1e-6)
 
 
@@ -259,18 +261,18 @@ def test_amplitudes_and_phases_are_all_there_is_of_a_ring() -> None:
 )
 def test_a_generative_model_learns_which_class_and_pressure_makes_which_level(model: Filler) -> None:
     train = measured()
-    asked = {"label": "normal", "count": 60, "seed": 0}
-    level = [model(train, pressure=MPa(p), **asked).signal.std(axis=2).mean(axis=0) for p in (10, 15)]
-    own = [train.signal[in_cell(train, "normal", MPa(p))].std(axis=2).mean(axis=0) for p in (10, 15)]
-    np.testing.assert_allclose(level, own, rtol=0.12)
+    arguments = {"label": "normal", "count": 60, "seed": 0}
+    level = [model(train, pressure=MPa(p), **arguments).signal.std(axis=2).mean(axis=0) for p in (10, 15)]
+    measured_level = [train.signal[in_cell(train, "normal", MPa(p))].std(axis=2).mean(axis=0) for p in (10, 15)]
+    np.testing.assert_allclose(level, measured_level, rtol=0.12)
 
 
 def test_smote_on_samples_lies_between_two_windows_of_the_cell() -> None:
     train = measured()
-    own = train.signal[in_cell(train, "piston", MPa(15))].reshape(8, -1).astype(float)
-    made = SMOTE()(train, label="piston", pressure=MPa(15), count=20, seed=0).signal.reshape(20, -1)
-    pairs = [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
-    for window in made:
+    of_cell = train.signal[in_cell(train, "piston", MPa(15))].reshape(8, -1).astype(float)
+    synthetic = SMOTE()(train, label="piston", pressure=MPa(15), count=20, seed=0).signal.reshape(20, -1)
+    pairs = [(a, b) for i, a in enumerate(of_cell) for b in of_cell[i + 1 :]]
+    for window in synthetic:
         share = [np.clip((window - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) for a, b in pairs]
         gap = [np.abs(window - a - s * (b - a)).max() for (a, b), s in zip(pairs, share, strict=True)]
         assert min(gap) < 1e-4
@@ -279,20 +281,20 @@ def test_smote_on_samples_lies_between_two_windows_of_the_cell() -> None:
 def test_smote_on_spectra_keeps_the_level_that_smote_on_samples_loses() -> None:
     train = measured()
     level = train.signal[in_cell(train, "piston", MPa(15))].std(axis=2).mean(axis=0)
-    made = {
+    levels = {
         space: SMOTE(space=space)(train, label="piston", pressure=MPa(15), count=60, seed=0)
         .signal.std(axis=2)
         .mean(axis=0)
         for space in ("samples", "spectrum")
     }
-    assert (made["samples"] < 0.9 * level).all()
-    np.testing.assert_allclose(made["spectrum"], level, rtol=0.05)
+    assert (levels["samples"] < 0.9 * level).all()
+    np.testing.assert_allclose(levels["spectrum"], level, rtol=0.05)
 
 
 @pytest.mark.parametrize("filler", [SMOTE(), ADASYN(), SMOTE(space="spectrum")])
 def test_two_windows_have_something_between_them_and_one_has_not(filler: Filler) -> None:
-    asked = {"label": "piston", "pressure": MPa(15), "count": 5, "seed": 0}
+    arguments = {"label": "piston", "pressure": MPa(15), "count": 5, "seed": 0}
     with pytest.raises(NoNeighborsError, match="there is one"):
-        filler(measured(1), **asked)
+        filler(measured(1), **arguments)
     if not isinstance(filler, ADASYN):
-        assert len(filler(measured(2), **asked)) == 5
+        assert len(filler(measured(2), **arguments)) == 5

@@ -13,16 +13,16 @@ from swashtwin.recordings import Recording, write_index, write_recording
 
 def recordings(*, telling: bool, per_class: int = 6) -> list[Recording]:
     """Tones whose frequency is each recording's own, and in the second class twice as loud where that tells it."""
-    made = []
-    for place in range(2 * per_class):
-        label = "worn" if place % 2 else "normal"
-        random = np.random.default_rng(place)
-        tone = np.sin(2 * np.pi * (40 + 23 * place) * np.arange(1600) / 1000)
-        loud = 3.0 if telling and place % 2 else 1.0
+    tones = []
+    for index in range(2 * per_class):
+        label = "worn" if index % 2 else "normal"
+        random = np.random.default_rng(index)
+        tone = np.sin(2 * np.pi * (40 + 23 * index) * np.arange(1600) / 1000)
+        loud = 3.0 if telling and index % 2 else 1.0
         signal = loud * (tone + 0.3 * random.normal(size=1600))
-        day = f"day {place // 4}"
-        made.append(Recording(signal[None], 1000.0, f"r{place}", label=label, attributes={"day": day}))
-    return made
+        day = f"day {index // 4}"
+        tones.append(Recording(signal[None], 1000.0, f"r{index}", label=label, attributes={"day": day}))
+    return tones
 
 
 @pytest.fixture(scope="module")
@@ -55,30 +55,36 @@ def test_every_grouping_that_the_recordings_allow_has_a_row_and_others_a_reason(
 
 
 def test_channels_that_stand_still_somewhere_are_left_out_and_named():
-    made = [
-        replace(one, signal=np.vstack([one.signal, one.signal * (place > 0)]), channels=("moving", "still"))
-        for place, one in enumerate(recordings(telling=True))
+    two_channels = [
+        replace(
+            recording,
+            signal=np.vstack([recording.signal, recording.signal * (index > 0)]),
+            channels=("moving", "still"),
+        )
+        for index, recording in enumerate(recordings(telling=True))
     ]
-    study = run_leakage(made, length=100, groups=("recording",), seeds=(0,), n_trees=5)
+    study = run_leakage(two_channels, length=100, groups=("recording",), seeds=(0,), n_trees=5)
     assert any(note.startswith("still stand still") for note in study.notes)
 
 
 def test_a_grouping_that_was_asked_for_and_cannot_be_held_out_is_refused():
-    one_day = [replace(one, attributes={"day": one.label}) for one in recordings(telling=True)]
+    one_day = [replace(recording, attributes={"day": recording.label}) for recording in recordings(telling=True)]
     with pytest.raises(DataError, match=r"a class stands in 1 day\(s\) only"):
         run_leakage(one_day, length=100, groups=("day",), seeds=(0,))
 
 
 def test_the_command_prints_the_table_and_guard_the_copies(tmp_path):
-    made = recordings(telling=True)
-    made.append(replace(made[0], recording_id="again", signal=2 * made[0].signal))
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in made]
-    index = write_index(made, files, tmp_path)
-    told = run_json(
+    copied = recordings(telling=True)
+    copied.append(replace(copied[0], recording_id="again", signal=2 * copied[0].signal))
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in copied]
+    index = write_index(copied, files, tmp_path)
+    table = run_json(
         "study", "leakage", index, "--length", 200, "--seeds", "0", "--trees", 5, "--only", "day=day 0,day 1"
     )
-    assert told["study"] == "leakage"
-    assert {"split", "balanced_accuracy", "random_window", "premium"} <= set(told["rows"][0])
+    assert table["study"] == "leakage"
+    assert {"split", "balanced_accuracy", "random_window", "premium"} <= set(table["rows"][0])
     guarded = run_json("guard", index)
-    assert [one["again"]["recording_id"] for one in guarded["copies"]] == ["again"]
-    assert any(one["attribute"] == "level of acceleration" and one["is_warning"] for one in guarded["confounding"])
+    assert [copy["again"]["recording_id"] for copy in guarded["copies"]] == ["again"]
+    assert any(
+        finding["attribute"] == "level of acceleration" and finding["is_warning"] for finding in guarded["confounding"]
+    )

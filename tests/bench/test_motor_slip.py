@@ -24,16 +24,18 @@ def driven(field: float, shaft: float, *, seed: int = 0, duration: float = 5.0) 
 
 @pytest.mark.parametrize(("field", "shaft"), [(1034.4, 1012.0), (1241.5, 1229.0), (724.2, 713.5)])
 def test_slip_is_found_without_knowing_the_field(field: float, shaft: float) -> None:
-    found = motor_slip(driven(field, shaft), RATE, rpm(round(field, -2)))
-    assert found.synchronous_speed == pytest.approx(rpm(field), rel=5e-4)
-    assert found.synchronous_speed - found.speed == pytest.approx(rpm(field - shaft), rel=0.2)
-    assert found.clearness > 1.0
+    slip = motor_slip(driven(field, shaft), RATE, rpm(round(field, -2)))
+    assert slip.synchronous_speed == pytest.approx(rpm(field), rel=5e-4)
+    assert slip.synchronous_speed - slip.speed == pytest.approx(rpm(field - shaft), rel=0.2)
+    assert slip.clearness > 1.0
 
 
 def test_the_load_coefficient_of_one_load_is_the_same_at_every_speed() -> None:
     # lag grows with the torque, and the torque with the square of the speed
-    found = [motor_slip(driven(n, n - 2.1e-5 * n**2), RATE, rpm(n)).load_coefficient for n in (724.0, 1034.0, 1241.0)]
-    assert np.ptp(found) < 0.1 * np.mean(found)
+    coefficients = [
+        motor_slip(driven(n, n - 2.1e-5 * n**2), RATE, rpm(n)).load_coefficient for n in (724.0, 1034.0, 1241.0)
+    ]
+    assert np.ptp(coefficients) < 0.1 * np.mean(coefficients)
     assert MotorSlip(rpm(1000), rpm(980), 1.0).slip == pytest.approx(0.02)
 
 
@@ -47,10 +49,15 @@ def test_a_recording_too_short_for_the_lines_is_refused() -> None:
 def test_a_real_pump_slips_less_the_less_it_delivers_and_turns_as_its_log_says(public_data: Path) -> None:
     recordings = read_public_set("pump_cavitation", public_data / "pump_cavitation")
     chosen = [
-        one for one in recordings if one.attributes["speed_nominal"] == "1000 rpm" and one.attributes["repeat"] == "1"
+        recording
+        for recording in recordings
+        if recording.attributes["speed_nominal"] == "1000 rpm" and recording.attributes["repeat"] == "1"
     ]
-    assert [one.label for one in chosen] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
-    found = [motor_slip(one.signal, one.sample_rate, rpm(1000)) for one in chosen]
-    assert np.all(np.diff([one.load_coefficient for one in found]) < 0)
-    logged = [parse(one.attributes["speed"], "rad/s") for one in chosen]
-    assert [one.speed for one in found] == pytest.approx(logged, rel=3e-3)
+    assert [recording.label for recording in chosen] == [
+        "healthy",
+        *(f"cavitation{share}" for share in (25, 50, 75, 100)),
+    ]
+    slips = [motor_slip(recording.signal, recording.sample_rate, rpm(1000)) for recording in chosen]
+    assert np.all(np.diff([slip.load_coefficient for slip in slips]) < 0)
+    logged = [parse(recording.attributes["speed"], "rad/s") for recording in chosen]
+    assert [slip.speed for slip in slips] == pytest.approx(logged, rel=3e-3)

@@ -57,12 +57,12 @@ def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
 ) -> None:
     clean, noisy = dataset.tests["L4"], noisy_test(dataset, "L4", 5.0, repeat=3)
     name = str(clean.recording_id[0])
-    recording = next(one for one in recordings if one.recording_id == name)
+    recording = next(recording for recording in recordings if recording.recording_id == name)
     expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
     cut = cut_windows([expected], like=clean, stride=1)
-    own = np.flatnonzero(clean.recording_id == name)
-    for place in own:
-        np.testing.assert_array_equal(noisy.signal[place], cut.signal[clean.start[place]])
+    indices = np.flatnonzero(clean.recording_id == name)
+    for index in indices:
+        np.testing.assert_array_equal(noisy.signal[index], cut.signal[clean.start[index]])
     added = expected.signal - recording.signal
     power = recording.signal.var(axis=1) / added.var(axis=1)
     assert 10 * np.log10(power) == pytest.approx([5.0] * len(power), abs=0.2)
@@ -92,7 +92,11 @@ def test_noisy_tests_are_told_by_ratio_in_the_mean_over_their_draws(recordings: 
     assert [(row["level"], row["snr"]) for row in study.rows()] == [
         (level, snr) for level in ("L2", "L4") for snr in ("clean", "5 dB")
     ]
-    drawn = [one.scores.accuracy for one in study.outcomes if (one.level, one.factors["snr"]) == ("L2", "5 dB")]
+    drawn = [
+        outcome.scores.accuracy
+        for outcome in study.outcomes
+        if (outcome.level, outcome.factors["snr"]) == ("L2", "5 dB")
+    ]
     assert len(drawn) == 2
     assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(drawn)])
 
@@ -102,7 +106,7 @@ def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
         plan = plan_of("algorithms", size)
         ablations = {name for name in NETWORKS if name.startswith("bitcn_")}
         assert set(NETWORKS) - ablations <= set(plan.models)
-        kernels = {name for name, one in BASELINES.items() if one.columns != "features"}
+        kernels = {name for name, baseline in BASELINES.items() if baseline.columns != "features"}
         assert set(BASELINES) - kernels <= set(plan.models)
         missing = kernels - set(plan.models)
         assert missing == set(plan.absent)
@@ -140,7 +144,10 @@ def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
     none: dict[str, Any] = {"roles": {"train": ["a"], "L2": ["b"]}, "fingerprints": {}, "cells": {}, "values": {}}
     none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
     runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
-    return {(one.first[wanted], one.second[wanted]) for one in contrasts_of(trials, runs, plan.compared, plan.bare)}
+    return {
+        (contrast.first[wanted], contrast.second[wanted])
+        for contrast in contrasts_of(trials, runs, plan.compared, plan.bare)
+    }
 
 
 @pytest.mark.parametrize("splits_of_one_set", [True, False])
@@ -155,10 +162,10 @@ def test_signed_ranks_are_left_out_where_pairs_are_splits_of_the_same_recordings
         for task in tasks
     ]
     runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
-    found = contrasts_of(trials, runs, plan.compared)
-    assert found
-    assert {one.is_corrected for one in found} == {splits_of_one_set}
-    assert all(math.isnan(one.p_value) is splits_of_one_set for one in found)
+    contrasts = contrasts_of(trials, runs, plan.compared)
+    assert contrasts
+    assert {contrast.is_corrected for contrast in contrasts} == {splits_of_one_set}
+    assert all(math.isnan(contrast.p_value) is splits_of_one_set for contrast in contrasts)
 
 
 def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_ours_with_ours() -> None:
@@ -184,19 +191,19 @@ def test_each_way_to_calibrate_is_contrasted_with_the_other_and_with_none() -> N
     assert rows == {("measured", "none"), *((name, way) for name in ("calibrated", "every_class") for way in ways)}
     pairs = contrasted(plan, "calibrator")
     assert {("gauss_newton", "ipinn"), ("healthy", "ipinn"), ("healthy", "gauss_newton")} <= pairs
-    assert all(one[0] != one[1] for one in pairs)
+    assert all(pair[0] != pair[1] for pair in pairs)
     assert {("calibrated", "measured"), ("every_class", "measured")} <= contrasted(plan, "training_set")
     assert plan.scenario_of("ipinn") == plan_of("case1", "quick").scenario
     assert plan.scenario_of("gauss_newton").described() != plan.scenario_of("ipinn").described()
 
 
 def test_fewer_pumps_train_and_the_same_are_held_out() -> None:
-    recordings = [one for one, _ in rig_recordings(2, RigSize(4, 2, 0.3), labels=("normal", "swash_plate"))]
+    recordings = [recording for recording, _ in rig_recordings(2, RigSize(4, 2, 0.3), labels=("normal", "swash_plate"))]
     scenario = replace(plan_of("unseen-specimen", "quick").scenario, held_out=1)
-    one, two = (split_scenario(recordings, replace(scenario, specimens=count), 0) for count in (1, 2))
-    assert one.tests["L4"] == two.tests["L4"]
-    assert one.train < two.train
-    assert {name[0] for name in one.train | one.tests["L2"]} < {name[0] for name in two.train}
+    smaller, two = (split_scenario(recordings, replace(scenario, specimens=count), 0) for count in (1, 2))
+    assert smaller.tests["L4"] == two.tests["L4"]
+    assert smaller.train < two.train
+    assert {name[0] for name in smaller.train | smaller.tests["L2"]} < {name[0] for name in two.train}
 
 
 def test_every_fault_is_unknown_at_the_unseen_pressure_and_normals_are_not(recordings: list[Recording]) -> None:
@@ -228,17 +235,17 @@ def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> No
 
 def test_a_study_tells_windows_apart_as_augmentation_does(dataset: StudyDataset) -> None:
     filling = TrainingSet("jitter", count=4)
-    made, values = fill_cells(dataset, filling)
+    synthetic, values = fill_cells(dataset, filling)
     test = dataset.tests[dataset.scenario.levels[0]]
     held_out = test.subset(np.isin(test.label, dataset.scenario.scarce))
-    assert values["discriminator"] == discriminative_score(held_out, made, seed=dataset.seed)
+    assert values["discriminator"] == discriminative_score(held_out, synthetic, seed=dataset.seed)
 
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])
 def test_a_filling_puts_its_windows_into_the_scarce_cell_or_into_every_class(dataset: StudyDataset, by: str) -> None:
-    made, values = fill_cells(dataset, TrainingSet(by, count=4))
-    assert made.synthetic.all()
-    assert made.counts()["swash_plate", 15e6] == len(made) == 4
+    synthetic, values = fill_cells(dataset, TrainingSet(by, count=4))
+    assert synthetic.synthetic.all()
+    assert synthetic.counts()["swash_plate", 15e6] == len(synthetic) == 4
     assert 0 <= values["discriminator"] <= 1
     every, _ = fill_cells(dataset, TrainingSet(by, count=2, every_class=True))
     assert [every.counts()[label, 15e6] for label in every.classes] == [2] * 5
@@ -284,8 +291,10 @@ def test_the_envelope_threshold_learns_from_healthy_measured_windows_and_names_w
     normal = dataset.measured.subset(dataset.measured.label == "normal")
     loud = normal.subset(np.arange(len(normal)) == 0)
     loud = replace(loud, signal=1e4 * loud.signal, synthetic=np.array([True]))
-    taken = [threshold_orders(own, rule.features, rule.rule).threshold for own in (normal, normal + loud)]
-    assert taken == [rule.threshold, rule.threshold]  # synthetic windows set no alarm
+    thresholds = [
+        threshold_orders(learned_from, rule.features, rule.rule).threshold for learned_from in (normal, normal + loud)
+    ]
+    assert thresholds == [rule.threshold, rule.threshold]  # synthetic windows set no alarm
     test = dataset.tests["L2"]
     assert (rule.predict_proba(test).argmax(axis=1) == test.target).mean() > 0.3  # five classes alike
     with pytest.raises(DataError, match="measured windows of normal"):

@@ -61,18 +61,18 @@ def test_bearing_recordings_have_their_own_rates_speeds_and_published_kurtosis(
     for number in ("97", "105", "174", "237", "278", "3001"):
         shutil.copy(public_data / "cwru" / rows[number]["file"], tmp_path)
     recordings = read_cwru(tmp_path)
-    assert [one.recording_id for one in recordings] == [
+    assert [recording.recording_id for recording in recordings] == [
         "cwru_97_DE", "cwru_97_FE", "cwru_105_DE", "cwru_174_DE", "cwru_237_DE", "cwru_278_FE", "cwru_3001_DE",
     ]  # fmt: skip
-    assert [one.sample_rate for one in recordings] == [48e3, 48e3, 12e3, 48e3, 12e3, 12e3, 12e3]
-    assert [one.attributes["speed"] for one in recordings[1:3]] == ["1796 rpm", "1797 rpm"]
+    assert [recording.sample_rate for recording in recordings] == [48e3, 48e3, 12e3, 48e3, 12e3, 12e3, 12e3]
+    assert [recording.attributes["speed"] for recording in recordings[1:3]] == ["1796 rpm", "1797 rpm"]
     assert recordings[-1].attributes["speed"] == "1797 rpm"  # it has no speed of its own
-    assert [one.specimen for one in recordings[:2]] == ["DE-healthy", "FE-healthy"]
-    for one in recordings:
-        row = rows[one.attributes["record"]]
-        if one.attributes["end"] == "DE":
-            assert kurtosis(one.signal[0], fisher=False) == pytest.approx(float(row["kurtosis_DE"]), abs=6e-4)
-    assert {one.sample_rate for one in read_cwru(tmp_path, resample="12 kHz")} == {12000.0}
+    assert [recording.specimen for recording in recordings[:2]] == ["DE-healthy", "FE-healthy"]
+    for recording in recordings:
+        row = rows[recording.attributes["record"]]
+        if recording.attributes["end"] == "DE":
+            assert kurtosis(recording.signal[0], fisher=False) == pytest.approx(float(row["kurtosis_DE"]), abs=6e-4)
+    assert {recording.sample_rate for recording in read_cwru(tmp_path, resample="12 kHz")} == {12000.0}
 
 
 def test_the_staged_table_adds_checksums_and_known_problems(public_data: Path, tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_the_staged_table_adds_checksums_and_known_problems(public_data: Path, t
     path.parent.mkdir()
     shutil.copy(public_data / "cwru" / row["file"], path)
     shutil.copy(public_data / "cwru" / "files.csv", tmp_path)
-    (one,) = read_cwru(tmp_path)
-    assert one.attributes["known_problem"].startswith("DE clipped in sections")
+    (recording,) = read_cwru(tmp_path)
+    assert recording.attributes["known_problem"].startswith("DE clipped in sections")
     savemat(path, {"X236_DE_time": np.arange(5.0), "X236RPM": 1748.0})
     with pytest.raises(DataError, match="not the file that was indexed"):
         read_cwru(tmp_path)
@@ -116,13 +116,13 @@ def test_mfpt_files_say_their_rate_load_and_speed(tmp_path: Path) -> None:
         savemat(tmp_path / folder / f"{name}.mat", {"bearing": content})
     savemat(tmp_path / "results.mat", {"x": np.arange(5.0)})
     recordings = read_mfpt(tmp_path)
-    assert [one.label for one in recordings] == ["normal", "outer_race", "inner_race", None]
-    assert [one.sample_rate for one in recordings] == [97656.0, 48828.0, 48828.0, 48828.0]
-    assert [one.attributes["load"] for one in recordings[:2]] == ["270 lbf", "25 lbf"]
+    assert [recording.label for recording in recordings] == ["normal", "outer_race", "inner_race", None]
+    assert [recording.sample_rate for recording in recordings] == [97656.0, 48828.0, 48828.0, 48828.0]
+    assert [recording.attributes["load"] for recording in recordings[:2]] == ["270 lbf", "25 lbf"]
     assert (recordings[0].attributes["speed"], recordings[0].channels) == ("1500 rpm", ("acceleration",))
     np.testing.assert_allclose(recordings[0].signal[0], np.arange(40.0) * 9.80665)
     half = read_mfpt(tmp_path, resample="48828 Hz")
-    assert {one.sample_rate for one in half} == {48828.0}
+    assert {recording.sample_rate for recording in half} == {48828.0}
     assert half[0].attributes["sample_rate_as_recorded"] == "97656 Hz"
 
 
@@ -130,11 +130,11 @@ def test_mfpt_files_say_their_rate_load_and_speed(tmp_path: Path) -> None:
 
 
 def test_the_cavitation_set_has_its_speeds_states_and_repeats(cavitation: list[Recording]) -> None:
-    cells = Counter((one.attributes["speed_nominal"], one.label) for one in cavitation)
+    cells = Counter((recording.attributes["speed_nominal"], recording.label) for recording in cavitation)
     assert len(cells) == 15
     assert set(cells.values()) == {3}
-    assert Counter(one.attributes["repeat"] for one in cavitation) == {"1": 15, "2": 15, "3": 15}
-    assert {(one.sample_rate, one.signal.shape) for one in cavitation} == {(6400.0, (5, 32810))}
+    assert Counter(recording.attributes["repeat"] for recording in cavitation) == {"1": 15, "2": 15, "3": 15}
+    assert {(recording.sample_rate, recording.signal.shape) for recording in cavitation} == {(6400.0, (5, 32810))}
     assert (cavitation[0].attributes["speed"], cavitation[0].attributes["flow"]) == ("714 rpm", "2.741 m^3/h")
     assert len(cut_windows(cavitation, length=3281)) == 450
 
@@ -144,10 +144,10 @@ def test_cavitation_files_are_known_by_their_original_names(public_data: Path, t
     content = gzip.decompress(staged.read_bytes())
     (tmp_path / "15 3 s1200 cavitation100.dat").write_bytes(content)
     (tmp_path / "notes.dat").write_text("of something else")
-    (one,) = read_public_set("pump_cavitation", tmp_path)
-    assert (one.recording_id, one.label) == ("15_3_s1200_cavitation100", "cavitation100")
-    assert one.attributes["speed"] == one.attributes["speed_nominal"] == "1200 rpm"
-    np.testing.assert_array_equal(one.signal, np.loadtxt(content.decode().splitlines(), skiprows=8)[:, 1:].T)
+    (recording,) = read_public_set("pump_cavitation", tmp_path)
+    assert (recording.recording_id, recording.label) == ("15_3_s1200_cavitation100", "cavitation100")
+    assert recording.attributes["speed"] == recording.attributes["speed_nominal"] == "1200 rpm"
+    np.testing.assert_array_equal(recording.signal, np.loadtxt(content.decode().splitlines(), skiprows=8)[:, 1:].T)
 
 
 def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
@@ -155,12 +155,12 @@ def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
     recordings = read_public_set("motor_pump_industrial", folder)
     table = {row["file"]: row for row in rows_of(folder)}
     assert len(recordings) == len(table) == 220
-    for one in recordings:
-        row = table[one.attributes["file"]]
-        assert (one.label, one.attributes["block"], one.attributes["transient"]) == (
+    for recording in recordings:
+        row = table[recording.attributes["file"]]
+        assert (recording.label, recording.attributes["block"], recording.attributes["transient"]) == (
             row["label"], row["block"], row["transient"],
         )  # fmt: skip
-    assert {(one.sample_rate, one.channels, one.signal.shape) for one in recordings} == {
+    assert {(recording.sample_rate, recording.channels, recording.signal.shape) for recording in recordings} == {
         (1000.0, ("x", "y", "z"), (3, 5000))
     }
 
@@ -168,22 +168,22 @@ def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
 def test_the_hydraulic_set_has_the_labels_and_runs_of_its_table(public_data: Path, hydraulic: list[Recording]) -> None:
     table = rows_of(public_data / "uci_hydraulic", "cycles.csv")
     assert len(hydraulic) == len(table) == 2205
-    for one, row in zip(hydraulic, table, strict=True):
-        assert one.label == row.pop("label")
-        assert {name: one.attributes[name] for name in row} == row
-    assert {one.signal.shape for one in hydraulic} == {(17, 600)}
+    for recording, row in zip(hydraulic, table, strict=True):
+        assert recording.label == row.pop("label")
+        assert {name: recording.attributes[name] for name in row} == row
+    assert {recording.signal.shape for recording in hydraulic} == {(17, 600)}
 
 
 def test_slow_sensors_of_the_hydraulic_set_are_held_and_fast_ones_are_as_measured(
     public_data: Path, hydraulic: list[Recording]
 ) -> None:
-    folder, one = public_data / "uci_hydraulic", hydraulic[700]
+    folder, recording = public_data / "uci_hydraulic", hydraulic[700]
     for name, path in (("FS1", "original/FS1.txt.gz"), ("PS3", "mean_1hz/PS3_mean1hz.tsv.gz")):
         with gzip.open(folder / path, "rt") as file:
             expected = np.array(file.readlines()[700].split(), dtype=float)
-        row = one.signal[one.channels.index(name)]
+        row = recording.signal[recording.channels.index(name)]
         np.testing.assert_array_equal(row, np.repeat(expected, 600 // len(expected)))
-        assert one.attributes[f"{name}_rate"] == f"{len(expected) // 60} Hz"
+        assert recording.attributes[f"{name}_rate"] == f"{len(expected) // 60} Hz"
 
 
 def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(tmp_path: Path) -> None:
@@ -194,9 +194,9 @@ def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(tmp
     np.savetxt(tmp_path / "profile.txt", profile, fmt="%d", delimiter="\t")
     recordings = read_uci_hydraulic(tmp_path)
     np.testing.assert_allclose(recordings[2].signal[0], pressure[2].reshape(600, 10).mean(axis=1), rtol=1e-12)
-    assert [one.label for one in recordings] == ["no_leakage", "no_leakage", "severe_leakage", "no_leakage"]
-    assert [one.attributes["pump_run"] for one in recordings] == ["0", "0", "1", "2"]
-    assert [one.attributes["cooler_block"] for one in recordings] == ["0", "0", "0", "1"]
+    assert [recording.label for recording in recordings] == ["no_leakage", "no_leakage", "severe_leakage", "no_leakage"]
+    assert [recording.attributes["pump_run"] for recording in recordings] == ["0", "0", "1", "2"]
+    assert [recording.attributes["cooler_block"] for recording in recordings] == ["0", "0", "0", "1"]
     (tmp_path / "TS1.txt").write_text("1.5\t2\n")
     with pytest.raises(DataError, match="1 cycles"):
         read_uci_hydraulic(tmp_path)

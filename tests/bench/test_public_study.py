@@ -22,12 +22,12 @@ LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}
 """Lag [rev/min] over the speed squared of each state of the made-up pump."""
 
 
-def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], readings: int = 6720) -> Path:
+def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], count: int = 6720) -> Path:
     """A made-up pump_cavitation with three repeats of each state; only the slip tells the state."""
     random = np.random.default_rng(0)
-    place = folder / "pump_cavitation" / "recordings"
-    place.mkdir(parents=True)
-    time = np.arange(readings) / RATE
+    recordings_folder = folder / "pump_cavitation" / "recordings"
+    recordings_folder.mkdir(parents=True)
+    time = np.arange(count) / RATE
     for speed in speeds:
         for run, state in enumerate(states):
             for repeat in (1, 2, 3):
@@ -35,10 +35,10 @@ def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], r
                 shaft = field - LAG[state] * field**2
                 lines = [2 * k * field for k in (1, 2, 3, 6, 12)] + [k * shaft for k in (1, 2, 3, 5, 6, 7)]
                 tones = sum(0.4 * np.sin(2 * np.pi * at / 60 * time + random.uniform(0, 6)) for at in lines)
-                signal = tones + random.normal(size=(5, readings))
+                signal = tones + random.normal(size=(5, count))
                 table = np.column_stack([time, signal.T])
                 header = "% made up\n" * 7 + "Time\tch 0\tch 1\tch 2\tch 3\tch 4"
-                path = place / f"{run:02d}_{repeat}_s{speed}_{state}.dat"
+                path = recordings_folder / f"{run:02d}_{repeat}_s{speed}_{state}.dat"
                 np.savetxt(path, table, "%.6f", "\t", header=header, comments="")
     return folder
 
@@ -60,8 +60,8 @@ def test_a_speed_never_trained_on_is_told_by_the_slip_where_usual_trees_fail(mad
     assert row["balanced_accuracy"]["mean"] > row["extra_trees"]["mean"] + 0.2
     assert row["balanced_accuracy"]["mean"] > 0.75
     folds = study.details["folds"]["pump_cavitation/speed"]
-    assert [one["tested"] for one in folds] == ["700 rpm", "1000 rpm", "1200 rpm"]
-    assert all("load by slip" in one["setting"] or "both" in one["setting"] for one in folds)
+    assert [fold["tested"] for fold in folds] == ["700 rpm", "1000 rpm", "1200 rpm"]
+    assert all("load by slip" in fold["setting"] or "both" in fold["setting"] for fold in folds)
     assert any("uci_hydraulic is not in" in note for note in study.notes)
     json.dumps(study.to_dict(), allow_nan=False)
 
@@ -80,7 +80,7 @@ def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recor
 def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
     name: str, small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*told: object) -> np.ndarray:
+    def broken(*arguments: object) -> np.ndarray:
         raise ValueError("broken")
 
     monkeypatch.setitem(FEATURE_FILLERS, name, broken)
@@ -90,9 +90,9 @@ def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
 
 def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:
     command = ["study", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
-    told = CliRunner().invoke(app, command)
-    assert told.exit_code == 0, told.output
-    result = json.loads(told.stdout)
+    answer = CliRunner().invoke(app, command)
+    assert answer.exit_code == 0, answer.output
+    result = json.loads(answer.stdout)
     assert result["seeds"] == [3]
     assert "an honest split" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert set(result["rows"][0]) >= {"split", "balanced_accuracy", "random_window"}
@@ -115,14 +115,14 @@ def machines(carries_over: float, seed: int = 0) -> Question:
     random = np.random.default_rng(seed)
     machine = np.repeat(np.arange(6), 10)
     label = np.where(machine % 2, "worn", "sound")
-    own = 10.0 * random.permutation(6)[machine] + 0.1 * random.normal(size=60)
+    of_machine = 10.0 * random.permutation(6)[machine] + 0.1 * random.normal(size=60)
     state = carries_over * (machine % 2) + random.normal(size=60)
-    features = {"machine": own[:, None], "state": state[:, None], "usual": np.column_stack([own, state])}
+    features = {"machine": of_machine[:, None], "state": state[:, None], "usual": np.column_stack([of_machine, state])}
     group = np.array([f"pair {number // 2}" for number in machine])
     units = Units(label, np.arange(60).astype(str), group, group, features)
     settings = (Setting("machine", "extra trees"), Setting("state", "logistic 1"))
     pairs = ("pair 0", "pair 1", "pair 2")
-    folds = tuple(Fold(one, frozenset(pairs) - {one}, frozenset({one})) for one in pairs)
+    folds = tuple(Fold(pair, frozenset(pairs) - {pair}, frozenset({pair})) for pair in pairs)
     return Question("made up", units, settings, folds, units)
 
 
@@ -148,9 +148,9 @@ def test_the_choice_never_sees_the_test_side() -> None:
 
 def test_a_random_split_flatters_what_knows_the_machine() -> None:
     question = machines(carries_over=0.0)
-    own, trees = leaky_scores(question, question.settings[0], 0)
+    setting_score, trees = leaky_scores(question, question.settings[0], 0)
     honest = np.mean([score_fold(question, fold, 0).rival for fold in question.folds])
-    assert own > 0.95
+    assert setting_score > 0.95
     assert trees > 0.9
     assert honest < 0.75
 

@@ -41,9 +41,9 @@ def test_the_rig_is_frozen() -> None:
 
     A failure shows what came out; a change on purpose is a new `RIG_VERSION` with re-measured figures.
     """
-    taken = list(rig_recordings(0, TINY))
-    digest = hashlib.sha256("\n".join(truth_of(run) for _, run in taken).encode()).hexdigest()
-    levels = {r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in taken}
+    pairs = list(rig_recordings(0, TINY))
+    digest = hashlib.sha256("\n".join(truth_of(run) for _, run in pairs).encode()).hexdigest()
+    levels = {r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs}
     assert (RIG_VERSION, digest) == ("1", GOLDEN_TRUTH)
     for name, golden in GOLDEN_LEVELS.items():
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
@@ -122,12 +122,12 @@ def test_a_rig_on_disk_reads_back_and_passes_inspection(tmp_path: Path) -> None:
     assert {r.label for r in recordings} == set(CLASSES)
     report = inspect_recordings(recordings)
     assert not report.has_errors
-    made = {r.recording_id: r for r, _ in rig_recordings(0, tiny)}
+    by_id = {r.recording_id: r for r, _ in rig_recordings(0, tiny)}
     for recording in recordings:
-        np.testing.assert_array_equal(recording.signal, made[recording.recording_id].signal)
-        assert recording.condition == made[recording.recording_id].condition
+        np.testing.assert_array_equal(recording.signal, by_id[recording.recording_id].signal)
+        assert recording.condition == by_id[recording.recording_id].condition
     truth = json.loads((tmp_path / "rig-truth.json").read_text())
-    assert set(truth["recordings"]) == set(made)
+    assert set(truth["recordings"]) == set(by_id)
     assert not list((tmp_path / "rig").rglob("*truth*"))
 
 

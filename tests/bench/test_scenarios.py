@@ -30,18 +30,18 @@ def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> N
 @pytest.mark.parametrize("seed", range(5))
 def test_one_recording_of_one_pump_fills_the_scarce_cell(recordings: list[Recording], seed: int) -> None:
     dataset = prepare(recordings, TINY, seed, ())
-    own = dataset.measured.label == "swash_plate"
-    scarce = dataset.measured.subset(own & (dataset.measured.discharge_pressure > 12e6))
+    of_class = dataset.measured.label == "swash_plate"
+    scarce = dataset.measured.subset(of_class & (dataset.measured.discharge_pressure > 12e6))
     assert len(scarce) == 3
     assert len(set(scarce.recording_id)) == 1
 
 
 def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(recordings: list[Recording]) -> None:
     dataset = prepare(recordings, TINY, 0, ())
-    references = [one for one in recordings if one.recording_id in dataset.split.references]
+    references = [recording for recording in recordings if recording.recording_id in dataset.split.references]
     assert references
-    assert {one.label for one in references} == {"normal"}
-    assert not {one.specimen for one in references} & set(dataset.measured.specimen)
+    assert {recording.label for recording in references} == {"normal"}
+    assert not {recording.specimen for recording in references} & set(dataset.measured.specimen)
     tested = {name for test in dataset.tests.values() for name in test.recording_id.tolist()}
     assert not tested & dataset.split.references
     assert set(dataset.roles()["reference"]) <= set(dataset.manifest)
@@ -85,12 +85,12 @@ def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:
 
 
 def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrated(recordings: list[Recording]) -> None:
-    kept = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
+    lower = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
     with pytest.raises(DataError, match="tests at 15 MPa"):
-        calibration_tasks(kept, tiny("case2").scenario, 0)
+        calibration_tasks(lower, tiny("case2").scenario, 0)
 
 
 def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
-    kept = [r for r in recordings if r.label != "valve_plate"]
-    dataset = prepare(kept, TINY, 0, ())
+    four_classes = [r for r in recordings if r.label != "valve_plate"]
+    dataset = prepare(four_classes, TINY, 0, ())
     assert dataset.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

@@ -23,14 +23,14 @@ def severity() -> StudyTable:
 
 
 def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> None:
-    taken = list(trend_recordings(3, "B", severities=(0.5, 2.0), healthy=1, duration=0.2))
-    assert [one.label for one, _ in taken[:3]] == ["normal", "swash_plate", "swash_plate"]
-    assert {one.specimen for one, _ in taken} == {"B"}
-    recess = [run.fault for _, run in taken if isinstance(run.fault, SwashPlateDefect)]
+    pairs = list(trend_recordings(3, "B", severities=(0.5, 2.0), healthy=1, duration=0.2))
+    assert [recording.label for recording, _ in pairs[:3]] == ["normal", "swash_plate", "swash_plate"]
+    assert {recording.specimen for recording, _ in pairs} == {"B"}
+    recess = [run.fault for _, run in pairs if isinstance(run.fault, SwashPlateDefect)]
     assert recess[1].depth == pytest.approx(4 * recess[0].depth)
-    widths = {run.fault.half_width for _, run in taken if isinstance(run.fault, BoreDefect)}
+    widths = {run.fault.half_width for _, run in pairs if isinstance(run.fault, BoreDefect)}
     assert len(widths) == 2
-    assert max(run.fault.advance for _, run in taken if isinstance(run.fault, GrooveErosion)) < 0.2
+    assert max(run.fault.advance for _, run in pairs if isinstance(run.fault, GrooveErosion)) < 0.2
 
 
 def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTable, tmp_path: Path) -> None:

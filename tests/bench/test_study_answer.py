@@ -14,13 +14,13 @@ def fixed(accuracies: dict[str, tuple[float, ...]], rival: float = 0.0) -> tuple
     """Answer of a study with these accuracies at L2, one for each seed."""
     seeds = tuple(range(len(next(iter(accuracies.values())))))
 
-    def made(name: str, seed: int, accuracy: float, classifier: str) -> Run:
+    def run_of(name: str, seed: int, accuracy: float, classifier: str) -> Run:
         base = run(name, seed, 0.5, classifier, ("L2",))
-        one = base.outcomes[0]
-        return replace(base, outcomes=(replace(one, scores=replace(one.scores, accuracy=accuracy)),))
+        outcome = base.outcomes[0]
+        return replace(base, outcomes=(replace(outcome, scores=replace(outcome.scores, accuracy=accuracy)),))
 
-    runs = [made(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
-    runs += [made("measured", seed, rival, "extra_trees") for seed in seeds]
+    runs = [run_of(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
+    runs += [run_of("measured", seed, rival, "extra_trees") for seed in seeds]
     return study_answer(assemble_result(plan_of("case1", "quick"), runs))
 
 
@@ -89,9 +89,9 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
             scores = replace(outcome.scores, accuracy=accuracy)
             runs.append(replace(base, outcomes=(replace(outcome, scores=scores),)))
     plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
-    found = assemble_result(plan, runs)
-    assert {one.classifier for one in found.outcomes} == {"tcn"}
-    lead, details, _ = study_answer(found)
+    result = assemble_result(plan, runs)
+    assert {outcome.classifier for outcome in result.outcomes} == {"tcn"}
+    lead, details, _ = study_answer(result)
     assert "at L2 calibrated scored higher than measured only by 20.0 points" in lead
     assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
     assert "(0.900 against 0.600)" in lead
@@ -120,9 +120,9 @@ def test_the_best_row_is_one_of_all_seeds_and_the_nearest_classifiers_are_told()
         for seed, skill in enumerate(values)
     ]
     plan = plan_of("algorithms", "quick")
-    (told,) = assemble_result(replace(plan, models=models_of("quick", skills)), runs).answer
-    assert "highest accuracy of those of 2 seeds" in told
-    assert "(BiTCN on levels (ours), with calibrated twin)" in told.split(". ")[0]
-    places = [told.index(f"less {name}") for name in ("ResNet1d", "WDCNN", "TCN", "MLP")]
-    assert places == sorted(places)
-    assert "less LSTM" not in told
+    (sentence,) = assemble_result(replace(plan, models=models_of("quick", skills)), runs).answer
+    assert "highest accuracy of those of 2 seeds" in sentence
+    assert "(BiTCN on levels (ours), with calibrated twin)" in sentence.split(". ")[0]
+    positions = [sentence.index(f"less {name}") for name in ("ResNet1d", "WDCNN", "TCN", "MLP")]
+    assert positions == sorted(positions)
+    assert "less LSTM" not in sentence

@@ -45,10 +45,10 @@ def test_a_row_holds_mean_deviation_and_values_of_its_trials(study):
 
 
 def test_a_metric_without_a_number_is_none_in_json(study):
-    told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
-    assert told["rows"][0]["sve"] == {"mean": None, "std": None, "values": [None, None]}
-    assert told["seeds"] == [0, 1]
-    assert told["wall_s"] == 1.23
+    table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert table["rows"][0]["sve"] == {"mean": None, "std": None, "values": [None, None]}
+    assert table["seeds"] == [0, 1]
+    assert table["wall_s"] == 1.23
 
 
 def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
@@ -63,13 +63,15 @@ def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
 
 
 def test_recordings_of_the_rig_are_called_a_stand_in():
-    reading = Recording(np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"})
-    assert "stand-in for a machine" in origin_of([reading])
+    recording = Recording(np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"})
+    assert "stand-in for a machine" in origin_of([recording])
     assert origin_of([Recording(np.zeros((1, 8)), 10.0, "two")]) == "Recordings from files of the user."
 
 
 def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
-    alone = replace(study, trials=tuple(replace(one, factors={"twin": one.factors["twin"]}) for one in study.trials))
+    alone = replace(
+        study, trials=tuple(replace(trial, factors={"twin": trial.factors["twin"]}) for trial in study.trials)
+    )
     assert "nominal" in write_study_report(alone, folder=tmp_path).read_text(encoding="utf-8")
 
 

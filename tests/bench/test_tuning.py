@@ -43,22 +43,22 @@ def test_a_search_sees_no_test_recording_and_validates_on_pumps_it_left_out(
     tested = frozenset.union(*split.tests.values()) | split.references
     assert not tested & set(windows.recording_id.tolist())
     assert len(folds) == 2
-    for trained, held in folds:
-        assert not set(windows.specimen[trained]) & set(windows.specimen[held])
-        assert not set(trained) & set(held)
+    for trained, validation in folds:
+        assert not set(windows.specimen[trained]) & set(windows.specimen[validation])
+        assert not set(trained) & set(validation)
 
 
 @pytest.mark.parametrize("name", ["bitcn", "spectral_bitcn"])
 def test_the_first_candidate_is_the_studys_own_model_unchanged(
     recordings: list[Recording], tried: list[Any], tmp_path: Path, name: str
 ) -> None:
-    found = run_tuning(recordings, model=name, trials=3, out=tmp_path)
-    own = MODELS["quick"][name]
-    assert tried[0][0] == own
-    assert own not in [model for model, *_ in tried[1:]]
-    candidates = found.details["candidates"]
-    assert [one["unchanged"] for one in candidates] == [True, False, False]
-    assert candidates[0]["settings"]["weight_decay"] == own.training.weight_decay
+    table = run_tuning(recordings, model=name, trials=3, out=tmp_path)
+    study_model = MODELS["quick"][name]
+    assert tried[0][0] == study_model
+    assert study_model not in [model for model, *_ in tried[1:]]
+    candidates = table.details["candidates"]
+    assert [candidate["unchanged"] for candidate in candidates] == [True, False, False]
+    assert candidates[0]["settings"]["weight_decay"] == study_model.training.weight_decay
 
 
 def test_an_interrupt_does_not_lose_the_studys_own_model(
@@ -71,25 +71,25 @@ def test_an_interrupt_does_not_lose_the_studys_own_model(
         patched.setattr(tuning, "validate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
-    found = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
-    own = MODELS["quick"]["bitcn"]
-    assert [model == own for model, *_ in tried] == [True, False]
-    (marked,) = [one for one in found.details["candidates"] if one["unchanged"]]
-    assert f"the study's own settings: {np.mean(marked['recall']):.3f}" in found.answer[0]
+    table = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
+    study_model = MODELS["quick"]["bitcn"]
+    assert [model == study_model for model, *_ in tried] == [True, False]
+    (marked,) = [candidate for candidate in table.details["candidates"] if candidate["unchanged"]]
+    assert f"the study's own settings: {np.mean(marked['recall']):.3f}" in table.answer[0]
 
 
 def test_a_search_goes_on_where_it_stopped(recordings: list[Recording], tried: list[Any], tmp_path: Path) -> None:
     first = run_tuning(recordings, model="bitcn", trials=2, out=tmp_path)
-    own = tried[0][0].training.learning_rate
+    learning_rate = tried[0][0].training.learning_rate
     more = run_tuning(recordings, model="bitcn", trials=5, out=tmp_path)
     assert len(tried) == 5
     assert len(first.details["candidates"]) == 2
     candidates = more.details["candidates"]
     assert candidates[:2] == first.details["candidates"]
-    assert candidates[0]["settings"]["learning_rate"] == pytest.approx(own)
+    assert candidates[0]["settings"]["learning_rate"] == pytest.approx(learning_rate)
     means = [row["recall"]["mean"] for row in more.rows()]
     assert means == sorted(means, reverse=True)
-    assert more.settings["best"] in [one["settings"] for one in candidates]
+    assert more.settings["best"] in [candidate["settings"] for candidate in candidates]
     run_tuning(recordings, model="bitcn", trials=5, out=tmp_path)
     assert len(tried) == 5
     assert len(list((tmp_path / "tune").glob("*.journal"))) == 1

@@ -36,8 +36,8 @@ def highest_line(recording: Recording) -> tuple[float, float]:
     taper = np.hanning(recording.signal.shape[1])
     spectrum = 2 / taper.sum() * np.abs(np.fft.rfft(recording.signal[0] * taper))
     frequency = np.fft.rfftfreq(len(taper), 1 / recording.sample_rate)
-    place = int(np.argmax(np.where(frequency > 1000, spectrum, 0)))
-    return float(frequency[place]), float(spectrum[place])
+    index = int(np.argmax(np.where(frequency > 1000, spectrum, 0)))
+    return float(frequency[index]), float(spectrum[index])
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +61,9 @@ def test_a_line_of_the_shaft_stands_still_however_fast_it_turned(shaft: float) -
 
 
 def test_windows_stay_as_long_as_they_are_along_time(recordings: list[Recording]) -> None:
-    made = ANGLE.as_read(recordings[0], rpm(860))
-    assert made.sample_rate == pytest.approx(recordings[0].sample_rate, rel=1e-3)
-    assert made.condition == recordings[0].condition
+    along_angle = ANGLE.as_read(recordings[0], rpm(860))
+    assert along_angle.sample_rate == pytest.approx(recordings[0].sample_rate, rel=1e-3)
+    assert along_angle.condition == recordings[0].condition
     assert TINY.as_read(recordings[0], rpm(860)) is recordings[0]
 
 
@@ -86,7 +86,7 @@ def test_the_study_compares_the_angle_with_time(two_classes: list[Recording]) ->
     plan = tiny("shaft-angle", training_sets={"nominal": PAPER_TRAINING_SETS["nominal"]})
     result = run_plan(plan, two_classes)
     assert {row["domain"] for row in result.rows()} == {"time", "angle"}
-    compared = {(dict(one.first)["domain"], dict(one.second)["domain"]) for one in result.contrasts}
+    compared = {(dict(contrast.first)["domain"], dict(contrast.second)["domain"]) for contrast in result.contrasts}
     assert compared == {("angle", "time")}
     by_domain = {
         run.task.factors["domain"]: run
@@ -137,8 +137,8 @@ def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
     angle = 2 * np.pi * shaft * np.arange(int(SECONDS * RATE)) / RATE
     lines = [0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle) for k in range(1, 7)]
     signal = sum(lines) + 0.05 * rng.standard_normal(len(angle))
-    found = piston_pass_angle(replace(turning(STATED), signal=signal[None]), 7)
-    assert found.mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
+    shaft_angle = piston_pass_angle(replace(turning(STATED), signal=signal[None]), 7)
+    assert shaft_angle.mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
 
 
 @pytest.mark.parametrize("off", [0.0, 0.012])
@@ -176,6 +176,8 @@ def test_a_recording_that_cannot_be_followed_stops_the_study_before_its_calibrat
     monkeypatch.setattr("swashtwin.bench.studies.runner.run_calibration", lambda *_: pytest.fail("was calibrated"))
     hiss = np.random.default_rng(0).standard_normal(recordings[0].signal.shape)
     name = sorted(prepare(recordings, TINY, 0, ()).split.train)[0]
-    damaged = [replace(one, signal=hiss) if one.recording_id == name else one for one in recordings]
+    damaged = [
+        replace(recording, signal=hiss) if recording.recording_id == name else recording for recording in recordings
+    ]
     with pytest.raises(DataError, match=name):
         run_plan(tiny("shaft-angle"), damaged)

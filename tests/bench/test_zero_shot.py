@@ -126,14 +126,14 @@ def test_wide_severities_span_most_of_a_decade() -> None:
 
 
 def test_the_rows_are_those_of_the_schema(study: StudyTable) -> None:
-    told = json.loads(json.dumps(study.to_dict(), allow_nan=False))
-    assert told["study"] == "zero-shot"
+    table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert table["study"] == "zero-shot"
     for name in ("training_set", "classifier", "test", "balanced_accuracy", "g_mean", "recall_piston", "discriminator"):
-        assert all(name in row for row in told["rows"])
-    assert {row["test"] for row in told["rows"]} == {SAME, UNSEEN}
-    assert {"BiTCN", "extra trees", "order threshold"} <= {row["classifier"] for row in told["rows"]}
-    assert "stand-in for a machine" in told["origin"]
-    assert len(told["details"]["confusion"]) == len(told["rows"])
+        assert all(name in row for row in table["rows"])
+    assert {row["test"] for row in table["rows"]} == {SAME, UNSEEN}
+    assert {"BiTCN", "extra trees", "order threshold"} <= {row["classifier"] for row in table["rows"]}
+    assert "stand-in for a machine" in table["origin"]
+    assert len(table["details"]["confusion"]) == len(table["rows"])
 
 
 def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fault(study: StudyTable) -> None:

@@ -28,22 +28,14 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.recordings import (
-    Recording,
-    open_recording,
-    open_recordings,
-    read_recording,
-    read_recordings,
-    write_recording,
-    write_store,
-)
+from swashtwin.recordings import Recording, join_blocks, load_recording, load_recordings, write_recording, write_store
 
 RATE = 25600.0
 TELLS_ONCE = ("mat73", "hdf5_foreign")
 """Formats whose rate stands in one place, found by addresses, and of which nothing has a checksum."""
 CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
 """Formats with checksums of everything, which must never be read as anything else than what was written."""
-FAILURES = ("wrong_rate", "wrong_readings", "exception", "two_lines", "crash", "hang")
+FAILURES = ("wrong_rate", "wrong_samples", "exception", "two_lines", "crash", "hang")
 _PATIENCE = 90.0
 _WORDS = (b"\x00" * 4, b"\xff" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x01\x00\x00\x00", b"\xff" * 8)
 
@@ -153,7 +145,7 @@ def mutated(content: bytes, generator: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-def outcome(name: str, path: Path, original: bytes, *, lazily: bool) -> tuple[str, str]:
+def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple[str, str]:
     """Class of what came of reading a mutated file, and what was said."""
     facts = (
         {}
@@ -163,20 +155,21 @@ def outcome(name: str, path: Path, original: bytes, *, lazily: bool) -> tuple[st
     facts = {} if name == "hdf5_foreign" else facts
     try:
         if name == "store":
-            (back,) = [recording.loaded() for recording in open_recordings(path)] if lazily else read_recordings(path)
+            (loaded,) = load_recordings(path)
         else:
-            back = open_recording(path, **facts).loaded() if lazily else read_recording(path, **facts)
+            loaded = load_recording(path, **facts)
+        signal = join_blocks(loaded.blocks()).signal if in_blocks else loaded.signal
     except SwashTwinError as error:
         return ("two_lines" if "\n" in str(error) else "refused"), str(error)
     except Exception as error:  # what is looked for
         return "exception", f"{type(error).__name__}: {error}"
-    if abs(back.sample_rate / RATE - 1) > 1e-6:
+    if abs(loaded.sample_rate / RATE - 1) > 1e-6:
         unchecked = name in TELLS_ONCE and len(path.read_bytes()) >= len(original)
-        alone = name == "tdms" and back.n_channels == 1  # the one whose rate would contradict is lost as well
-        return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{back.sample_rate:g} Hz"
-    if name in CHECKED and not np.allclose(back.signal, recording().signal, rtol=0, atol=1e-9):
-        return "wrong_readings", f"{back.signal.shape}"
-    return "same" if back.signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
+        alone = name == "tdms" and loaded.n_channels == 1  # the one whose rate would contradict is lost as well
+        return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{loaded.sample_rate:g} Hz"
+    if name in CHECKED and not np.allclose(signal, recording().signal, rtol=0, atol=1e-9):
+        return "wrong_samples", f"{signal.shape}"
+    return "same" if signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
 
 
 def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Callable[[int, str, str], None]) -> None:
@@ -184,14 +177,14 @@ def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Cal
     warnings.simplefilter("ignore")
     valid = FORMATS[name](folder)
     content, suffix = valid.read_bytes(), "".join(valid.suffixes)
-    kind, said = outcome(name, valid, content, lazily=True)
+    kind, said = outcome(name, valid, content, in_blocks=True)
     if kind != "same":
         raise ValueError(f"the valid {name} file is {kind}: {said}")
     for number in range(first, first + count):
         generator = np.random.default_rng([seed, *name.encode(), number])
         path = folder / f"mutated_{number}{suffix}"
         path.write_bytes(mutated(content, generator))
-        report(number, *outcome(name, path, content, lazily=number % 2 == 1))
+        report(number, *outcome(name, path, content, in_blocks=number % 2 == 1))
         path.unlink(missing_ok=True)
 
 

@@ -74,9 +74,9 @@ def h5py_reads(folder: Path) -> str:
 
 def convert(folder: Path) -> str:
     """Convert the source to a store."""
-    from swashtwin.recordings import open_recording, write_store
+    from swashtwin.recordings import load_recording, write_store
 
-    write_store([open_recording(folder / "source.h5")], folder / "store.h5")
+    write_store([load_recording(folder / "source.h5")], folder / "store.h5")
     return f"{(folder / 'store.h5').stat().st_size} bytes"
 
 

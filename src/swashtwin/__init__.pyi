@@ -83,7 +83,6 @@ from .learning import hold_out as hold_out
 from .learning import hold_out_specimens as hold_out_specimens
 from .learning import learn_confidence as learn_confidence
 from .learning import load_windows as load_windows
-from .learning import recording_groups as recording_groups
 from .learning import register_network as register_network
 from .learning import save_windows as save_windows
 from .learning import score_confidence as score_confidence
@@ -130,19 +129,19 @@ from .pump import new_pump as new_pump
 from .pump import read_condition as read_condition
 from .pump import read_fault as read_fault
 from .recordings import InspectionReport as InspectionReport
+from .recordings import RawFile as RawFile
 from .recordings import Recording as Recording
+from .recordings import Recordings as Recordings
 from .recordings import inspect_recording as inspect_recording
 from .recordings import inspect_recordings as inspect_recordings
-from .recordings import joined as joined
+from .recordings import join_blocks as join_blocks
+from .recordings import load_recording as load_recording
+from .recordings import load_recordings as load_recordings
 from .recordings import narrow_index as narrow_index
-from .recordings import open_recording as open_recording
-from .recordings import open_recordings as open_recordings
-from .recordings import open_store as open_store
 from .recordings import propose_index as propose_index
-from .recordings import read_recording as read_recording
-from .recordings import read_recordings as read_recordings
+from .recordings import recording_groups as recording_groups
+from .recordings import register_format as register_format
 from .recordings import save_index as save_index
-from .recordings import select as select
 from .recordings import write_blocks as write_blocks
 from .recordings import write_index as write_index
 from .recordings import write_recording as write_recording
@@ -220,7 +219,9 @@ __all__ = [
     "PistonWear",
     "Population",
     "Pump",
+    "RawFile",
     "Recording",
+    "Recordings",
     "Scales",
     "Scores",
     "SealingLandScratch",
@@ -278,19 +279,18 @@ __all__ = [
     "indicators_of",
     "inspect_recording",
     "inspect_recordings",
-    "joined",
+    "join_blocks",
     "learn_confidence",
     "load_calibration",
     "load_classifier",
     "load_population",
     "load_pump",
+    "load_recording",
+    "load_recordings",
     "load_windows",
     "mm",
     "narrow_index",
     "new_pump",
-    "open_recording",
-    "open_recordings",
-    "open_store",
     "parse",
     "presets",
     "profile",
@@ -299,8 +299,6 @@ __all__ = [
     "read_condition",
     "read_fault",
     "read_public_set",
-    "read_recording",
-    "read_recordings",
     "recording_groups",
     "register_network",
     "resampled_by_angle",
@@ -312,7 +310,6 @@ __all__ = [
     "save_index",
     "save_windows",
     "score_confidence",
-    "select",
     "simulate_profile",
     "spectrum_of",
     "split_by_recording",

@@ -107,7 +107,7 @@ def test_no_module_evaluates_its_annotations_late_or_has_a_name_that_says_nothin
 
 def test_the_readme_shows_the_walk_as_it_is_run() -> None:
     walk = (ROOT / "examples" / "walk.py").read_text(encoding="utf-8")
-    steps = walk[walk.index("recordings = read_recordings") :]
+    steps = walk[walk.index("recordings = load_recordings") :]
     assert steps.strip() in (ROOT / "README.md").read_text(encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.foundation import InputError
 from swashtwin.physics import LoadCase, Twin, force_lines
 from swashtwin.pump import CLASSES, Interfaces, OperatingCondition, Pump
-from swashtwin.recordings import inspect_recordings, read_recordings
+from swashtwin.recordings import inspect_recordings, load_recordings
 from swashtwin.signals import order_spectrum
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
@@ -117,7 +117,7 @@ def test_the_speed_wanders_by_no_more_than_half_a_percent(at_15: OperatingCondit
 def test_a_rig_on_disk_reads_back_and_passes_inspection(tmp_path: Path) -> None:
     tiny = replace(SIZES["tiny"], specimens=1, repeats=1, duration=1.0)
     index = build_rig(tmp_path / "rig", seed=0, size=tiny)
-    recordings = read_recordings(index)
+    recordings = load_recordings(index)
     assert len(recordings) == 15
     assert {r.label for r in recordings} == set(CLASSES)
     report = inspect_recordings(recordings)

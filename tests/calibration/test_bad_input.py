@@ -156,7 +156,7 @@ def test_a_spectrum_of_nothing_but_noise_is_refused(twin: Twin, recording: Recor
     words = "rec-0: no line stands clear of the noise .* is the pump running"
     refused(DataError, words, twin, [replace(recording, signal=noise)])
     still = np.zeros_like(recording.signal)
-    refused(DataError, "every reading is 0: a dead", twin, [replace(recording, signal=still)])
+    refused(DataError, "every sample is 0: a dead", twin, [replace(recording, signal=still)])
 
 
 def test_readings_in_g_are_named_whether_the_unit_says_so_or_not(twin: Twin, recording: Recording) -> None:

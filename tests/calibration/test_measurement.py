@@ -86,7 +86,7 @@ def test_readings_in_g_are_refused_with_the_slip_named(twin: Twin, recording: Re
 def test_a_recording_with_missing_readings_is_refused(twin: Twin, recording: Recording) -> None:
     signal = recording.signal.copy()
     signal[1, 100] = np.nan
-    with pytest.raises(DataError, match=r"rec-1, body_y: 1 of \d+ readings are missing"):
+    with pytest.raises(DataError, match=r"rec-1, body_y: 1 of \d+ samples are missing"):
         measure(twin, [replace(recording, signal=signal)])
 
 

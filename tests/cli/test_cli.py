@@ -20,7 +20,7 @@ from swashtwin.calibration import GaussNewton, load_calibration
 from swashtwin.foundation import MPa
 from swashtwin.learning import TrainingSettings, load_windows
 from swashtwin.pump import new_pump
-from swashtwin.recordings import Recording, read_recordings, write_index, write_recording
+from swashtwin.recordings import Recording, load_recordings, write_index, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +52,9 @@ def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict
 
 
 def test_a_split_written_down_holds_every_recording_once(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
-    sides = [{one.recording_id for one in read_recordings(chain["split"][name])} for name in ("train", "test")]
+    sides = [{one.recording_id for one in load_recordings(chain["split"][name])} for name in ("train", "test")]
     assert not sides[0] & sides[1]
-    assert sides[0] | sides[1] == {one.recording_id for one in read_recordings(rig)}
+    assert sides[0] | sides[1] == {one.recording_id for one in load_recordings(rig)}
     assert sides[1] == set(chain["split"]["test_recordings"])
 
 
@@ -115,7 +115,7 @@ def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]
 def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
     told = run_json("evaluate", chain["train"]["model"], rig, "--level", "L2")
     assert told["recordings"] == [
-        one.recording_id for one in read_recordings(rig) if one.recording_id in set(chain["split"]["test_recordings"])
+        one.recording_id for one in load_recordings(rig) if one.recording_id in set(chain["split"]["test_recordings"])
     ]
     assert told["level"] == "L2"
     assert sum(map(sum, told["confusion"])) == told["n_windows"]
@@ -128,7 +128,7 @@ def test_diagnose_names_a_class_and_writes_a_report(
     one, model = next(rig.glob("*.h5")), chain["train"]["model"]
     told = run_json("diagnose", model, one, rig, "--report", tmp_path)
     assert told["diagnoses"][0]["recording_id"] == one.stem
-    assert len(told["diagnoses"]) == 1 + len(read_recordings(rig))
+    assert len(told["diagnoses"]) == 1 + len(load_recordings(rig))
     assert Path(told["report"]).is_file()
 
 
@@ -233,7 +233,7 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
     assert "--overwrite" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
     assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--overwrite").stdout
     run("split", tmp_path, "--test-fraction", 0.5)
-    assert len(read_recordings(tmp_path / "test.toml")) == 2
+    assert len(load_recordings(tmp_path / "test.toml")) == 2
     facts = ("--sample-rate", "2 kHz", "--unit", "g")
     assert run_json("inspect", tmp_path / "normal_1.csv", *facts)["recordings"][0]["sample_rate"] == 2000.0
 
@@ -255,7 +255,7 @@ def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, An
     calibrated = run_json(*words, "--calibration", chain["calibrate"]["calibration"])
     assert nominal["label"] == calibrated["label"] == "swash_plate"
     assert nominal["rms_m_s2"] != calibrated["rms_m_s2"]
-    assert swashtwin.read_recording(out).synthetic
+    assert swashtwin.load_recording(out).synthetic
     assert "rms" in run(*words, "--solver", "rk4").stdout
 
 
@@ -290,14 +290,14 @@ def test_bad_input_ends_with_one_line_and_code_3(
     ("change", "said"),
     [
         (lambda signal: np.where(np.arange(signal.shape[1]) == 7, np.nan, signal), "missing or infinite"),
-        (lambda signal: signal * 0 + 1.0, "every reading is 1"),
+        (lambda signal: signal * 0 + 1.0, "every sample is 1"),
         (lambda signal: signal[:, :1500], "shorter than one revolution"),
     ],
 )
 def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
     rig: Path, tmp_path: Path, change: Any, said: str
 ) -> None:
-    recordings = read_recordings(rig)
+    recordings = load_recordings(rig)
     broken = replace(recordings[0], signal=change(recordings[0].signal))
     files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in (broken, *recordings[1:])]
     write_index([broken, *recordings[1:]], files, tmp_path)
@@ -310,7 +310,7 @@ def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
 
 
 def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path) -> None:
-    recordings = [one for one in read_recordings(rig) if one.label == "normal"]
+    recordings = [one for one in load_recordings(rig) if one.label == "normal"]
     other = replace(recordings[0], sample_rate=12800.0, recording_id="slow", label="swash_plate")
     for name, members in {"mixed": [*recordings, other], "lone": recordings[:1]}.items():
         files = [write_recording(one, tmp_path / name / f"{one.recording_id}.h5") for one in members]

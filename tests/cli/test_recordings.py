@@ -11,7 +11,7 @@ from commandline import one_line, run, run_json
 
 from swashtwin.diagnosis import save_classifier
 from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
-from swashtwin.recordings import open_store, read_recordings
+from swashtwin.recordings import load_recordings
 
 
 @pytest.fixture
@@ -33,11 +33,11 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
     store = folder / "store.h5"
     told = run_json("convert", folder, "--out", store)
     assert (told["recordings"], told["seconds"], told["bytes"]) == (4, 0.8, store.stat().st_size)
-    for back, one in zip(open_store(store), read_recordings(folder), strict=True):
+    for back, one in zip(load_recordings(store), load_recordings(folder), strict=True):
         assert (back.recording_id, back.label) == (one.recording_id, one.label)
-        np.testing.assert_array_equal(back.loaded().signal, one.signal)
+        np.testing.assert_array_equal(back.signal, one.signal)
     assert len(run_json("inspect", store)["recordings"]) == 4
-    windows = cut_windows(open_store(store), length=50)
+    windows = cut_windows(load_recordings(store), length=50)
     classifier = fit(build_network("bitcn", 1, 2, channels=(2,)), windows, settings=TrainingSettings(epochs=1), seed=0)
     model = save_classifier(classifier, folder / "m.safetensors")
     verdicts = run_json("diagnose", model, store)["diagnoses"]
@@ -81,7 +81,7 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(fo
 def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
     for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
         (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
-    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["found"]
+    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["facts"]
     (pressure,) = [text for text in told if text.startswith("discharge_pressure")]
     assert "15 MPa (1), says the flag" in pressure
     assert "the flag's 15 MPa gives way in 2 of 3 files" in pressure
@@ -98,11 +98,11 @@ def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_ask
     short = run("inspect", tmp_path, code=3).stdout
     assert re.search(r"normal +860 rev/min, 5 MPa +8 +2000", short)
     assert re.search(r"piston +860 rev/min, 10 MPa +6 +2000", short)
-    assert "normal_5MPa_3, x: every reading is" in short
+    assert "normal_5MPa_3, x: every sample is" in short
     assert "normal_5MPa_4, x" not in short
     assert "(constant in 1 more recordings: --all)" in short
     full = run("inspect", tmp_path, "--all", code=3).stdout
-    assert "normal_5MPa_4, x: every reading is" in full
+    assert "normal_5MPa_4, x: every sample is" in full
     assert "piston_10MPa_13" in full
     assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 14
 
@@ -114,7 +114,7 @@ def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatc
     monkeypatch.setattr("swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
     told = run("index", folder).stdout
     assert "label: normal (2), piston (2), says its name" in told
-    assert {one.sample_rate for one in read_recordings(folder)} == {2000.0}
+    assert {one.sample_rate for one in load_recordings(folder)} == {2000.0}
 
 
 def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,7 +150,7 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
         angle = ("--readings-per-turn", 64, "--played-at", "900 rpm")
         told = run_json("convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
     assert told["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
-    stored = open_store(tmp_path / "old.h5")
+    stored = load_recordings(tmp_path / "old.h5")
     assert [one.sample_rate for one in stored] == pytest.approx([960.0] * 4)
     assert {one.attributes["angle_from"] for one in stored} == {"the stated speed"}
     settings = ("--length", 128, "--epochs", 6, "--channels", "8,8", "--test-fraction", 0, "--learning-rate", 0.01)

@@ -14,7 +14,7 @@ from commandline import AT_15, DEFECT, one_line, run, run_json
 
 from swashtwin.foundation import MPa, celsius, rpm
 from swashtwin.physics.twin import steady
-from swashtwin.recordings import Recording, read_recording, read_recordings
+from swashtwin.recordings import Recording, load_recording, load_recordings
 
 SHORT = ("--duration", "0.2 s")
 
@@ -22,7 +22,7 @@ SHORT = ("--duration", "0.2 s")
 def test_simulate_writes_what_it_tells(tmp_path: Path) -> None:
     out = tmp_path / "new" / "s.h5"
     told = run_json("simulate", *AT_15, *DEFECT, *SHORT, "--sample-rate", "12.8 kHz", "--out", out)
-    back = read_recording(out)
+    back = load_recording(out)
     assert (told["label"], told["duration_s"], told["sample_rate_hz"]) == ("swash_plate", 0.2, 12800.0)
     assert (back.label, back.duration, back.recording_id) == ("swash_plate", 0.2, "s")
     assert back.speed is None
@@ -42,14 +42,14 @@ def test_every_format_holds_the_same_signal(tmp_path: Path, suffix: str) -> None
     for out in ("a.h5", f"a.{suffix}"):
         run("simulate", *AT_15, *SHORT, "--out", tmp_path / out)
     facts = {"unit": "m/s^2"} if suffix == "wav" else {}
-    other = read_recording(tmp_path / f"a.{suffix}", **facts).signal
-    np.testing.assert_allclose(other, read_recording(tmp_path / "a.h5").signal, rtol=1e-6, atol=1e-7)
+    other = load_recording(tmp_path / f"a.{suffix}", **facts).signal
+    np.testing.assert_allclose(other, load_recording(tmp_path / "a.h5").signal, rtol=1e-6, atol=1e-7)
 
 
 def test_a_run_up_writes_the_speed_of_each_reading(tmp_path: Path) -> None:
     words = ("simulate", "--speed", "0 rpm", "--to-speed", "900 rpm", "--pressure", "15 MPa", "--to-pressure", "12 MPa")
     run(*words, *SHORT, "--out", tmp_path / "s.h5")
-    back = read_recording(tmp_path / "s.h5")
+    back = load_recording(tmp_path / "s.h5")
     assert back.speed is not None
     assert back.condition is not None
     np.testing.assert_allclose(back.speed, rpm(900) * back.time / 0.2, atol=1e-9)
@@ -93,7 +93,7 @@ def test_films_follow_the_temperature_of_each_recording_and_no_profile(tmp_path:
     words = ("simulate", *AT_15, *SHORT, "--n", 2, "--seed", 5)
     for name, more in (("a", ()), ("b", ("--films",))):
         run(*words, *more, "--out", tmp_path / name)
-    for still, moved in zip(read_recordings(tmp_path / "a"), read_recordings(tmp_path / "b"), strict=True):
+    for still, moved in zip(load_recordings(tmp_path / "a"), load_recordings(tmp_path / "b"), strict=True):
         assert still.condition is not None
         assert still.condition == moved.condition
         warmer = still.condition.oil_temperature > celsius(45)
@@ -107,7 +107,7 @@ def test_fewer_recordings_than_there_are_leave_all_in_the_index(tmp_path: Path) 
     run(*words, "--n", 4)
     told = run_json(*words, "--n", 2)
     assert told["made"] == []
-    assert len(read_recordings(told["index"])) == 4
+    assert len(load_recordings(told["index"])) == 4
 
 
 # ---- many
@@ -119,7 +119,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_many_recordings_differ_in_all_that_varies(tmp_path: Path) -> None:
     told = run_json("simulate", *AT_15, *DEFECT, *SHORT, "--n", 4, "--seed", 3, "--out", tmp_path / "runs")
-    back = read_recordings(told["index"])
+    back = load_recordings(told["index"])
     assert told["made"] == [one.recording_id for one in back] == [f"runs-000{i}" for i in range(4)]
     conditions = [one.condition for one in back if one.condition is not None]
     for name, center, width in (("speed", rpm(860), 0.005), ("discharge_pressure", MPa(15), 0.03)):
@@ -131,7 +131,7 @@ def test_many_recordings_differ_in_all_that_varies(tmp_path: Path) -> None:
 
 def test_without_variation_only_the_phase_differs(tmp_path: Path) -> None:
     words = ("simulate", *AT_15, *SHORT, "--n", 2, "--no-vary", "--out", tmp_path / "runs")
-    first, second = read_recordings(run_json(*words)["index"])
+    first, second = load_recordings(run_json(*words)["index"])
     assert first.condition == second.condition
     spectra = [np.abs(np.fft.rfft(one.signal[0] * np.hanning(5120))) for one in (first, second)]
     assert np.linalg.norm(spectra[0] - spectra[1]) < 0.1 * np.linalg.norm(spectra[0])
@@ -140,14 +140,14 @@ def test_without_variation_only_the_phase_differs(tmp_path: Path) -> None:
 
 def test_a_temperature_that_is_given_is_kept(tmp_path: Path) -> None:
     words = ("simulate", *AT_15, *SHORT, "--n", 2, "--temperature", "40 degC", "--out", tmp_path / "runs")
-    for one in read_recordings(run_json(*words)["index"]):
+    for one in load_recordings(run_json(*words)["index"]):
         assert one.condition is not None
         assert one.condition.oil_temperature == pytest.approx(313.15)
 
 
 def test_many_profiles_follow_their_own_speeds(tmp_path: Path) -> None:
     words = (*AT_15, *SHORT, "--to-speed", "900 rpm", "--jitter", 0.002, "--n", 2, "--out", tmp_path / "runs")
-    first, second = read_recordings(run_json("simulate", *words)["index"])
+    first, second = load_recordings(run_json("simulate", *words)["index"])
     assert first.speed is not None
     assert second.speed is not None
     for speed in (first.speed, second.speed):
@@ -283,7 +283,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(out: str, tmp_
 
 def test_the_phases_of_many_recordings_lie_all_around(tmp_path: Path) -> None:
     words = ("simulate", *AT_15, "--duration", "70 ms", "--n", 12, "--no-vary", "--out", tmp_path / "runs")
-    back = read_recordings(run_json(*words)["index"])
+    back = load_recordings(run_json(*words)["index"])
     turn = np.exp(-7j * rpm(860) * back[0].time)
     phases = [np.angle((one.signal[1] * turn).sum()) for one in back]
     assert np.ptp(phases) > math.pi

@@ -13,7 +13,7 @@ from swashtwin.foundation import MPa, mm, rpm, um
 from swashtwin.learning import TrainingSettings, WindowSet, build_network, cut_windows, fit, fit_extra_trees
 from swashtwin.physics import Twin
 from swashtwin.pump import DamScratch, OperatingCondition, PistonWear, SwashPlateDefect, load_pump
-from swashtwin.recordings import Recording, select
+from swashtwin.recordings import Recording, Recordings
 from swashtwin.synthesis import synthesize
 
 FAULTS = {
@@ -81,7 +81,7 @@ def rig_windows(plant: Sequence[Recording]) -> dict[str, Any]:
 
 def calibration(plant: Sequence[Recording]) -> dict[str, Any]:
     """The six values of specimen A, healthy, in SI units, by Gauss-Newton from one start."""
-    recordings = select(plant, label="normal", specimen="A")
+    recordings = Recordings(plant).where(label="normal", specimen="A")
     calibrated = calibrate(
         twin_of("normal"), recordings, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False
     )

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows, group_folds, recording_groups, split_by_recording, without_overlap
+from swashtwin.learning import cut_windows, group_folds, split_by_recording, without_overlap
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, read_recordings, write_index, write_recording
+from swashtwin.recordings import Recording, load_recordings, recording_groups, write_index, write_recording
 
 CLASSES = ("normal", "leak")
 
@@ -143,14 +143,14 @@ def index(tmp_path):
 
 def test_split_by_an_attribute_writes_indexes_that_share_no_value_of_it(index, tmp_path):
     told = run_json("split", index, "--group", "day", "--test-fraction", "0.34")
-    days = [{one.attributes["day"] for one in read_recordings(told[name])} for name in ("train", "test")]
+    days = [{one.attributes["day"] for one in load_recordings(told[name])} for name in ("train", "test")]
     assert not days[0] & days[1]
     assert days[0] | days[1] == {"mon", "tue", "wed"}
 
 
 def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, tmp_path):
     told = run_json("split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
-    tested = [one.recording_id for fold in told["folds"] for one in read_recordings(fold["test"])]
+    tested = [one.recording_id for fold in told["folds"] for one in load_recordings(fold["test"])]
     assert len(told["folds"]) == 3
     assert len(tested) == len(set(tested)) == 12
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()

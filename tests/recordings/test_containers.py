@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, MissingExtraError
-from swashtwin.recordings import Options, Recording, read_recording, write_recording
+from swashtwin.recordings import Options, Recording, load_recording, write_recording
 from swashtwin.recordings.formats import subprocess_reader as apart
 
 SIGNAL = np.random.default_rng(0).standard_normal((2, 400))
@@ -22,7 +22,7 @@ def write_parquet(path: Path, **columns: object) -> Path:
 
 def test_a_parquet_table_has_its_units_its_rate_and_nan_for_what_is_missing(tmp_path: Path) -> None:
     columns = {"time [ms]": np.arange(400) / 4, "x [g]": [None, *SIGNAL[0, 1:]], "note": ["a"] * 400}
-    back = read_recording(write_parquet(tmp_path / "a.parquet", **columns))
+    back = load_recording(write_parquet(tmp_path / "a.parquet", **columns))
     assert (back.channels, back.unit, back.sample_rate) == (("x",), "m/s^2", 4000.0)
     assert np.isnan(back.signal[0, 0])
     np.testing.assert_allclose(back.signal[0, 1:], SIGNAL[0, 1:] * 9.80665)
@@ -34,13 +34,13 @@ def test_time_stamps_of_a_parquet_table_give_the_rate(unit: str, tmp_path: Path)
 
     start = datetime(2026, 4, 10, 16, 22)
     stamps = polars.Series([start + timedelta(milliseconds=2 * i) for i in range(400)]).cast(polars.Datetime(unit))
-    back = read_recording(write_parquet(tmp_path / "a.parquet", time=stamps, x=SIGNAL[0]), unit="1")
+    back = load_recording(write_parquet(tmp_path / "a.parquet", time=stamps, x=SIGNAL[0]), unit="1")
     assert (back.channels, back.sample_rate) == (("x",), 500.0)
 
 
 def test_an_archive_of_arrays_gives_vectors_rate_and_unit(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=SIGNAL[0], both=SIGNAL.T, fs=12800.0, unit="g", sensor=np.array("352C33"))
-    back = read_recording(tmp_path / "a.npz", channels=["both*"])
+    back = load_recording(tmp_path / "a.npz", channels=["both*"])
     assert (back.channels, back.sample_rate) == (("both(:,1)", "both(:,2)"), 12800.0)
     np.testing.assert_allclose(back.signal, SIGNAL * 9.80665)
     assert back.attributes["sensor"] == "352C33"
@@ -48,13 +48,13 @@ def test_an_archive_of_arrays_gives_vectors_rate_and_unit(tmp_path: Path) -> Non
 
 def test_a_time_vector_of_an_archive_gives_the_rate(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=SIGNAL[0], time=np.arange(400) / 51200)
-    assert read_recording(tmp_path / "a.npz", unit="1").sample_rate == 51200.0
+    assert load_recording(tmp_path / "a.npz", unit="1").sample_rate == 51200.0
 
 
 def test_an_archive_that_would_run_code_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=np.array([1.5, "b", None], dtype=object))
     with pytest.raises(DataError, match="allow_pickle=False"):
-        read_recording(tmp_path / "a.npz", unit="1")
+        load_recording(tmp_path / "a.npz", unit="1")
 
 
 # ---- MDF
@@ -72,25 +72,25 @@ def write_mdf(path: Path, *groups: tuple[str, np.ndarray, float, str]) -> Path:
 
 def test_channels_of_one_rate_are_chosen_from_a_measurement_of_several(tmp_path: Path) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("acc", SIGNAL[0], 25600.0, "g"), ("speed", SIGNAL[1, :50], 100.0, "rpm"))
-    back = read_recording(path, channels=["acc"])
+    back = load_recording(path, channels=["acc"])
     assert (back.unit, back.sample_rate) == ("m/s^2", 25600.0)
     np.testing.assert_allclose(back.signal[0], SIGNAL[0] * 9.80665)
     with pytest.raises(DataError, match="columns of several lengths"):
-        read_recording(path)
+        load_recording(path)
 
 
 def test_channels_of_two_rates_are_not_one_recording(tmp_path: Path) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 25600.0, "g"), ("x", SIGNAL[1], 12800.0, "g"))
     with pytest.raises(DataError, match=r"several rates \(0/x: 25600 Hz, 1/x: 12800 Hz\)"):
-        read_recording(path)
-    assert read_recording(path, channels=["1/x"]).sample_rate == 12800.0
+        load_recording(path)
+    assert load_recording(path, channels=["1/x"]).sample_rate == 12800.0
 
 
 def test_a_library_that_crashes_on_a_file_does_not_take_the_reader_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
-    read_recording(path)
+    load_recording(path)
     for name, value, said in (
         ("json.dumps", lambda _: "{", "the library that reads it crashed"),  # ends the other process
         ("_PATIENCE", -1.0, "no end was found"),
@@ -98,8 +98,8 @@ def test_a_library_that_crashes_on_a_file_does_not_take_the_reader_with_it(
         with monkeypatch.context() as patch:
             patch.setattr(f"swashtwin.recordings.formats.subprocess_reader.{name}", value)
             with pytest.raises(DataError, match=f"damaged: {said}"):
-                apart.read_apart("mdf", path, Options())
-    assert read_recording(path).sample_rate == 1000.0
+                apart.read_in_subprocess("mdf", path, Options())
+    assert load_recording(path).sample_rate == 1000.0
 
 
 def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypat
     monkeypatch.syspath_prepend(tmp_path)
     apart.stop()
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[mdf\]"'):
-        read_recording(path)
+        load_recording(path)
     apart.stop()
 
 
@@ -117,10 +117,10 @@ def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypat
 
 def test_a_time_in_minutes_is_not_taken_for_seconds(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time [min],x\n" + "".join(f"{i / 100:.2f},{i}.5\n" for i in range(60)))
-    assert read_recording(tmp_path / "a.csv", unit="1").sample_rate == pytest.approx(100 / 60, rel=1e-9)
+    assert load_recording(tmp_path / "a.csv", unit="1").sample_rate == pytest.approx(100 / 60, rel=1e-9)
     (tmp_path / "a.csv").write_text("time [g],x\n" + "".join(f"{i / 100:.2f},{i}.5\n" for i in range(60)))
     with pytest.raises(DataError, match="in 'g', which is none of s, ms"):
-        read_recording(tmp_path / "a.csv", unit="1")
+        load_recording(tmp_path / "a.csv", unit="1")
 
 
 @pytest.mark.parametrize("place", [0, 17, 59])
@@ -131,14 +131,14 @@ def test_one_wrong_reading_of_the_time_does_not_shift_the_rate(place: int, error
     time[place] += error / 25600 * (-1 if place == 0 else 1)
     lines = "".join(f"{t!r},{x!r}\n" for t, x in zip(time.tolist(), recording.signal[0].tolist(), strict=True))
     (tmp_path / "a.csv").write_text("time [s],x\n" + lines)
-    assert read_recording(tmp_path / "a.csv", unit="1").sample_rate == 25600.0
+    assert load_recording(tmp_path / "a.csv", unit="1").sample_rate == 25600.0
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mf4"])
 @pytest.mark.parametrize("rate", [1000.0, 25600.0, 44100.0, 51200 / 3, 12345.678])
 def test_a_written_time_column_gives_back_the_rate(suffix: str, rate: float, tmp_path: Path) -> None:
     path = write_recording(Recording(SIGNAL, rate, "a", channels=("x", "y")), tmp_path / f"a.{suffix}")
-    assert read_recording(path).sample_rate == pytest.approx(rate, rel=1e-9)
+    assert load_recording(path).sample_rate == pytest.approx(rate, rel=1e-9)
 
 
 def test_reading_a_file_runs_no_module_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_reading_a_file_runs_no_module_of_the_current_folder(tmp_path: Path, mon
     apart.stop()
     monkeypatch.chdir(tmp_path)
     try:
-        assert read_recording(file, sample_rate=1000.0, unit="1").signal.shape[1] == 400
+        assert load_recording(file, sample_rate=1000.0, unit="1").signal.shape[1] == 400
     finally:
         apart.stop()
     assert not (tmp_path / "was_here").exists()

@@ -9,7 +9,7 @@ import pytest
 from recording_files import READABLE, read_back, some_recording, written
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError
-from swashtwin.recordings import Recording, read_recording, read_recordings, write_index, write_recording
+from swashtwin.recordings import Recording, load_recording, load_recordings, write_index, write_recording
 
 
 @pytest.fixture
@@ -20,14 +20,14 @@ def recording() -> Recording:
 @pytest.mark.parametrize("suffix", READABLE)
 def test_a_missing_file_is_refused(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="does not exist"):
-        read_recording(tmp_path / f"a.{suffix}")
+        load_recording(tmp_path / f"a.{suffix}")
 
 
 @pytest.mark.parametrize("suffix", READABLE)
 def test_an_empty_file_is_refused(suffix: str, tmp_path: Path) -> None:
     (tmp_path / f"a.{suffix}").touch()
     with pytest.raises(DataError, match="empty"):
-        read_recording(tmp_path / f"a.{suffix}")
+        load_recording(tmp_path / f"a.{suffix}")
 
 
 @pytest.mark.parametrize("suffix", READABLE)
@@ -44,7 +44,7 @@ def test_a_cut_file_is_refused(recording: Recording, suffix: str, tmp_path: Path
 def test_a_cut_gzip_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"a,b\n" + b"1.5,2.5\n" * 500)[:-20])
     with pytest.raises(DataError, match="cut off"):
-        read_recording(tmp_path / "a.csv.gz", sample_rate=1, unit="1")
+        load_recording(tmp_path / "a.csv.gz", sample_rate=1, unit="1")
 
 
 def test_an_index_sees_a_text_file_cut_between_two_rows(recording: Recording, tmp_path: Path) -> None:
@@ -52,13 +52,13 @@ def test_an_index_sees_a_text_file_cut_between_two_rows(recording: Recording, tm
     write_index([recording], [path], tmp_path)
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:-100]))
     with pytest.raises(DataError, match="not the file that was indexed"):
-        read_recordings(tmp_path)
+        load_recordings(tmp_path)
 
 
 def test_an_unknown_suffix_offers_the_supported(tmp_path: Path, recording: Recording) -> None:
     (tmp_path / "a.xlsx").write_text("x")
     with pytest.raises(DataError, match=r"'.xlsx' cannot be read; supported are .csv"):
-        read_recording(tmp_path / "a.xlsx")
+        load_recording(tmp_path / "a.xlsx")
     with pytest.raises(InputError, match=r"'.uff' cannot be written; supported are .h5"):
         write_recording(recording, tmp_path / "a.uff")
 
@@ -66,7 +66,7 @@ def test_an_unknown_suffix_offers_the_supported(tmp_path: Path, recording: Recor
 def test_binary_rubbish_called_csv_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 10)
     with pytest.raises(DataError, match="binary"):
-        read_recording(tmp_path / "a.csv")
+        load_recording(tmp_path / "a.csv")
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves damaged files open

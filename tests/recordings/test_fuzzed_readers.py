@@ -54,8 +54,8 @@ def test_a_wrong_rate_would_be_seen(fuzzer: ModuleType, tmp_path: Path) -> None:
     content = path.read_bytes()
     slower = np.uint32([12800, 12800 * 8]).tobytes()  # rate and bytes per second, which agree
     path.write_bytes(content[:24] + slower + content[32:])
-    assert fuzzer.outcome("wav", path, content, lazily=False)[0] == "wrong_rate"
+    assert fuzzer.outcome("wav", path, content, in_blocks=False)[0] == "wrong_rate"
     path.write_bytes(content[:24] + slower[:4] + content[28:])
-    kind, said = fuzzer.outcome("wav", path, content, lazily=False)
+    kind, said = fuzzer.outcome("wav", path, content, in_blocks=False)
     assert kind == "refused"
     assert "12800 Hz of 2 channels with 32 bits are not the 204800 bytes per second" in said

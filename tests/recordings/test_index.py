@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, UnitError
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, propose_index, read_recordings, save_index, write_index, write_recording
+from swashtwin.recordings import Recording, load_recordings, propose_index, save_index, write_index, write_recording
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Zl", "Zp")), min_size=1, max_size=12)
 
@@ -63,7 +63,7 @@ def test_an_index_gives_back_whatever_was_written(facts: dict[str, Any], suffix:
     condition = OperatingCondition(**facts["condition"]) if facts["condition"] else None
     recording = Recording(**{**facts, "signal": np.array(facts["signal"])[None], "condition": condition})
     path = write_recording(recording, tmp_path / f"one.{suffix}")
-    (back,) = read_recordings(write_index([recording], [path], tmp_path))
+    (back,) = load_recordings(write_index([recording], [path], tmp_path))
     np.testing.assert_array_equal(back.signal, recording.signal)
     for name in ("recording_id", "channels", "unit", "label", "specimen", "synthetic"):
         assert getattr(back, name) == getattr(recording, name)
@@ -79,7 +79,7 @@ def test_recordings_come_in_the_order_of_the_index(tmp_path: Path) -> None:
     made = [make("b"), make("a", "piston"), make("c")]
     files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in made]
     write_index(made, files, tmp_path)
-    assert [one.recording_id for one in read_recordings(tmp_path)] == ["b", "a", "c"]
+    assert [one.recording_id for one in load_recordings(tmp_path)] == ["b", "a", "c"]
     assert tomllib.loads((tmp_path / "recordings.toml").read_text())["classes"] == ["normal", "piston"]
 
 
@@ -98,7 +98,7 @@ def test_defaults_hold_where_an_entry_is_silent(tmp_path: Path) -> None:
         unit = "m/s^2"
         """,
     )
-    a, b = read_recordings(path)
+    a, b = load_recordings(path)
     assert (a.label, b.label, a.channels, b.channels) == ("normal", "piston", ("y",), ("x", "y"))
     np.testing.assert_allclose(a.signal, np.array([[2.5, 4.5]]) * 9.80665)
     np.testing.assert_array_equal(b.signal, [[1.5, 3.5], [2.5, 4.5]])
@@ -109,7 +109,7 @@ def test_the_index_may_lie_away_from_its_data(tmp_path: Path) -> None:
     index = tmp_path / "elsewhere" / "mine.toml"
     entry = {"file": "a.csv", "unit": "1", "sample_rate": "1 Hz"}
     save_index({"format": 1, "root": "..", "recording": [entry]}, index)
-    assert read_recordings(index)[0].attributes["file"] == "a.csv"
+    assert load_recordings(index)[0].attributes["file"] == "a.csv"
 
 
 FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
@@ -139,16 +139,16 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
 )  # fmt: skip
 def test_a_wrong_index_is_refused_in_one_line(text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(SwashTwinError, match=said) as caught:
-        read_recordings(save(tmp_path, text))
+        load_recordings(save(tmp_path, text))
     assert "\n" not in str(caught.value)
 
 
 def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="swashtwin index"):
-        read_recordings(tmp_path)
+        load_recordings(tmp_path)
     save(tmp_path, "")
-    with pytest.raises(DataError, match="read_recording"):
-        read_recordings(tmp_path / "a.csv")
+    with pytest.raises(DataError, match="does not say its sample rate"):
+        load_recordings(tmp_path / "a.csv")
 
 
 def test_two_recordings_of_one_name_are_not_indexed(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def rig(tmp_path: Path) -> Path:
 def test_a_proposal_reads_label_speed_and_pressure_from_names(rig: Path) -> None:
     proposal = propose_index(rig, sample_rate="25.6 kHz", unit="g")
     save_index(proposal.index, rig / "recordings.toml")
-    back = read_recordings(rig)
+    back = load_recordings(rig)
     assert [one.label for one in back] == ["normal", "swash_plate", "normal"]
     pressures = [one.condition.discharge_pressure for one in back if one.condition]
     assert pressures == [15e6, 15e6, 10e6]
@@ -200,7 +200,7 @@ def test_a_proposal_obeys_a_pattern(rig: Path) -> None:
     pattern = r"(?P<specimen>\w+)/(?P<label>[a-z_]+?)_(?P<pressure>\d+)MPa_(?P<speed>\d+)rpm_(?P<repeat>\d)"
     proposal = propose_index(rig, label_pattern=pattern, sample_rate="25.6 kHz", unit="g", include=["A01/*"])
     save_index(proposal.index, rig / "recordings.toml")
-    back = read_recordings(rig)
+    back = load_recordings(rig)
     assert [(one.label, one.specimen, one.attributes["repeat"]) for one in back] == [
         ("normal", "A01", "1"),
         ("swash_plate", "A01", "1"),
@@ -217,7 +217,7 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         write_recording(make(name, None), rig / name / f"{name}.mat")
     write_recording(make("own", "piston"), rig / "own.h5")
     pattern = r"(?P<label>normal|swash_plate|own)(_(?P<pressure>\d+)MPa)?.*?_?(?P<repeat>\d?)\."
-    found = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).found
+    found = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).facts
     assert found == (
         "label: normal (1), swash_plate (1), says its name",
         "speed: 860 rpm (2), says its name",
@@ -226,14 +226,14 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         "unit: m/s^2 (2), says the flag",
         "channels: x, y (2), says the file",
     )
-    found = propose_index(rig, include=["normal/*", "own.h5"]).found
+    found = propose_index(rig, include=["normal/*", "own.h5"]).facts
     assert found[0] == "label: normal (1), says the folder's name; piston (1), says the file"
     assert found[1] == "sample_rate: 1000 Hz (2), says the file"
     found = propose_index(
         rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
     )
-    assert "attribute repeat: 1 (2), says the pattern" in found.found
-    assert "speed: 860 rpm (2), says the flag" in found.found
+    assert "attribute repeat: 1 (2), says the pattern" in found.facts
+    assert "speed: 860 rpm (2), says the flag" in found.facts
 
 
 def test_a_proposal_asks_for_what_nobody_says(rig: Path) -> None:
@@ -247,14 +247,14 @@ def test_a_proposal_asks_for_what_nobody_says(rig: Path) -> None:
     assert [key for key, _ in asked] == ["sample_rate", "unit"]
     assert asked[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
     assert proposal.index["defaults"] == {"sample_rate": "25.6 kHz", "unit": "g", "speed": "860 rpm"}
-    with pytest.raises(DataError, match="nobody says sample_rate of 3 files"):
+    with pytest.raises(DataError, match="neither the files nor the options state sample_rate of 3 files"):
         propose_index(rig, ask=lambda key, question: None)
 
 
 def test_a_pressure_without_a_speed_is_noticed_when_the_index_is_proposed(tmp_path: Path) -> None:
     (tmp_path / "normal_15MPa.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n")
     facts = {"sample_rate": "1 kHz", "unit": "g"}
-    with pytest.raises(DataError, match=r"nobody says speed of 1 files .*--speed"):
+    with pytest.raises(DataError, match=r"neither the files nor the options state speed of 1 files .*--speed"):
         propose_index(tmp_path, **facts)
     index = propose_index(tmp_path, **facts, ask=lambda key, question: {"speed": "860 rpm"}[key]).index
     assert index["defaults"]["speed"] == "860 rpm"
@@ -283,7 +283,7 @@ def test_a_proposal_takes_facts_from_files_that_carry_them(tmp_path: Path) -> No
     assert len(proposal.skipped) == 1
     assert "notes.txt" in proposal.skipped[0]
     save_index(proposal.index, tmp_path / "recordings.toml")
-    assert [one.label for one in read_recordings(tmp_path)] == ["normal", "piston"]
+    assert [one.label for one in load_recordings(tmp_path)] == ["normal", "piston"]
 
 
 def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
@@ -329,7 +329,7 @@ def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: 
         resample="12 kHz",
         index_folder=tmp_path,
     )
-    back = read_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
+    back = load_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
     assert {one.sample_rate for one in back} == {12000.0}
     assert {one.label for one in back} == {"normal", "ball", "inner_race", "outer_race"}
     normal = next(one for one in back if one.label == "normal")
@@ -349,7 +349,7 @@ def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_pat
         channels=["ch 0", "ch 1"],
         index_folder=tmp_path,
     )
-    back = read_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
+    back = load_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
     assert [one.label for one in back] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
     assert {(one.sample_rate, one.signal.shape) for one in back} == {(6400.0, (2, 32810))}
 

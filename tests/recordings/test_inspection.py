@@ -14,7 +14,7 @@ from swashtwin.recordings import (
     RecordingReport,
     inspect_recording,
     inspect_recordings,
-    read_recording,
+    load_recording,
     refuse_unfit,
 )
 
@@ -62,13 +62,13 @@ def test_a_good_recording_raises_no_alarm() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_missing_readings_are_errors(value: float) -> None:
+def test_missing_samples_are_errors(value: float) -> None:
     broken = changed(good(), 640, 642, value)
     report = inspect_recording(broken)
     assert "nan" in kinds(report)
-    assert "2 of 38400 readings are missing or infinite, the first at 0.1 s" in report.findings[0].message
+    assert "2 of 38400 samples are missing or infinite, the first at 0.1 s" in report.findings[0].message
     assert np.isfinite(report.channels[0].maximum)
-    with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 readings"):
+    with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 samples"):
         refuse_unfit(broken)
 
 
@@ -81,7 +81,7 @@ def test_a_recording_without_one_reading_is_reported_not_raised() -> None:
 def test_a_constant_channel_is_an_error() -> None:
     dead = changed(good(), 0, 38400, 2.5)
     assert kinds(inspect_recording(dead)) == ["constant"]
-    with pytest.raises(DataError, match=r"every reading is 2\.5"):
+    with pytest.raises(DataError, match=r"every sample is 2\.5"):
         refuse_unfit(dead)
 
 
@@ -100,7 +100,7 @@ def test_gaps_in_time_are_an_error(tmp_path: Path) -> None:
     time[120:] += 0.4
     rows = "\n".join(f"{t:.2f},{x}" for t, x in zip(time, np.sin(np.arange(200)), strict=True))
     (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
-    recording = read_recording(tmp_path / "a.csv", unit="1")
+    recording = load_recording(tmp_path / "a.csv", unit="1")
     assert kinds(inspect_recording(recording)) == ["gaps"]
     with pytest.raises(DataError, match="1 of 199 steps differ"):
         refuse_unfit(recording)
@@ -191,7 +191,7 @@ def test_rates_that_differ_between_classes_are_an_error() -> None:
 def test_equal_signals_under_two_names_are_an_error() -> None:
     report = inspect_recordings([good(), replace(good(), recording_id="copy", label="piston"), good(1)])
     (duplicate,) = [finding for finding in report.findings if finding.kind == "duplicate"]
-    assert "r0, copy hold the same readings (normal, piston)" in duplicate.message
+    assert "r0, copy hold the same samples (normal, piston)" in duplicate.message
 
 
 def test_units_and_lengths_that_differ_are_found() -> None:
@@ -218,7 +218,7 @@ def test_a_report_is_json() -> None:
 @pytest.mark.parametrize(("record", "clipped"), [(235, False), (236, True), (237, True), (234, False)])
 def test_the_bearing_recordings_known_to_be_clipped_are_found(public_data: Path, record: int, clipped: bool) -> None:
     path = public_data / "cwru" / "drive_end_12k" / f"drive_end_12k_OR021at6_load{record - 234}_rec{record}.mat"
-    report = inspect_recording(read_recording(path, sample_rate=12000, unit="g", channels=["*_DE_time"]))
+    report = inspect_recording(load_recording(path, sample_rate=12000, unit="g", channels=["*_DE_time"]))
     assert ("clipping" in kinds(report)) == clipped
 
 
@@ -227,5 +227,5 @@ def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
     public_data: Path, stated: str, contradicted: bool
 ) -> None:
     path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
-    report = inspect_recording(read_recording(path, unit="1", channels=["ch 0"], speed=stated))
+    report = inspect_recording(load_recording(path, unit="1", channels=["ch 0"], speed=stated))
     assert kinds(report) == (["speed"] if contradicted else [])

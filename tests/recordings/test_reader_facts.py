@@ -8,7 +8,7 @@ from recording_files import some_recording
 from scipy.io import savemat
 
 from swashtwin.foundation import DataError, UnitError
-from swashtwin.recordings import Recording, read_recording, write_recording
+from swashtwin.recordings import Recording, load_recording, write_recording
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def recording() -> Recording:
 )
 def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, factor: float, kept: str) -> None:
     (tmp_path / "a.csv").write_text("a\n1.5\n2.5\n")
-    back = read_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
+    back = load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
     np.testing.assert_allclose(back.signal, [[1.5 * factor, 2.5 * factor]])
     assert (back.unit, back.sample_rate) == (kept, 1000.0)
 
@@ -40,10 +40,10 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
 
     soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
     with pytest.raises(DataError, match="calibration_factor"):
-        read_recording(tmp_path / "a.wav", unit="g")
-    back = read_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
+        load_recording(tmp_path / "a.wav", unit="g")
+    back = load_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
     np.testing.assert_allclose(back.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
-    assert read_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
+    assert load_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
 
 
 @pytest.mark.parametrize(
@@ -80,30 +80,30 @@ def test_a_wrong_or_missing_fact_is_refused(
 ) -> None:
     (tmp_path / "a.csv").write_text("a,b\n1.5,2.5\n3.5,4.5\n")
     with pytest.raises(error, match=said) as caught:
-        read_recording(tmp_path / "a.csv", **facts)
+        load_recording(tmp_path / "a.csv", **facts)
     assert "\n" not in str(caught.value)
 
 
 def test_a_rate_that_contradicts_the_file_names_both(recording: Recording, tmp_path: Path) -> None:
     path = write_recording(recording, tmp_path / "a.h5")
     with pytest.raises(DataError, match=r"25600 Hz, the index says 12800 Hz"):
-        read_recording(path, sample_rate="12.8 kHz")
-    assert read_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
+        load_recording(path, sample_rate="12.8 kHz")
+    assert load_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
 
 
 def test_a_unit_that_contradicts_the_file_names_both_and_can_be_overruled(recording: Recording, tmp_path: Path) -> None:
     path = write_recording(recording, tmp_path / "a.h5")
     with pytest.raises(DataError, match=r"in m/s\^2, the index says g"):
-        read_recording(path, unit="g")
-    overruled = read_recording(path, calibration_factor="1 g")
+        load_recording(path, unit="g")
+    overruled = load_recording(path, calibration_factor="1 g")
     np.testing.assert_allclose(overruled.signal, recording.signal * 9.80665)
 
 
 def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"X105_DE_time": np.ones(10), "X105_FE_time": np.ones(9), "X105RPM": 1797.0})
     with pytest.raises(DataError, match="X105_DE_time: 10, X105_FE_time: 9"):
-        read_recording(tmp_path / "a.mat", sample_rate=12000, unit="g")
-    back = read_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
+        load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g")
+    back = load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
     assert back.channels == ("X105_DE_time",)
     assert (back.condition, back.attributes["speed"], back.attributes["X105RPM"]) == (None, "1797 rpm", "1797")
 
@@ -111,7 +111,7 @@ def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:
 def test_resampling_keeps_a_tone_and_says_so(tmp_path: Path) -> None:
     time = np.arange(4800) / 48000
     savemat(tmp_path / "a.mat", {"x": 3 + np.sin(2 * np.pi * 500 * time), "fs": 48000.0})
-    back = read_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
+    back = load_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
     assert back.sample_rate == 12000.0
     np.testing.assert_allclose(back.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * back.time[50:-50]), atol=2e-3)
     assert "from 48000 Hz to 12000 Hz" in back.attributes["resampled"]

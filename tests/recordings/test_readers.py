@@ -12,7 +12,7 @@ from recording_files import WRITABLE, some_recording, write_uff, written
 from scipy.io import savemat
 
 from swashtwin.foundation import InputError, MissingExtraError
-from swashtwin.recordings import Recording, read_recording, read_recordings, write_index, write_recording
+from swashtwin.recordings import Recording, load_recording, load_recordings, write_index, write_recording
 from swashtwin.recordings.formats import registry as formats
 from swashtwin.recordings.formats.raw import snapped_rate
 
@@ -27,7 +27,7 @@ def recording() -> Recording:
 
 def test_hdf5_gives_back_the_whole_recording(recording: Recording, tmp_path: Path) -> None:
     synthetic = replace(recording, synthetic=True)
-    back = read_recording(write_recording(synthetic, tmp_path / "other_name.h5"))
+    back = load_recording(write_recording(synthetic, tmp_path / "other_name.h5"))
     for name in ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic"):
         assert getattr(back, name) == getattr(synthetic, name)
     np.testing.assert_array_equal(back.signal, synthetic.signal)
@@ -36,7 +36,7 @@ def test_hdf5_gives_back_the_whole_recording(recording: Recording, tmp_path: Pat
 
 def test_hdf5_gives_back_a_recording_of_which_little_is_known(tmp_path: Path) -> None:
     bare = Recording(signal=np.ones((1, 3)), sample_rate=1.5, recording_id="x", unit="1")
-    back = read_recording(write_recording(bare, tmp_path / "x.h5"))
+    back = load_recording(write_recording(bare, tmp_path / "x.h5"))
     assert (back.label, back.condition, back.specimen, back.unit) == (None, None, None, "1")
 
 
@@ -44,7 +44,7 @@ def test_hdf5_gives_back_a_recording_of_which_little_is_known(tmp_path: Path) ->
 def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path: Path, suffix: str) -> None:
     path = write_recording(recording, tmp_path / "deep" / f"a.{suffix}")
     write_index([recording], [path], tmp_path)
-    (back,) = read_recordings(tmp_path)
+    (back,) = load_recordings(tmp_path)
     np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15)
     assert back.condition is not None
     assert recording.condition is not None
@@ -56,7 +56,7 @@ def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path
 
 
 def test_a_universal_file_gives_back_its_time_responses(recording: Recording, tmp_path: Path) -> None:
-    back = read_recording(written(recording, tmp_path, "uff"))
+    back = load_recording(written(recording, tmp_path, "uff"))
     np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-9)
     assert back.channels == ("point 0", "point 1")
     assert (back.unit, back.sample_rate) == ("m/s^2", 25600.0)
@@ -65,7 +65,7 @@ def test_a_universal_file_gives_back_its_time_responses(recording: Recording, tm
 @pytest.mark.parametrize("rate", [1000.0, 6400.0, 12000.0, 25600.0, 44100.0, 48000.0, 51200 / 3, 65536.0, 102400.0])
 def test_a_step_of_six_digits_gives_back_the_exact_rate(rate: float, tmp_path: Path) -> None:
     write_uff(tmp_path / "a.uff", np.random.default_rng(1).standard_normal((1, 50)), 1 / rate)
-    assert read_recording(tmp_path / "a.uff").sample_rate == pytest.approx(rate, rel=1e-12)
+    assert load_recording(tmp_path / "a.uff").sample_rate == pytest.approx(rate, rel=1e-12)
 
 
 def test_a_step_that_no_sensible_rate_explains_is_kept() -> None:
@@ -81,14 +81,14 @@ def test_matlab_7_3_is_read_like_version_5(tmp_path: Path) -> None:
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM"
     with path.open("r+b") as file:
         file.write(head)
-    back = read_recording(path, unit="1")
+    back = load_recording(path, unit="1")
     np.testing.assert_array_equal(back.signal[0], signal)
     assert (back.channels, back.sample_rate) == (("X105_DE_time",), 12000.0)
 
 
 def test_a_matrix_becomes_one_channel_per_column(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"H": np.arange(30.0).reshape(10, 3), "rig": {"fs": 1000.0}})
-    back = read_recording(tmp_path / "a.mat", unit="1", channels=["H(:,3)"], names=["z"])
+    back = load_recording(tmp_path / "a.mat", unit="1", channels=["H(:,3)"], names=["z"])
     np.testing.assert_array_equal(back.signal[0], np.arange(2.0, 30.0, 3.0))
     assert (back.channels, back.sample_rate) == (("z",), 1000.0)
 
@@ -97,7 +97,7 @@ def test_vectors_of_a_foreign_hdf5_file_are_channels(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["run/acc"] = np.arange(20.0).reshape(10, 2)
         file["run/acc"].attrs.update({"unit": "g", "fs": 500.0})
-    back = read_recording(tmp_path / "a.h5")
+    back = load_recording(tmp_path / "a.h5")
     assert (back.channels, back.sample_rate) == (("run/acc/0", "run/acc/1"), 500.0)
     assert back.signal[1, 1] == pytest.approx(3 * 9.80665)
 
@@ -137,4 +137,4 @@ def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypa
 
     monkeypatch.setattr("swashtwin.recordings.formats.raw.import_module", refuse)
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[readers\]"'):
-        read_recording(path)
+        load_recording(path)

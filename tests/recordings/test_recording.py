@@ -1,7 +1,6 @@
 """Recordings and the selection of them."""
 
 import math
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Recording, joined, select
+from swashtwin.recordings import Recording, Recordings, join_blocks
+from swashtwin.recordings.samples import Samples
 
 LABELS = st.sampled_from(["normal", "piston", None])
 SPECIMENS = st.sampled_from(["A", "B", None])
@@ -22,7 +22,7 @@ def make(name: str = "a", label: str | None = None, specimen: str | None = None)
     return Recording(signal, 8.0, name, channels=("x", "y", "z"), label=label, specimen=specimen)
 
 
-def test_a_recording_knows_its_length_and_the_time_of_each_reading() -> None:
+def test_a_recording_knows_its_length_and_the_time_of_each_sample() -> None:
     recording = make()
     assert (recording.n_channels, recording.duration) == (3, 0.5)
     np.testing.assert_array_equal(recording.time, [0, 0.125, 0.25, 0.375])
@@ -51,11 +51,9 @@ def test_an_unknown_channel_is_refused_with_those_there_are() -> None:
 
 
 @pytest.mark.parametrize("shape", [(5,), (1, 0), (0, 5), (2, 3, 4)])
-def test_a_signal_without_channels_or_readings_is_refused(shape: tuple[int, ...]) -> None:
-    damaged = copy(make())
-    object.__setattr__(damaged, "signal", np.zeros(shape))  # the tests' type checker would refuse it earlier
+def test_a_signal_without_channels_or_samples_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(DataError, match=r"a: signal has shape .*; it must be \(channel, time\)"):
-        damaged.__post_init__()
+        Samples.in_memory("a", np.zeros(shape), None)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
@@ -76,19 +74,17 @@ def test_a_recording_keeps_its_speed_when_its_label_or_its_channels_change() -> 
 
 
 @pytest.mark.parametrize(
-    ("speed", "said"),
+    ("speed", "message"),
     [
-        (np.array([80.0, 81.0]), r"a: speed has shape \(2,\) for 4 readings"),
-        (np.array([[80.0, 81.0, 82.0, 83.0]]), r"a: speed has shape \(1, 4\) for 4 readings"),
-        (np.array([80.0, -1.0, 80.0, 80.0]), r"a: speed \(-1 rad/s at reading 1\) must be zero or a positive"),
-        (np.array([80.0, 80.0, 80.0, math.nan]), r"a: speed \(nan rad/s at reading 3\) must be zero or a positive"),
+        (np.array([80.0, 81.0]), r"a: speed has shape \(2,\) for 4 samples"),
+        (np.array([[80.0, 81.0, 82.0, 83.0]]), r"a: speed has shape \(1, 4\) for 4 samples"),
+        (np.array([80.0, -1.0, 80.0, 80.0]), r"a: speed \(-1 rad/s at sample 1\) must be zero or a positive"),
+        (np.array([80.0, 80.0, 80.0, math.nan]), r"a: speed \(nan rad/s at sample 3\) must be zero or a positive"),
     ],
 )
-def test_a_speed_that_is_none_of_the_readings_is_refused(speed: np.ndarray, said: str) -> None:
-    damaged = copy(make())
-    object.__setattr__(damaged, "speed", speed)  # the tests' type checker would refuse some of them earlier
-    with pytest.raises(DataError, match=said):
-        damaged.__post_init__()
+def test_a_speed_that_does_not_fit_the_samples_is_refused(speed: np.ndarray, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        Samples.in_memory("a", np.zeros((3, 4)), speed)
 
 
 @given(cuts=st.lists(st.integers(1, 11), max_size=4, unique=True))
@@ -99,38 +95,37 @@ def test_blocks_join_to_the_recording_they_were_cut_from(cuts: list[int]) -> Non
         replace(whole, signal=whole.signal[:, first:last], speed=np.arange(first, last, dtype=float))
         for first, last in pairwise(edges)
     ]
-    together = joined(iter(blocks))
+    together = join_blocks(iter(blocks))
     np.testing.assert_array_equal(together.signal, whole.signal)
     np.testing.assert_array_equal(together.speed, whole.speed)
 
 
 @given(
-    made=st.lists(st.tuples(LABELS, SPECIMENS), max_size=8),
+    facts=st.lists(st.tuples(LABELS, SPECIMENS), max_size=8),
     label=LABELS,
     specimen=SPECIMENS,
-    ids=st.none() | st.lists(st.integers(0, 8)),
+    numbers=st.none() | st.lists(st.integers(0, 8)),
 )
-def test_a_selection_meets_every_condition_and_leaves_out_nothing_that_does(
-    made: list[tuple[str | None, str | None]], label: str | None, specimen: str | None, ids: list[int] | None
+def test_where_meets_every_condition_and_leaves_out_nothing_that_does(
+    facts: list[tuple[str | None, str | None]], label: str | None, specimen: str | None, numbers: list[int] | None
 ) -> None:
-    recordings = [make(str(i), *facts) for i, facts in enumerate(made)]
-    names = None if ids is None else [str(i) for i in ids]
-    expected = [
-        i
-        for i, (one_label, one_specimen) in enumerate(made)
-        if label in (None, one_label) and specimen in (None, one_specimen) and (ids is None or i in ids)
-    ]
-    if not expected:
-        with pytest.raises(DataError, match=r"^no recording has .*; the specimens are ") as refusal:
-            select(iter(recordings), label=label, ids=names, specimen=specimen)
-        told = str(refusal.value)
-        assert all(repr(one) in told for one in (label, specimen) if one is not None)
-        assert all(str(one_specimen) in told for _, one_specimen in made)
+    recordings = Recordings(make(str(number), *pair) for number, pair in enumerate(facts))
+    ids = None if numbers is None else [str(number) for number in numbers]
+    expected = tuple(
+        str(number)
+        for number, pair in enumerate(facts)
+        if label in (None, pair[0]) and specimen in (None, pair[1]) and (numbers is None or number in numbers)
+    )
+    if expected:
+        assert recordings.where(label=label, ids=ids, specimen=specimen).recording_ids == expected
         return
-    kept = select(iter(recordings), label=label, ids=names, specimen=specimen)
-    assert [one.recording_id for one in kept] == [str(i) for i in expected]
+    with pytest.raises(DataError, match=r"^no recording has .*; there are ") as refusal:
+        recordings.where(label=label, ids=ids, specimen=specimen)
+    message = str(refusal.value)
+    assert all(repr(value) in message for value in (label, specimen) if value is not None)
+    assert label is None or all((name or "none") in message for name, _ in facts)
 
 
 def test_the_ids_of_a_window_set_select_their_recordings() -> None:
     ids = np.array(["b", "b", "a"])
-    assert [one.recording_id for one in select([make("a"), make("c"), make("b")], ids=ids)] == ["a", "b"]
+    assert Recordings([make("a"), make("c"), make("b")]).where(ids=ids).recording_ids == ("a", "b")

@@ -18,28 +18,24 @@ from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
-    StoredRecording,
     is_store,
-    open_recording,
-    open_recordings,
-    open_store,
-    read_recording,
-    read_recordings,
+    load_recording,
+    load_recordings,
     refuse_unfit,
     write_index,
     write_recording,
     write_store,
 )
-from swashtwin.recordings.stored import in_memory
+from swashtwin.recordings.samples import Columns, Samples
 
 SOURCES = Path(swashtwin.__file__).parents[1]
 FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic", "attributes")
 
 
-def make(name: str, readings: int = 5000, **changes: object) -> Recording:
+def make(name: str, count: int = 5000, **changes: object) -> Recording:
     generator = np.random.default_rng(sum(name.encode()))
     recording = Recording(
-        signal=generator.standard_normal((2, readings)),
+        signal=generator.standard_normal((2, count)),
         sample_rate=1000.0,
         recording_id=name,
         channels=("x", "y"),
@@ -52,7 +48,7 @@ def make(name: str, readings: int = 5000, **changes: object) -> Recording:
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of which a recording of these tests has several."""
-    for module in ("stored", "readers.store", "windows.cutting"):
+    for module in ("recordings.recording", "recordings.store", "learning.windows.cutting"):
         monkeypatch.setattr(f"swashtwin.{module}.BLOCK", 700)
 
 
@@ -69,37 +65,37 @@ def assert_same(first: Recording, second: Recording) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["h5", "csv", "tdms", "wav", "parquet", "mat", "npz", "mf4"])
-def test_the_slices_of_an_opened_file_are_the_recording_that_is_read(suffix: str, tmp_path: Path) -> None:
+def test_the_parts_of_a_recording_in_a_file_are_those_of_its_signal(suffix: str, tmp_path: Path) -> None:
     path = write_recording(make("a"), tmp_path / f"a.{suffix}")
     facts = {"unit": "m/s^2"} if suffix == "wav" else {}
-    whole, stored = read_recording(path, **facts), open_recording(path, **facts)
-    blocks = list(stored.blocks())
+    whole, recording = load_recording(path, **facts), load_recording(path, **facts)
+    blocks = list(recording.blocks())
     assert len(blocks) == 8
     np.testing.assert_array_equal(np.concatenate([block.signal for block in blocks], axis=1), whole.signal)
-    assert_same(replace(stored.loaded(), attributes=whole.attributes), whole)
-    assert whole.attributes.items() >= stored.attributes.items()
-    np.testing.assert_array_equal(stored.slice(4990, 6000).signal, whole.signal[:, 4990:])
-    assert (stored.n_readings, stored.duration) == (5000, 5.0)
+    assert_same(recording, whole)
+    np.testing.assert_array_equal(recording.unloaded().slice(4990, 6000).signal, whole.signal[:, 4990:])
+    assert (recording.n_samples, recording.duration) == (5000, 5.0)
 
 
 @pytest.mark.parametrize("layout", ["rows", "columns", "one", "thin"])
-def test_a_foreign_hdf5_file_is_opened_in_its_own_number_type(layout: str, tmp_path: Path) -> None:
+def test_a_foreign_hdf5_file_is_read_in_its_own_number_type(layout: str, tmp_path: Path) -> None:
     values = np.random.default_rng(0).integers(-(2**15), 2**15, (3, 5000)).astype(np.int16)
     shown = {"rows": values, "columns": values.T, "one": values[0], "thin": values[:1]}[layout]
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["acc"] = shown
         file["acc"].attrs.update({"fs": 51200.0, "unit": "mg"})
-    stored, whole = open_recording(tmp_path / "a.h5"), read_recording(tmp_path / "a.h5")
-    assert stored.raw(0, 10).dtype == np.int16
-    np.testing.assert_array_equal(stored.loaded().signal, whole.signal)
-    assert whole.n_channels == (3 if layout in ("rows", "columns") else 1)
+    recording = load_recording(tmp_path / "a.h5")
+    expected = (values if layout in ("rows", "columns") else values[:1]) * (9.80665 * 1e-3)
+    assert recording.raw(0, 10).dtype == np.int16
+    np.testing.assert_allclose(recording.signal, expected, rtol=1e-14)
+    np.testing.assert_array_equal(recording.slice(7, 11).signal, recording.signal[:, 7:11])
 
 
 def test_a_file_that_shrinks_while_it_is_open_is_noticed(tmp_path: Path) -> None:
-    stored = open_recording(write_recording(make("a"), tmp_path / "a.wav"), unit="m/s^2")
+    recording = load_recording(write_recording(make("a"), tmp_path / "a.wav"), unit="m/s^2")
     os.truncate(tmp_path / "a.wav", 2000)
     with pytest.raises(DataError, match=r"is cut off|cannot be read"):
-        stored.slice(4000, 5000)
+        recording.slice(4000, 5000)
 
 
 # ---- stores
@@ -112,15 +108,12 @@ def test_a_store_gives_back_every_recording_and_its_speed(tmp_path: Path) -> Non
         make("b/../ä", 1, label=None, unit="1"),
         make("c", 700, synthetic=True),
     ]
-    told: list[tuple[int, int]] = []
-    path = write_store(recordings, tmp_path / "deep" / "a.h5", progress=lambda *done: told.append(done))
-    assert told[-1][0] == told[-1][1]
+    progress: list[tuple[int, int]] = []
+    path = write_store(recordings, tmp_path / "deep" / "a.h5", progress=lambda *counts: progress.append(counts))
+    assert progress[-1][0] == progress[-1][1]
     assert is_store(path)
-    for back, one in zip(read_recordings(path), recordings, strict=True):
-        assert_same(back, one)
-    for opened, one in zip(open_store(path), recordings, strict=True):
-        assert_same(opened.loaded(), one)
-        assert isinstance(opened, StoredRecording)
+    for loaded, recording in zip(load_recordings(path), recordings, strict=True):
+        assert_same(loaded, recording)
 
 
 def test_a_store_keeps_the_number_type_of_a_file_and_rounds_nothing(tmp_path: Path) -> None:
@@ -128,36 +121,37 @@ def test_a_store_keeps_the_number_type_of_a_file_and_rounds_nothing(tmp_path: Pa
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["acc"] = values
         file["acc"].attrs.update({"fs": 51200.0, "unit": "g"})
-    path = write_store([open_recording(tmp_path / "a.h5", label="normal")], tmp_path / "store.h5")
+    path = write_store([load_recording(tmp_path / "a.h5", label="normal")], tmp_path / "store.h5")
     assert path.stat().st_size < 1.3 * values.nbytes
-    (back,) = read_recordings(path)
-    assert_same(replace(back, attributes={}), replace(read_recording(tmp_path / "a.h5", label="normal"), attributes={}))
+    (loaded,) = load_recordings(path)
+    assert_same(
+        replace(loaded, attributes={}), replace(load_recording(tmp_path / "a.h5", label="normal"), attributes={})
+    )
 
 
-def test_an_index_is_opened_like_it_is_read(tmp_path: Path) -> None:
+def test_a_recording_of_an_index_is_that_of_its_file(tmp_path: Path) -> None:
     recordings = [make("a"), make("b", label="piston")]
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     write_index(recordings, files, tmp_path)
-    for stored, whole in zip(open_recordings(tmp_path), read_recordings(tmp_path), strict=True):
-        assert_same(stored.loaded(), whole)
+    for loaded, file in zip(load_recordings(tmp_path), files, strict=True):
+        alone = load_recording(file)
+        assert_same(replace(loaded, attributes={}), replace(alone, attributes={}))
 
 
-def test_a_store_is_told_from_one_recording(tmp_path: Path) -> None:
-    one = write_recording(make("a"), tmp_path / "one.h5")
-    assert not is_store(one)
-    with pytest.raises(DataError, match="no store"):
-        open_store(one)
+def test_a_store_is_not_taken_for_one_recording(tmp_path: Path) -> None:
+    file = write_recording(make("a"), tmp_path / "one.h5")
+    assert not is_store(file)
     store = write_store([make("a"), make("b")], tmp_path / "store.h5")
     with pytest.raises(DataError, match="a store of 2 recordings"):
-        read_recording(store)
-    with pytest.raises(MissingFileError, match="swashtwin convert"):
-        open_store(tmp_path / "none.h5")
+        load_recording(store)
+    with pytest.raises(MissingFileError, match="does not exist"):
+        load_recordings(tmp_path / "none.h5")
 
 
-def test_a_store_is_known_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:
+def test_a_store_is_recognized_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:
     store = write_store([make("a"), make("b")], tmp_path / "STORE.H5")
     assert is_store(store)
-    assert [one.recording_id for one in read_recordings(store)] == ["a", "b"]
+    assert load_recordings(store).recording_ids == ("a", "b")
 
 
 @pytest.mark.parametrize("name", ["SamplingRate", "samplerate", "fs", "Sampling_Frequency"])
@@ -165,12 +159,12 @@ def test_a_foreign_hdf5_file_says_its_rate_by_any_usual_name(name: str, tmp_path
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["x"] = np.arange(100.0)
         file["x"].attrs[name] = 1000.0
-    assert read_recording(tmp_path / "foreign.h5", unit="g").sample_rate == 1000.0
+    assert load_recording(tmp_path / "foreign.h5", unit="g").sample_rate == 1000.0
 
 
 def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:
-    for recordings, said in (([], "no recording to store"), ([make("a"), make("a")], "the id 'a'")):
-        with pytest.raises((DataError, InputError), match=said):
+    for recordings, message in (([], "no recording to store"), ([make("a"), make("a")], "the id 'a'")):
+        with pytest.raises((DataError, InputError), match=message):
             write_store(recordings, tmp_path / "a.h5")
     with pytest.raises(InputError, match=r"must end in \.h5"):
         write_store([make("a")], tmp_path / "a.mat")
@@ -188,8 +182,8 @@ def test_no_truncation_and_no_changed_byte_of_a_store_goes_unseen(tmp_path: Path
         path = tmp_path / f"{number}.h5"
         path.write_bytes(changed)
         try:
-            for back, one in zip(open_store(path), recordings, strict=True):
-                assert_same(back.loaded(), one)
+            for loaded, recording in zip(load_recordings(path), recordings, strict=True):
+                assert_same(loaded, recording)
         except DataError as error:
             refused += "\n" not in str(error)
     assert refused > 80
@@ -203,54 +197,55 @@ def test_an_interrupt_or_a_damaged_source_leaves_the_old_store(tmp_path: Path) -
         def __len__(self) -> int:
             return 5000
 
-        def __getitem__(self, where: slice, /) -> np.ndarray:
-            if where.start > 3000:
+        def __getitem__(self, span: slice, /) -> np.ndarray:
+            if span.start > 3000:
                 raise OSError("wrong checksum")
-            return np.zeros(where.stop - where.start)
+            return np.zeros(span.stop - span.start)
 
-    torn = replace(in_memory(make("new")), columns=(Torn(), Torn()))
-    with pytest.raises(DataError, match=r"new: readings 3500 to 4200 cannot be read \(OSError: wrong checksum\)"):
+    columns = Columns((Torn(), Torn()), (1.0, 1.0))
+    torn = replace(make("new"), samples=Samples.from_columns("new", columns, lambda: columns))
+    with pytest.raises(DataError, match=r"new: samples 3500 to 4200 cannot be read \(OSError: wrong checksum\)"):
         write_store([torn], path)
     assert path.read_bytes() == before
-    assert [one.name for one in tmp_path.iterdir()] == ["a.h5"]
+    assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
 
 
 # ---- windows and diagnoses
 
 
 @pytest.mark.parametrize("stride", [None, 33, 250, 1500])
-def test_windows_of_an_opened_recording_are_those_of_the_recording(stride: int | None, tmp_path: Path) -> None:
+def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(stride: int | None, tmp_path: Path) -> None:
     recordings = [make("a"), make("b", label="piston")]
-    stored = open_store(write_store(recordings, tmp_path / "a.h5"))
+    loaded = load_recordings(write_store(recordings, tmp_path / "a.h5"))
     whole = cut_windows(recordings, length=100, stride=stride)
-    lazy = cut_windows(stored, length=100, stride=stride)
+    lazy = cut_windows(loaded, length=100, stride=stride)
     for name in ("signal", "target", "recording_id", "start"):
         np.testing.assert_array_equal(getattr(lazy, name), getattr(whole, name))
-    parts = list(window_batches(stored[0], length=100, stride=stride, classes=whole.classes, batch=7))
-    own = whole.recording_id == "a"
+    parts = list(window_batches(loaded[0], length=100, stride=stride, classes=whole.classes, batch=7))
+    of_a = whole.recording_id == "a"
     for name in ("signal", "target", "start"):
         np.testing.assert_array_equal(
-            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)[own]
+            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)[of_a]
         )
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
-        (lambda row: row * 0 + 3, "x: every reading is 3"),
+        (lambda row: row * 0 + 3, "x: every sample is 3"),
         (lambda row: np.where(np.arange(5000) % 1500 == 1400, np.nan, row), "3 of 5000 .*, the first at 1.4 s"),
         (lambda row: np.where(np.arange(5000) == 4999, -np.inf, row), "1 of 5000 .*, the first at 4.999 s"),
     ],
 )
-def test_an_unfit_recording_is_refused_in_blocks_as_it_is_whole(change: object, said: str) -> None:
+def test_an_unfit_recording_is_refused_in_blocks_as_it_is_whole(change: object, message: str, tmp_path: Path) -> None:
     recording = make("a")
     signal = np.stack([change(recording.signal[0]), recording.signal[1]])  # type: ignore[operator]
     unfit = replace(recording, signal=signal)
-    for one in (unfit, in_memory(unfit)):
-        with pytest.raises(DataError, match=said):
-            refuse_unfit(one)
-        with pytest.raises(DataError, match=said):
-            list(window_batches(one, length=100))
+    for recording in (unfit, load_recording(write_recording(unfit, tmp_path / "a.h5"))):
+        with pytest.raises(DataError, match=message):
+            refuse_unfit(recording)
+        with pytest.raises(DataError, match=message):
+            list(window_batches(recording, length=100))
 
 
 @pytest.mark.parametrize("normalization", ["window", "recording", "set", "none"])
@@ -262,15 +257,15 @@ def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: st
         build_network("bitcn", n_channels=2, n_classes=2, channels=(4,)), windows, settings=settings, seed=0
     )
     long = make("c", 32 * 1700, signal=np.random.default_rng(9).normal(1, 2, (2, 32 * 1700)))
-    (stored,) = open_store(write_store([long], tmp_path / "a.h5"))
+    (loaded,) = load_recordings(write_store([long], tmp_path / "a.h5"))
     whole = cut_windows([long.relabeled(None)], length=32, classes=classifier.classes)
     expected = classifier.predict_proba(whole)
-    verdict = diagnose(classifier, stored)
+    verdict = diagnose(classifier, loaded)
     assert verdict.to_dict() == diagnose(classifier, long).to_dict()
-    assert verdict.window_labels == tuple(classifier.classes[place] for place in expected.argmax(axis=1))
+    assert verdict.window_labels == tuple(classifier.classes[index] for index in expected.argmax(axis=1))
     logarithm = np.log(np.maximum(expected, 1e-12)).mean(axis=0)
-    share = np.exp(logarithm - logarithm.max())
-    assert tuple(verdict.probabilities.values()) == tuple((share / share.sum()).tolist())
+    pooled = np.exp(logarithm - logarithm.max())
+    assert tuple(verdict.probabilities.values()) == tuple((pooled / pooled.sum()).tolist())
 
 
 MEMORY = """
@@ -278,14 +273,14 @@ import json, resource, sys
 import h5py, numpy as np
 from pathlib import Path
 from swashtwin.diagnosis import diagnose, load_classifier
-from swashtwin.recordings import open_recording, open_store, write_store
+from swashtwin.recordings import load_recording, load_recordings, write_store
 from swashtwin.learning import window_batches
 classifier = load_classifier(Path("model.swt"))
 def work(name):
-    write_store([open_recording(Path(name), label="normal", names=["x", "y"])], Path("store.h5"))
-    (stored,) = open_store(Path("store.h5"))
-    count = sum(len(part) for part in window_batches(stored, length=1024, batch=256))
-    return count, diagnose(classifier, stored).n_windows
+    write_store([load_recording(Path(name), label="normal", names=["x", "y"])], Path("store.h5"))
+    (recording,) = load_recordings(Path("store.h5"))
+    count = sum(len(part) for part in window_batches(recording, length=1024, batch=256))
+    return count, diagnose(classifier, recording).n_windows
 work("small.h5")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 counts = work("large.h5")
@@ -304,15 +299,15 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
         cut_windows(recordings, length=1024), settings=settings, seed=0,
     )  # fmt: skip
     save_classifier(classifier, tmp_path / "model.swt")
-    for name, readings in (("small", 1 << 20), ("large", 1 << 23)):
+    for name, count in (("small", 1 << 20), ("large", 1 << 23)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
-            data = file.create_dataset("acc", (2, readings), np.float32)
+            data = file.create_dataset("acc", (2, count), np.float32)
             data.attrs.update({"fs": 1000.0, "unit": "m/s^2"})
-            for start in range(0, readings, 1 << 20):
+            for start in range(0, count, 1 << 20):
                 data[:, start : start + (1 << 20)] = np.random.default_rng(start).normal(size=(2, 1 << 20))
     environment = {**os.environ, "PYTHONPATH": str(SOURCES), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    counts, grown = json.loads(done.stdout)
+    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    counts, growth = json.loads(process.stdout)
     assert counts == [8192, 8192]
-    assert grown < 16_000  # KiB
+    assert growth < 16_000  # KiB

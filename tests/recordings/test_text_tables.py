@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import read_recording
+from swashtwin.recordings import load_recording
 
 TABLES = {
     "comma": "a,b\n1.5,2\n-3e-1,4\n",
@@ -28,7 +28,7 @@ TABLES = {
 def test_every_dialect_of_a_text_table_is_read(text: str, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(gzip.compress(text.encode()) if suffix.endswith("gz") else text.encode())
-    back = read_recording(path, sample_rate=100, unit="1")
+    back = load_recording(path, sample_rate=100, unit="1")
     np.testing.assert_allclose(back.signal, [[1.5, -0.3], [2, 4]])
     assert back.channels == ("a", "b")
     assert back.recording_id == "a"
@@ -36,28 +36,28 @@ def test_every_dialect_of_a_text_table_is_read(text: str, suffix: str, tmp_path:
 
 def test_a_told_dialect_is_obeyed(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2\n7,5\n8,5\n")
-    back = read_recording(tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1)
+    back = load_recording(tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1)
     np.testing.assert_array_equal(back.signal, [[7.5, 8.5]])
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1", "utf-8-sig"])
 def test_text_of_another_encoding_is_read(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "a.csv").write_bytes("Zeit [s];Gehäuse [m/s²]\n0;1\n0,1;2\n0,2;3\n".encode(encoding))
-    back = read_recording(tmp_path / "a.csv")
+    back = load_recording(tmp_path / "a.csv")
     assert (back.channels, back.unit, back.sample_rate) == (("Gehäuse",), "m/s^2", 10.0)
 
 
 def test_a_number_with_a_comma_is_not_guessed_to_be_two_columns(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("3,14\n2,72\n")
     with pytest.raises(DataError, match="decimal comma"):
-        read_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
 
 
 def test_a_coarsely_rounded_time_column_is_uniform(tmp_path: Path) -> None:
     time = np.round(np.arange(2000) / 25600, 4)
     rows = "\n".join(f"{t:.4f};{x}" for t, x in zip(time, range(2000), strict=True))
     (tmp_path / "a.csv").write_text("time;x [g]\n" + rows + "\n")
-    back = read_recording(tmp_path / "a.csv")
+    back = load_recording(tmp_path / "a.csv")
     assert back.sample_rate == 25600.0
     assert "time_gaps" not in back.attributes
 
@@ -67,7 +67,7 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
     time[60:] += 0.5
     rows = "\n".join(f"{t:.2f},{x}" for t, x in zip(time, range(100), strict=True))
     (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
-    back = read_recording(tmp_path / "a.csv", unit="1")
+    back = load_recording(tmp_path / "a.csv", unit="1")
     assert back.sample_rate == 100.0
     assert back.attributes["time_gaps"] == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
 
@@ -75,16 +75,16 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
 def test_a_short_row_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a,b\n" + "1.5,2\n" * 100 + "1.5\n")
     with pytest.raises(DataError, match="line 102 has 1 columns, not 2"):
-        read_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
 
 
 def test_a_word_among_the_numbers_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a,b\n" + "1.5,2\n" * 100 + "1.5,overload\n")
     with pytest.raises(DataError, match="overload"):
-        read_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
 
 
 def test_a_blank_field_is_nan(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a,b\n1.5,2\n,3\n2.5,NaN\n")
-    back = read_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+    back = load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
     assert np.isnan(back.signal).tolist() == [[False, True, False], [False, False, True]]

@@ -6,7 +6,7 @@ import numpy as np
 
 from swashtwin.foundation import MPa, celsius, rpm
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, read_recording, write_recording
+from swashtwin.recordings import Recording, load_recording, write_recording
 
 WRITABLE = ("h5", "mat", "wav", "csv", "tdms", "parquet", "npz", "mf4")
 READABLE = (*WRITABLE, "uff")
@@ -64,4 +64,4 @@ def written(recording: Recording, folder: Path, suffix: str) -> Path:
 
 def read_back(path: Path) -> Recording:
     """The recording, told what its format has no place for."""
-    return read_recording(path, **({"unit": "m/s^2"} if path.suffix == ".wav" else {}))
+    return load_recording(path, **({"unit": "m/s^2"} if path.suffix == ".wav" else {}))

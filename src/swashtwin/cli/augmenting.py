@@ -45,13 +45,13 @@ def augment(
     from swashtwin.bench import FILLERS
     from swashtwin.foundation import DataError, InputError, parse
     from swashtwin.learning import check_disjoint, cut_windows, save_windows
-    from swashtwin.recordings import declared_classes, open_recordings
+    from swashtwin.recordings import declared_classes, load_recordings
     from swashtwin.synthesis import in_cell
 
     if method not in FILLERS:
         raise typer.BadParameter(f"{method!r} is none of {', '.join(FILLERS)}.", param_hint="--method")
     require_target(out)
-    train = cut_windows(open_recordings(source), length=length, classes=declared_classes(source))
+    train = cut_windows(load_recordings(source), length=length, classes=declared_classes(source))
     at = math.nan if pressure is None else parse(pressure, "Pa", name="pressure")
     if pressure is None and not math.isnan(float(train.discharge_pressure.max(initial=-math.inf))):
         raise InputError('the recordings state their pressures; say which cell is to be filled: --pressure "15 MPa".')
@@ -64,7 +64,7 @@ def augment(
     own = in_cell(train, label, at)
     compared, role = train.subset(own), "training windows of the cell"
     if held_out is not None:
-        other = cut_windows(open_recordings(held_out), like=train)
+        other = cut_windows(load_recordings(held_out), like=train)
         check_disjoint(train, other)
         compared, role = other.subset(in_cell(other, label, at)), "held-out windows of the cell"
         if not len(compared):

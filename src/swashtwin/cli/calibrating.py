@@ -138,7 +138,7 @@ def calibrate(
     from swashtwin.foundation import parse
     from swashtwin.physics import Twin
     from swashtwin.pump import load_pump
-    from swashtwin.recordings import read_recordings, select
+    from swashtwin.recordings import load_recordings
 
     require_target(out, ".json")
     own = given(epochs=epochs, learning_rate=learning_rate, spectrum=spectrum and spectrum.value, starts=starts)
@@ -146,7 +146,7 @@ def calibrate(
     defect, drawing = fault_of(fault, length, width, depth, dimensions), load_pump(pump)
     job = _Job(
         twins=[Twin(drawing, condition_of(speed, one, temperature), defect) for one in pressure],
-        recordings=select(read_recordings(source), specimen=specimen),
+        recordings=load_recordings(source).where(specimen=specimen),
         told={
             "bounds": bounds,
             "band": None if band is None else tuple(parse(one, "Hz", name="band") for one in band),

@@ -18,11 +18,11 @@ def conditions(
 ) -> None:
     """What classifiers score at a speed and pressure they were never trained on, and what helps against it."""
     from swashtwin.bench import run_conditions
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     with progress("training for new conditions") as bar:
         found = run_conditions(
-            read_recordings(source),
+            list(load_recordings(source)),
             seeds=list_of(seeds, int, "--seeds") or [0],
             jobs=jobs,
             progress=bar,

@@ -10,7 +10,7 @@ import typer
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Names, SampleRate, Seed, Unit, given
-from swashtwin.cli.recordings import open_all
+from swashtwin.cli.recordings import load_all
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import Diagnosis, Evidence
@@ -36,11 +36,11 @@ def evaluate(
     from swashtwin.diagnosis import load_classifier
     from swashtwin.learning import cut_windows, score_confidence, unseen_recordings
     from swashtwin.learning import evaluate as evaluation_of
-    from swashtwin.recordings import read_recordings, select
+    from swashtwin.recordings import load_recordings
 
     classifier = load_classifier(model)
-    recordings = read_recordings(source)
-    chosen = select(recordings, ids=ids) if ids else unseen_recordings(classifier, recordings)
+    recordings = load_recordings(source)
+    chosen = recordings.where(ids=ids) if ids else unseen_recordings(classifier, recordings)
     test = cut_windows(chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
     scores = evaluation_of(classifier, test, level=level, seed=seed)
     trusted = score_confidence(classifier, test) if classifier.confidence is not None else None
@@ -84,7 +84,7 @@ def diagnose(
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    recordings = open_all(paths, **facts)
+    recordings = load_all(paths, **facts)
     verdicts = [diagnosis_of(classifier, recording, error_rate=error_rate) for recording in recordings]
     page = None
     evidence: list[Evidence] = []

@@ -56,14 +56,14 @@ def calibrate_fleet(
     import swashtwin.calibration as calibration
     from swashtwin.physics import Twin
     from swashtwin.pump import load_pump
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     defect = fault_of(fault, length, width, depth, dimensions)
     drawing = load_pump(pump)
     twins = [Twin(drawing, condition_of(speed, one, temperature), defect) for one in pressure]
     with progress("calibrating the fleet"):
         found = calibration.calibrate_fleet(
-            twins, read_recordings(source), seed=seed, bounds=bounds, nuisances=nuisances_of(nuisances)
+            twins, load_recordings(source), seed=seed, bounds=bounds, nuisances=nuisances_of(nuisances)
         )
     files = found.save(out)
     tell({**found.to_dict(), "files": files}, as_json, lambda: _show(found, out))

@@ -131,9 +131,9 @@ def _taken(source: Path, public_set: str | None, only: list[str] | None) -> "lis
     """Recordings of an index, a store or a public set, those alone that are asked for."""
     from swashtwin.bench import read_public_set
     from swashtwin.foundation import DataError
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
-    recordings = read_recordings(source) if public_set is None else read_public_set(public_set, source)
+    recordings = list(load_recordings(source)) if public_set is None else read_public_set(public_set, source)
     for name, text in pairs_of(only, "--only").items():
         wanted = {value.strip() for value in text.split(",")}
         recordings = [one for one in recordings if _fact(one, name) in wanted]

@@ -11,7 +11,7 @@ from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.indicator_tables import number_or_none, show_medians, show_points, show_trend_summary
 from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given
-from swashtwin.cli.recordings import read_all, refuse_source
+from swashtwin.cli.recordings import load_all, refuse_source
 from swashtwin.cli.shaft import Pulses, Tachometer, Track, require_one_way, shaft_angle, vibration_of
 from swashtwin.cli.summaries import MOST_ROWS, All
 
@@ -79,7 +79,7 @@ def features(
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
-    made = _table_of(read_all(source, **facts), pistons, band, family, tachometer, pulses, track)
+    made = _table_of(load_all(source, **facts), pistons, band, family, tachometer, pulses, track)
     if out is not None:
         from swashtwin.foundation import write_text
 
@@ -138,7 +138,7 @@ def spectrum(
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
-    recordings = read_all([file], **facts)
+    recordings = load_all([file], **facts)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
     require_one_way(tachometer, pulses, track)
@@ -216,7 +216,7 @@ def trend(
     facts = given(
         sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
     )
-    made = _table_of(read_all(source, **facts), pistons, band, None, tachometer, pulses, track)
+    made = _table_of(load_all(source, **facts), pistons, band, None, tachometer, pulses, track)
     found = trend_of(made, indicator, channel=channel, by=by.value, k=k, healthy=healthy or ("normal",))
     data = None
     if out is not None and numbers is not None:

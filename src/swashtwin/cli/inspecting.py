@@ -9,7 +9,7 @@ import typer
 from swashtwin.cli.console import say, table, tell
 from swashtwin.cli.exits import BAD_DATA
 from swashtwin.cli.options import CalibrationFactor, Channels, Json, SampleRate, Unit, given
-from swashtwin.cli.recordings import read_all
+from swashtwin.cli.recordings import load_all
 from swashtwin.cli.summaries import MOST_ROWS, All, condition_words, grouped, spread_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def inspect(
     from swashtwin.recordings import inspect_recordings
 
     facts = given(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
-    recordings = read_all(paths, **facts)
+    recordings = load_all(paths, **facts)
     report = inspect_recordings(recordings)
     few = show_all or len(recordings) <= MOST_ROWS
 
@@ -57,8 +57,7 @@ def _show_each(reports: "tuple[RecordingReport, ...]") -> None:
 
 
 def _show_summary(reports: "tuple[RecordingReport, ...]", recordings: "list[Recording]") -> None:
-    from swashtwin.learning import stated_pressure
-    from swashtwin.recordings import stated_speed
+    from swashtwin.recordings import stated_pressure, stated_speed
 
     ids = [one.recording_id for one in recordings]
     speeds = [stated_speed(one) for one in recordings]

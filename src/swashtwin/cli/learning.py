@@ -93,12 +93,11 @@ def train(
         fit,
         learn_confidence,
         load_windows,
-        recording_groups,
         require_enough,
         split_by_recording,
         without_overlap,
     )
-    from swashtwin.recordings import declared_classes, open_recordings
+    from swashtwin.recordings import declared_classes, load_recordings, recording_groups
 
     require_target(out)
     settings = replace(
@@ -113,7 +112,7 @@ def train(
     added = [load_windows(path) for path in add or ()]
     manifest = {name for synthetic in added for name in synthetic.manifest}
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
-    recordings = open_recordings(source)
+    recordings = load_recordings(source)
     windows = cut_windows(
         recordings,
         classes=None if added else declared_classes(source),

@@ -138,7 +138,7 @@ def _carry_out(
     as_json: bool,
 ) -> None:
     from swashtwin.bench import Fleets, SameRecordings, run_plan
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     hint = (
         "with --out, finished runs would be kept" if out is None else "finished runs are kept; the same command resumes"
@@ -151,7 +151,7 @@ def _carry_out(
             bar(done, total, f"{plan.study}: {what}")
 
         if source is not None:
-            data: SameRecordings | Fleets = SameRecordings(read_recordings(source))
+            data: SameRecordings | Fleets = SameRecordings(load_recordings(source))
         else:
             rig = {"quick": "small", "paper": "paper"}[plan.size]
             data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: told("recording on the rig", *count))

@@ -44,7 +44,7 @@ def synthesize(
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
     from swashtwin.learning import cut_windows, save_windows
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
     from swashtwin.synthesis import simulate_windows
 
     found = load_calibration(calibration)
@@ -56,7 +56,7 @@ def synthesize(
     elif dimensions:
         raise typer.BadParameter("belongs to --fault.", param_hint="--dimension")
     label = twin.label if label is None else label
-    recordings = read_recordings(like)
+    recordings = load_recordings(like)
     classes = sorted({one.label for one in recordings if one.label is not None} | {label})
     measured = cut_windows(recordings, length=length, classes=classes)
     if label != twin.label:

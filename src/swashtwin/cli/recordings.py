@@ -28,7 +28,7 @@ from swashtwin.foundation import whole_folder
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swashtwin.recordings import Recording, StoredRecording
+    from swashtwin.recordings import Recording
 
 
 class RigFormat(StrEnum):
@@ -57,31 +57,17 @@ class Dealing(StrEnum):
     shuffled = "shuffled"
 
 
-def read_all(paths: list[Path], **facts: object) -> "list[Recording]":
+def load_all(paths: list[Path], **facts: object) -> "list[Recording]":
     """Recordings of indexes, folders with an index, stores, and single files with `facts`."""
-    from swashtwin.recordings import read_recording, read_recordings
+    from swashtwin.recordings import load_recordings
 
-    recordings = []
+    recordings: list[Recording] = []
     for path in paths:
         if _of_many(path, facts):
-            recordings += read_recordings(path)
+            recordings += load_recordings(path)
         else:
             with said_as_options():
-                recordings.append(read_recording(path, **facts))
-    return recordings
-
-
-def open_all(paths: list[Path], **facts: object) -> "list[StoredRecording]":
-    """As `read_all`, but the readings stay in their files until they are asked for."""
-    from swashtwin.recordings import open_recording, open_recordings
-
-    recordings = []
-    for path in paths:
-        if _of_many(path, facts):
-            recordings += open_recordings(path)
-        else:
-            with said_as_options():
-                recordings.append(open_recording(path, **facts))
+                recordings += load_recordings(path, **facts)
     return recordings
 
 
@@ -172,12 +158,12 @@ def index(
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
     result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
-    result |= {"found": list(proposal.found), "skipped": list(proposal.skipped)}
+    result |= {"facts": list(proposal.facts), "skipped": list(proposal.skipped)}
 
     def show() -> None:
         for reason in proposal.skipped:
             note(f"left out: {reason}")
-        for sentence in proposal.found:
+        for sentence in proposal.facts:
             say(sentence)
         say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")
         say(f"Look it over, then: swashtwin inspect {path}")
@@ -214,19 +200,18 @@ def convert(
     facts = given(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    kept: Sequence[Recording | StoredRecording]
+    recordings = load_all(paths, **facts)
     if readings_per_turn is None:
         _refuse_without_turns(played_at=played_at, tachometer=tachometer, pulses=pulses, track=track)
-        kept = open_all(paths, **facts)
     else:
-        kept = _along_the_angle(read_all(paths, **facts), readings_per_turn, played_at, (tachometer, pulses, track))
+        recordings = _along_the_angle(recordings, readings_per_turn, played_at, (tachometer, pulses, track))
     with progress("MB") as bar:
-        write_store(kept, out, progress=bar)
-    seconds, size = sum(one.duration for one in kept), out.stat().st_size
-    result = {"store": out, "recordings": len(kept), "seconds": seconds, "bytes": size}
+        write_store(recordings, out, progress=bar)
+    seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size
+    result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
 
     def show() -> None:
-        say(f"{out}: {len(kept)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
+        say(f"{out}: {len(recordings)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
         say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
@@ -281,14 +266,14 @@ def split(
 
     Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
     """
-    from swashtwin.recordings import narrow_index, read_recordings
+    from swashtwin.recordings import load_recordings, narrow_index
 
     if folds is not None and dealing is Dealing.each:
         raise typer.BadParameter("each group is a fold with --dealing each; leave it out.", param_hint="--folds")
     if test_fraction is not None and (folds or dealing) and dealing is not Dealing.shuffled:
         reason = "folds say themselves how much is tested on; only --dealing shuffled draws a share."
         raise typer.BadParameter(reason, param_hint="--test-fraction")
-    recordings = read_recordings(source)
+    recordings = load_recordings(source)
     sides = _sides(recordings, 0.2 if test_fraction is None else test_fraction, group, folds, dealing, seed)
     folder = out or (source if source.is_dir() else source.parent)
     for place, name in ((place, name) for place, side in sides.items() for name in side):
@@ -309,7 +294,7 @@ def split(
 
 
 def _sides(
-    recordings: "list[Recording]",
+    recordings: "Sequence[Recording]",
     test_fraction: float,
     group: str,
     folds: int | None,
@@ -317,9 +302,10 @@ def _sides(
     seed: int,
 ) -> dict[str, dict[str, list[str]]]:
     """Recording ids of each role, by the folder that they are to stand in."""
-    from swashtwin.learning import cut_windows, group_folds, recording_groups, split_by_recording
+    from swashtwin.learning import cut_windows, group_folds, split_by_recording
+    from swashtwin.recordings import recording_groups
 
-    shortest = min(recording.signal.shape[1] for recording in recordings)
+    shortest = min(recording.n_samples for recording in recordings)
     whole = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
     groups = recording_groups(recordings, group)
     if folds is None and dealing is None:

@@ -56,7 +56,7 @@ def severity(
     """
     from swashtwin.calibration import estimate_severity, load_calibration
     from swashtwin.foundation import DataError
-    from swashtwin.recordings import read_recordings, select
+    from swashtwin.recordings import load_recordings
 
     kind = fault_of(fault, length, width, depth, dimensions)
     if kind is None:
@@ -64,7 +64,7 @@ def severity(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
         )
     known = load_calibration(calibration)
-    sound, worn = _sides(select(read_recordings(source), specimen=specimen), known.recording_ids)
+    sound, worn = _sides(load_recordings(source).where(specimen=specimen), known.recording_ids)
     if not worn:
         raise DataError(
             f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
@@ -72,7 +72,7 @@ def severity(
         )
     if healthy is not None:
         known_ids = {one.recording_id for one in sound}
-        further = select(read_recordings(healthy), label="normal", specimen=specimen)
+        further = load_recordings(healthy).where(label="normal", specimen=specimen)
         sound += [one for one in further if one.recording_id not in known_ids]
     given = {"length": length, "width": width, **pairs_of(dimensions, "--dimension")}
     held = {name for name, text in given.items() if text is not None}

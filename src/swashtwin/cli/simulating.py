@@ -237,7 +237,8 @@ def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
 
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
-    from swashtwin.recordings import joined, require_room, write_blocks, write_recording
+    from swashtwin.foundation import require_disk_space
+    from swashtwin.recordings import join_blocks, write_blocks, write_recording
 
     squares: list[Any] = []
     counts: list[int] = []
@@ -257,19 +258,19 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     with progress("simulating") as bar:
         if streamed:
             out.parent.mkdir(parents=True, exist_ok=True)
-            require_room(out.parent, 1, plan.size)
-            facts = write_blocks(measured(bar), out)
+            require_disk_space(out.parent, 1, plan.size)
+            recording = write_blocks(measured(bar), out)
         else:
-            facts = joined(measured(bar))
+            recording = join_blocks(measured(bar))
     if not streamed:
-        write_recording(facts, out)
-        if facts.speed is not None:
-            note(f"note: {out.suffix} has no place for the speed of each reading; write .h5 to keep it.")
+        write_recording(recording, out)
+        if recording.has_speed:
+            note(f"note: {out.suffix} has no place for the speed at each sample; write .h5 to keep it.")
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
-    rms = dict(zip(facts.channels, values, strict=True))
-    result: dict[str, Any] = {"recording": out, "label": facts.label, "duration_s": sum(counts) / plan.sample_rate}
+    rms = dict(zip(recording.channels, values, strict=True))
+    result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": sum(counts) / plan.sample_rate}
     result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": plan.notes}
-    tell(result, as_json, lambda: table(f"{out}: {facts.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
+    tell(result, as_json, lambda: table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:

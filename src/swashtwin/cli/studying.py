@@ -34,11 +34,11 @@ def demo(
 ) -> None:
     """Build a virtual rig, run Case I of the paper on it, and write a report: the whole way in some minutes."""
     from swashtwin.bench import SIZES, Workers, build_rig, require_rig, run_study
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     folder = out / f"rig-{seed}"
     if (folder / "recordings.toml").is_file():
-        require_rig(folder, read_recordings(folder), SIZES["small"])
+        require_rig(folder, list(load_recordings(folder)), SIZES["small"])
         note(f"using the rig that lies in {folder}")
     else:
         with whole_folder(folder), progress("recording on the virtual rig") as bar:
@@ -47,7 +47,7 @@ def demo(
     with resumable(hint), progress("Case I") as bar:
         result = run_study(
             "case1",
-            read_recordings(folder),
+            list(load_recordings(folder)),
             seeds=[seed],
             workers=Workers(jobs),
             out=out / "runs",

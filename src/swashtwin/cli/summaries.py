@@ -34,7 +34,7 @@ def condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequen
     """
     import numpy as np
 
-    from swashtwin.learning import condition_names
+    from swashtwin.recordings import condition_names
 
     facts = np.array([speed, pressure], dtype=float)
     words = np.full(len(ids), "-", dtype=object)

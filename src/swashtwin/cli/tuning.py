@@ -32,11 +32,11 @@ def tune(
 ) -> None:
     """Search a network's settings by Optuna, on validation recordings only: training pumps, each left out in turn."""
     from swashtwin.bench import Workers, run_tuning
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     with resumable("candidates that were scored are kept; the same command goes on"), progress("tuning") as bar:
         found = run_tuning(
-            read_recordings(source),
+            list(load_recordings(source)),
             model=model,
             size=size.value,
             trials=trials,

@@ -23,14 +23,14 @@ def zero_shot(
 ) -> None:
     """Zero-shot: faults that nobody has measured, taught by twins of healthy recordings, tested on measured faults."""
     from swashtwin.bench import run_zero_shot
-    from swashtwin.recordings import read_recordings
+    from swashtwin.recordings import load_recordings
 
     if (source is None) is not fleet:
         raise typer.BadParameter("give either recordings or --fleet.", param_hint="INDEX")
     numbers = list_of(seeds, int, "--seeds") or [0]
     with progress("zero-shot") as bar:
         study = run_zero_shot(
-            None if source is None else read_recordings(source),
+            None if source is None else list(load_recordings(source)),
             size=size.value,
             seeds=numbers,
             jobs=jobs,

@@ -12,7 +12,7 @@ from swashtwin.diagnosis.next_checks import Check, next_checks
 from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FittedClassifier, cut_windows
-from swashtwin.recordings import Recording, StoredRecording, opened, stated_speed
+from swashtwin.recordings import Recording, stated_speed
 
 MOST_WINDOWS = 24
 """Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""
@@ -147,7 +147,7 @@ class Evidence:
 
 def explain(
     classifier: FittedClassifier,
-    recording: Recording | StoredRecording,
+    recording: Recording,
     diagnosis: Diagnosis,
     *,
     pistons: int | None = None,
@@ -178,7 +178,7 @@ def explain(
     logarithm = np.log(np.maximum(probability, 1e-12))
     first = _best_run(logarithm[:, label] - logarithm[:, rival])
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
-    piece = opened(recording.relabeled(None)).slice(first * length, (first + count) * length)
+    piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
     scaled = settled.normalization.applied(windows)
     gradient, change = mean_gradients(settled.network, scaled, label, rival)

@@ -35,7 +35,7 @@ from swashtwin.learning import (
     split_by_recording,
     without_overlap,
 )
-from swashtwin.recordings import Recording, StoredRecording
+from swashtwin.recordings import Recording
 
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
@@ -227,7 +227,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         )
         return evaluate(self.fitted_, windows, level=level, seed=seed)
 
-    def diagnose(self, recording: Recording | StoredRecording, *, error_rate: float | None = None) -> Diagnosis:
+    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
         """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`."""
         check_is_fitted(self, "fitted_")
         return diagnose(self.fitted_, recording, error_rate=error_rate)
@@ -356,23 +356,23 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             unit="1",
         )
 
-    def _recording_probability(self, recording: Recording | StoredRecording) -> np.ndarray:
+    def _recording_probability(self, recording: Recording) -> np.ndarray:
         classifier, parts = fit_to_recording(self.fitted_, recording)
         pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
         return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)
 
 
-def _as_recordings(X: Any) -> list[Recording | StoredRecording] | None:
+def _as_recordings(X: Any) -> list[Recording] | None:
     """Recordings in a list, or None where `X` is something else."""
-    if isinstance(X, (Recording, StoredRecording)):
+    if isinstance(X, Recording):
         return [X]
     if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
         return None
     entries = list(X)
-    return entries if entries and all(isinstance(entry, (Recording, StoredRecording)) for entry in entries) else None
+    return entries if entries and all(isinstance(entry, Recording) for entry in entries) else None
 
 
-def _relabeled(recordings: Sequence[Recording | StoredRecording], y: Any) -> Sequence[Recording | StoredRecording]:
+def _relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
     if y is None:
         return recordings
     if len(y) != len(recordings):

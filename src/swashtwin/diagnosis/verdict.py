@@ -12,7 +12,7 @@ from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import DiagnosingClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin.recordings import Recording, StoredRecording
+from swashtwin.recordings import Recording
 
 _SPEED_TOLERANCE = 0.05
 """Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
@@ -61,12 +61,10 @@ class Diagnosis:
         }
 
 
-def diagnose(
-    classifier: DiagnosingClassifier, recording: Recording | StoredRecording, *, error_rate: float | None = None
-) -> Diagnosis:
+def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
 
-    A recording that was opened from its file (`open_recording`) is never whole in memory, and gets the same answer.
+    A recording that was loaded from its file is never whole in memory.
 
     Parameters
     ----------
@@ -107,9 +105,7 @@ def diagnose(
 C = TypeVar("C", bound=DiagnosingClassifier)
 
 
-def fit_to_recording(
-    classifier: C, recording: Recording | StoredRecording
-) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
+def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
     """(the classifier with the scaling of this recording, what gives the recording's windows in parts).
 
     Raises
@@ -146,7 +142,7 @@ def _advice(difference: str) -> str:
     )
 
 
-def _notes(classifier: DiagnosingClassifier, recording: Recording | StoredRecording) -> list[str]:
+def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
     notes = []
     if recording.recording_id in classifier.manifest:
         notes.append("The classifier was made with this very recording; the answer proves nothing about new ones.")

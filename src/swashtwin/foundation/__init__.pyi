@@ -20,6 +20,7 @@ from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
 from .files import replacing as replacing
+from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
 from .files import whole_folder as whole_folder
 from .files import write_text as write_text
@@ -66,6 +67,7 @@ __all__ = [
     "read_run",
     "refuse_misfits",
     "replacing",
+    "require_disk_space",
     "restore_optimizer",
     "rpm",
     "select_prefix",

@@ -8,6 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from swashtwin.foundation.errors import InputError
+
+_SPARE = 1 << 24
+"""Bytes that are left free on the disk."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -46,6 +51,22 @@ def write_text(path: Path, text: str) -> Path:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
+
+
+def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:
+    """Refuse `count` files of `bytes_each` for which the disk of an existing `folder` has too little space.
+
+    Raises
+    ------
+    InputError
+        They do not fit.
+    """
+    needed, free = count * bytes_each, shutil.disk_usage(folder).free - _SPARE
+    if needed > free:
+        raise InputError(
+            f"{folder} has {max(free, 0) / 1e9:.4g} GB free, and {count} such recordings take {needed / 1e9:.4g} GB; "
+            "ask for fewer or shorter ones, or name a folder on another disk."
+        )
 
 
 def sha256_of(path: Path) -> str:

@@ -51,10 +51,6 @@ from .windows.cutting import window_batches as window_batches
 from .windows.folding import Fold as Fold
 from .windows.folding import group_folds as group_folds
 from .windows.folding import without_overlap as without_overlap
-from .windows.grouping import GROUPS as GROUPS
-from .windows.grouping import condition_names as condition_names
-from .windows.grouping import recording_groups as recording_groups
-from .windows.grouping import stated_pressure as stated_pressure
 from .windows.grouping import window_groups as window_groups
 from .windows.saving import load_windows as load_windows
 from .windows.saving import save_windows as save_windows
@@ -67,7 +63,6 @@ from .windows.window_set import WindowSet as WindowSet
 
 __all__ = [
     "BASELINES",
-    "GROUPS",
     "KERNELS",
     "LEVELS",
     "NETWORKS",
@@ -98,7 +93,6 @@ __all__ = [
     "band_energies",
     "build_network",
     "check_disjoint",
-    "condition_names",
     "confounding",
     "copied_recordings",
     "cut_windows",
@@ -118,14 +112,12 @@ __all__ = [
     "read_audit_rows",
     "recalls",
     "recording_answers",
-    "recording_groups",
     "register_network",
     "require_enough",
     "rows_of",
     "save_windows",
     "score_confidence",
     "split_by_recording",
-    "stated_pressure",
     "unseen_recordings",
     "window_batches",
     "window_groups",

@@ -1,4 +1,4 @@
-"""One entry of an index: what is known of a file."""
+"""One entry of an index: the facts of one file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -21,7 +21,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Entry:
-    """What an index says of one file; quantities are text with their unit."""
+    """Facts of one file in an index; quantities are text with their unit."""
 
     file: str
     """Path of the file, relative to the index (or to its ``root``)."""
@@ -46,9 +46,9 @@ class Entry:
     names: tuple[str, ...] | None = None
     """What to call the channels; as in the file where None."""
     unit: str | None = None
-    """Unit of the readings; ``"1"`` where the scale is unknown."""
+    """Unit of the samples; ``"1"`` where the scale is unknown."""
     sample_rate: str | None = None
-    """Readings per second, such as ``"25.6 kHz"``, where the file does not say it."""
+    """Samples per second, such as ``"25.6 kHz"``, where the file does not say it."""
     calibration_factor: str | tuple[str, ...] | None = None
     """Quantity that one unit of the file stands for, such as ``"0.1 g"`` (full scale of an integer WAV), or one each
     channel; it overrides what the file says of its unit."""
@@ -59,7 +59,7 @@ class Entry:
     decimal: str | None = None
     """Decimal mark of a text file."""
     header_lines: int | None = None
-    """Lines before the first reading of a text file."""
+    """Lines before the first sample of a text file."""
     time_column: str | int | None = None
     """Column of a text file with the time [s]."""
     sha256: str | None = None
@@ -67,16 +67,16 @@ class Entry:
     synthetic: bool = False
     """Whether a model made the recording."""
     attributes: Mapping[str, str] = field(default_factory=dict)
-    """Whatever else is known."""
+    """Further facts."""
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":
         """Entry of one table of an index, refused with `where` in the message where a key or a value cannot be."""
-        known = {one.name for one in fields(cls)}
+        keys = {field.name for field in fields(cls)}
         for key in values:
-            if key not in known:
-                near = get_close_matches(key, known, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}."
+            if key not in keys:
+                near = get_close_matches(key, keys, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(sorted(keys))}."
                 raise DataError(f"{where}: unknown key {key!r}; {hint}")
         cleaned = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
         texts = ("file", "id", "label", "specimen", "unit", "separator", "decimal", "sha256")

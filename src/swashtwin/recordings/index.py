@@ -3,66 +3,43 @@
 import math
 import os
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, sha256_of, write_text
-from swashtwin.recordings.assembly import opened_from, recording_from
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
-from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.store import is_store, open_store
-from swashtwin.recordings.stored import StoredRecording
-
-Kind = TypeVar("Kind", Recording, StoredRecording)
+from swashtwin.recordings.loading import recording_of
+from swashtwin.recordings.recording import Recording, require_distinct
+from swashtwin.recordings.store import is_store
 
 INDEX_NAME = "recordings.toml"
 _LOSSLESS = (".h5", ".hdf5")
 
 
-def read_recordings(path: str | Path) -> list[Recording]:
-    """Every recording of an index or a store, in its order.
-
-    Parameters
-    ----------
-    path : folder that holds ``recordings.toml``, the index file itself, or a store (`write_store`).
+def indexed_recordings(path: Path) -> list[Recording]:
+    """Every recording of an index, in its order.
 
     Raises
     ------
     DataError
-        The index or a file is missing, damaged, or one contradicts the other.
+        The index or a file is missing or damaged, or one contradicts the other.
     """
-    path = Path(path)
-    if is_store(path):
-        return [recording.loaded() for recording in open_store(path)]
-    return _entered(path, recording_from)
-
-
-def open_recordings(path: str | Path) -> list[StoredRecording]:
-    """As `read_recordings`, but the readings stay in their files until they are asked for (see `open_recording`)."""
-    path = Path(path)
-    return open_store(path) if is_store(path) else _entered(path, opened_from)
-
-
-def _entered(path: Path, read: Callable[[Path, Entry], Kind]) -> list[Kind]:
     index = index_path(path)
     table = _load(index)
-    root = index.parent / str(table.get("root", ""))
-    entries = _entries(table, index)
     recordings = []
-    for entry in entries:
+    files: dict[str, str] = {}
+    for entry in _entries(table, index):
         _check_class(entry.label, table.get("classes"), index, entry.file)
-        recording = read(root / entry.file, entry)
+        recording = recording_of(index.parent / str(table.get("root", "")) / entry.file, entry).unloaded()
         _check_class(recording.label, table.get("classes"), index, entry.file)
-        recordings.append(recording)
-    seen: dict[str, str] = {}
-    for entry, recording in zip(entries, recordings, strict=True):
         name = recording.recording_id
-        if name in seen:
-            raise DataError(f'{index}: {seen[name]} and {entry.file} share the id {name!r}; give one id = "...".')
-        seen[name] = entry.file
+        if name in files:
+            raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
+        files[name] = entry.file
+        recordings.append(recording)
     return recordings
 
 
@@ -79,10 +56,7 @@ def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], pa
     path = path if path.suffix == ".toml" else path / INDEX_NAME
     if len(recordings) != len(files):
         raise InputError(f"{len(files)} files for {len(recordings)} recordings.")
-    ids = [recording.recording_id for recording in recordings]
-    twice = next((name for name in ids if ids.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two recordings have the id {twice!r}; ids must be unique within an index.")
+    require_distinct((recording.recording_id for recording in recordings), "an index")
     index: dict[str, Any] = {"format": 1}
     classes = list(dict.fromkeys(recording.label for recording in recordings if recording.label is not None))
     if classes:
@@ -98,6 +72,41 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     import tomli_w
 
     return write_text(Path(path), tomli_w.dumps(dict(index)))
+
+
+def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterable[str], path: Path | str) -> Path:
+    """Path of a new index that holds only the entries of some recordings of `index`.
+
+    A split that is written down so serves calibration, synthesis, training and evaluation alike.
+
+    Parameters
+    ----------
+    index : folder that holds ``recordings.toml``, or the index file itself.
+    recordings : those that `load_recordings` gives for it.
+    ids : recordings to keep.
+    path : new index file.
+
+    Raises
+    ------
+    InputError
+        `recordings` are not those of `index`, or one of `ids` is not among them.
+    """
+    source, path = index_path(Path(index)), Path(path)
+    table = tomllib.loads(source.read_text(encoding="utf-8"))
+    if len(table["recording"]) != len(recordings):
+        raise InputError(f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings.")
+    ids = {str(name) for name in ids}
+    missing = sorted(ids - {recording.recording_id for recording in recordings})
+    if missing:
+        raise InputError(f"{source} has no recording {missing[0]!r}.")
+    pairs = zip(table["recording"], recordings, strict=True)
+    table["recording"] = [entry for entry, recording in pairs if recording.recording_id in ids]
+    root = (source.parent / table.get("root", "")).resolve()
+    table.pop("root", None)
+    if root != path.parent.resolve():
+        table["root"] = Path(os.path.relpath(root, path.parent.resolve())).as_posix()
+    last = ("defaults", "recording")  # tables stand after the plain keys
+    return save_index({key: table[key] for key in sorted(table, key=lambda key: key in last)}, path)
 
 
 def source_files(path: str | Path) -> list[Path]:
@@ -126,7 +135,7 @@ def index_path(path: Path) -> Path:
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist; propose one with: swashtwin index {path.parent}")
     if path.suffix != ".toml":
-        raise DataError(f"{path} is not an index (recordings.toml); one file alone is read by read_recording.")
+        raise DataError(f"{path} is not an index (recordings.toml); one file alone is loaded by load_recording.")
     return path
 
 
@@ -153,10 +162,10 @@ def _load(index: Path) -> dict[str, Any]:
 
 def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
     entries = []
-    for number, own in enumerate(table["recording"], 1):
-        if not isinstance(own, dict):
+    for number, values in enumerate(table["recording"], 1):
+        if not isinstance(values, dict):
             raise DataError(f"{index}: entry {number} is not a [[recording]] table.")
-        entries.append(Entry.from_mapping({**table.get("defaults", {}), **own}, where=f"{index}: entry {number}"))
+        entries.append(Entry.from_mapping({**table.get("defaults", {}), **values}, where=f"{index}: entry {number}"))
     return entries
 
 

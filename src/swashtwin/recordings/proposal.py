@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, is_unit, parse
-from swashtwin.recordings.assembly import choose_columns, rate_in_file
 from swashtwin.recordings.entry import Entry
+from swashtwin.recordings.fact_origins import Facts, facts_of, sentences
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.formats.registry import SUFFIXES, open_raw, stem_of, suffix_of
-from swashtwin.recordings.header_facts import Said, facts_said, sentences
+from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
+from swashtwin.recordings.loading import choose_columns, rate_in_file
 
 _TABLE_UNITS = {"speed": "rpm", "discharge_pressure": "MPa", "suction_pressure": "MPa", "case_pressure": "MPa"}
 _TABLE_UNITS |= {"sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
@@ -22,7 +22,7 @@ _GROUPS = {"pressure": "discharge_pressure", "temperature": "oil_temperature"}
 """Short names that a pattern may use."""
 _SPEED = re.compile(r"(\d+(?:\.\d+)?)\s*(?:rpm|r_min)", re.IGNORECASE)
 _PRESSURE = re.compile(r"(\d+(?:\.\d+)?)\s*MPa", re.IGNORECASE)
-_ENTRY_KEYS = {one.name for one in fields(Entry)}
+_ENTRY_KEYS = {field.name for field in fields(Entry)}
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class IndexProposal:
     """The index as `save_index` writes it."""
     skipped: tuple[str, ...]
     """Files that are left out, each with the reason."""
-    found: tuple[str, ...]
-    """For each fact its values with their number of files, and who says so: what to look over first."""
+    facts: tuple[str, ...]
+    """For each fact its values with their number of files and their origin: what to look over first."""
 
 
 def propose_index(
@@ -81,10 +81,10 @@ def propose_index(
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder.")
-    told = {"unit": unit, "channels": list(channels) if channels else None, "names": list(names) if names else None}
-    told |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
-    told |= {"speed": speed, "discharge_pressure": discharge_pressure}
-    defaults = {key: value for key, value in told.items() if value is not None}
+    options = {"unit": unit, "channels": list(channels) if channels else None, "names": list(names) if names else None}
+    options |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
+    options |= {"speed": speed, "discharge_pressure": discharge_pressure}
+    defaults = {key: value for key, value in options.items() if value is not None}
     _require_quantities(defaults)
     while True:
         if table is None:
@@ -92,26 +92,27 @@ def propose_index(
         else:
             facts = _from_table(folder, Path(table), columns or {})
         if include:
-            facts = {name: fact for name, fact in facts.items() if any(fnmatchcase(name, kept) for kept in include)}
+            facts = {name: fact for name, fact in facts.items() if any(fnmatchcase(name, path) for path in include)}
             if not facts:
                 raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
-        checked = _checked(folder, facts, defaults, label_pattern, strict=table is not None)
-        answers = _asked(checked.missing, ask)
+        survey = _survey(folder, facts, defaults, label_pattern, strict=table is not None)
+        answers = _ask(survey.missing, ask)
         if not answers:
             break
         label_pattern = answers.pop("label_pattern", label_pattern)
         defaults |= answers
-    _refuse_missing(folder, checked.missing)
-    if not checked.entries:
-        reason = checked.skipped[0] if checked.skipped else f"supported are {', '.join(SUFFIXES)}."
+    _refuse_missing(folder, survey.missing)
+    if not survey.entries:
+        reason = survey.skipped[0] if survey.skipped else f"supported are {', '.join(suffixes())}."
         raise DataError(f"{folder} holds no file to index: {reason}")
-    index = _assembled(checked.entries, defaults, folder, index_folder)
-    return IndexProposal(index, tuple(checked.skipped), sentences(checked.said, defaults))
+    index = _index_of(survey.entries, defaults, folder, index_folder)
+    return IndexProposal(index, tuple(survey.skipped), sentences(survey.facts, defaults))
 
 
 def _files(folder: Path) -> list[str]:
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return [path.relative_to(folder).as_posix() for path in paths if suffix_of(path) in SUFFIXES]
+    readable = suffixes()
+    return [path.relative_to(folder).as_posix() for path in paths if suffix_of(path) in readable]
 
 
 def _from_name(name: str, pattern: str | None) -> dict[str, Any]:
@@ -173,20 +174,20 @@ def _facts(texts: Mapping[str, str]) -> dict[str, Any]:
     return facts | ({"attributes": attributes} if attributes else {})
 
 
-class _Checked(NamedTuple):
-    """What came of reading every file."""
+class _Survey(NamedTuple):
+    """Result of reading every file."""
 
     entries: list[dict[str, Any]]
     skipped: list[str]
     missing: dict[str, list[str]]
-    said: list[Said]
+    facts: list[Facts]
 
 
-def _checked(
+def _survey(
     folder: Path, facts: Mapping[str, dict[str, Any]], defaults: Mapping[str, Any], pattern: str | None, *, strict: bool
-) -> _Checked:
-    """Entries of the files that can be read, why others cannot, and what nobody says of which."""
-    checked = _Checked([], [], {}, [])
+) -> _Survey:
+    """Entries of the files that can be read, why others cannot, and which facts are missing in which files."""
+    survey = _Survey([], [], {}, [])
     for name, fact in facts.items():
         path = folder / name
         try:
@@ -196,68 +197,70 @@ def _checked(
         except DataError as cause:
             if strict:
                 raise
-            checked.skipped.append(str(cause))
+            survey.skipped.append(str(cause))
             continue
-        own = raw.recording
-        given = {key: value for key, value in fact.items() if key != "label" or not (own and own.label)}
-        entry = Entry.from_mapping({"file": name, **defaults, **given}, str(path))
-        chosen = choose_columns(raw, entry, str(path))
-        for key in _lacking(raw, list(chosen), entry, str(path)):
-            checked.missing.setdefault(key, []).append(name)
-        checked.said.append(facts_said(name, raw, chosen, given, defaults, pattern=pattern, table=strict))
-        checked.entries.append({"file": name, **given})
-    return checked
+        labeled = raw.recording is not None and raw.recording.label is not None
+        values = {key: value for key, value in fact.items() if key != "label" or not labeled}
+        entry = Entry.from_mapping({"file": name, **defaults, **values}, str(path))
+        columns = choose_columns(raw, entry, str(path))
+        for key in _missing_facts(raw, list(columns), entry, str(path)):
+            survey.missing.setdefault(key, []).append(name)
+        survey.facts.append(facts_of(name, raw, columns, values, defaults, pattern=pattern, table=strict))
+        survey.entries.append({"file": name, **values})
+    return survey
 
 
 _QUESTIONS = {
-    "sample_rate": ('--sample-rate "25.6 kHz"', "How many readings per second and channel have they, with the unit"),
-    "unit": ('--unit "g" (or "1")', 'In which unit are their readings: g, m/s^2, or "1" where nobody knows'),
+    "sample_rate": ('--sample-rate "25.6 kHz"', "How many samples per second and channel do they have, with the unit"),
+    "unit": ('--unit "g" (or "1")', 'In which unit are their samples: g, m/s^2, or "1" where it is not known'),
     "speed": ('--speed "860 rpm"', "A pressure without a speed is no operating condition: how fast did the shaft turn"),
     "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
 }
 
 
-def _require_quantities(told: Mapping[str, object]) -> None:
+def _require_quantities(defaults: Mapping[str, object]) -> None:
     """Refuse a fact that no reader of the index would understand, before anything is written."""
-    for name, wanted in (("sample_rate", "Hz"), ("resample", "Hz"), ("speed", "rad/s"), ("discharge_pressure", "Pa")):
-        if name in told:
-            parse(told[name], wanted, name=name)
-    given = told.get("unit")
-    if isinstance(given, str) and not is_unit(given):
-        raise UnitError(f'unit = {given!r} is no unit; readings are in "m/s^2", "g", "bar", "1" (a plain number), ....')
+    for name, unit in (("sample_rate", "Hz"), ("resample", "Hz"), ("speed", "rad/s"), ("discharge_pressure", "Pa")):
+        if name in defaults:
+            parse(defaults[name], unit, name=name)
+    text = defaults.get("unit")
+    if isinstance(text, str) and not is_unit(text):
+        raise UnitError(f'unit = {text!r} is no unit; samples are in "m/s^2", "g", "bar", "1" (a plain number), ....')
 
 
-def _asked(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
+def _ask(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
+    """Answers to the questions about missing facts."""
+    if ask is None:
+        return {}
     answers = {}
-    for key, files in missing.items() if ask is not None else ():
-        question = f"{len(files)} files (as {files[0]}) do not say their {key}. {_QUESTIONS[key][1]}?"
-        wanted = "label_pattern" if key == "label" else key
-        answer = ask(wanted, question) if ask is not None else None
+    for key, files in missing.items():
+        fact = "label_pattern" if key == "label" else key
+        answer = ask(fact, f"{len(files)} files (as {files[0]}) do not say their {key}. {_QUESTIONS[key][1]}?")
         if answer:
-            answers[wanted] = answer
+            answers[fact] = answer
     return answers
 
 
 def _refuse_missing(folder: Path, missing: Mapping[str, list[str]]) -> None:
     if missing:
-        said = "; ".join(
+        listed = "; ".join(
             f"{key} of {len(files)} files (as {files[0]}): {_QUESTIONS[key][0]}" for key, files in missing.items()
         )
-        raise DataError(f"{folder}: nobody says {said}.")
+        raise DataError(f"{folder}: neither the files nor the options state {listed}.")
 
 
-def _lacking(raw: RawFile, chosen: list[str], entry: Entry, where: str) -> list[str]:
-    known_units = all(name in raw.units for name in chosen)
-    lacking = {
-        "sample_rate": entry.sample_rate is None and rate_in_file(raw, chosen, where) is None,
-        "unit": not known_units and entry.unit is None and entry.calibration_factor is None,
+def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -> list[str]:
+    has_units = all(name in raw.units for name in columns)
+    missing = {
+        "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
+        "unit": not has_units and entry.unit is None and entry.calibration_factor is None,
         "label": not entry.label and not (raw.recording and raw.recording.label),
         "speed": entry.discharge_pressure is not None and entry.speed is None,
     }
-    return [key for key, lacks in lacking.items() if lacks]
+    return [key for key, is_missing in missing.items() if is_missing]
 
 
-def _assembled(
+def _index_of(
     entries: list[dict[str, Any]], defaults: dict[str, Any], folder: Path, index_folder: str | Path | None
 ) -> dict[str, Any]:
     """The index: unique ids, the occurring classes, common facts as defaults."""

@@ -1,95 +1,216 @@
-"""One uninterrupted measurement, and what is known of it."""
+"""One uninterrupted measurement: its facts, and samples that may stay in their file."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import OperatingCondition
+from swashtwin.recordings.samples import BLOCK, Samples
 
 
-@dataclass(frozen=True, eq=False)
+class _Unchanged(Enum):
+    """Stands for the speed that the samples have."""
+
+    VALUE = 0
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Recording:
     """Signals that were sampled together, without a gap, at one operating condition.
 
-    It is the unit of honesty: windows carry its `recording_id`, and no split puts one recording on both sides.
+    A recording is whole in training or in test: windows carry its `recording_id`, and no split parts it. One that was
+    loaded from a file reads its samples when they are asked for: `signal` reads them all and keeps them, `slice`,
+    `blocks` and `raw` read a part. The facts are there without reading.
+
+    Parameters
+    ----------
+    signal : samples (channel, time) in `unit`.
+    sample_rate : samples per second and channel [Hz].
+    recording_id : unique name within a data set.
+    channels : name of each channel.
+    unit : unit of every channel.
+    label, condition, specimen, synthetic, attributes : facts, as described below.
+    speed : angular speed of the shaft at each sample [rad/s], or None where it did not change or was not measured.
+
+    Raises
+    ------
+    DataError
+        The arrays have another shape, a name is missing, or the sample rate or a speed cannot be.
+
+    Examples
+    --------
+    >>> Recording(np.zeros((2, 4000)), 1000.0, "a", channels=("x", "y"), label="normal")
+    Recording('a': normal, 2 channels at 1000 Hz, 4 s)
     """
 
-    signal: Float[np.ndarray, "channel time"]
-    """Converter readings in `unit`, float64."""
     sample_rate: float
-    """Readings per second and channel [Hz]."""
+    """Samples per second and channel [Hz]."""
     recording_id: str
     """Unique name within a data set."""
-    channels: tuple[str, ...] = ("acceleration",)
+    channels: tuple[str, ...]
     """Name of each channel, in the order of `signal`."""
-    unit: str = "m/s^2"
-    """Unit of every channel; readers convert acceleration to m/s^2, and leave what they cannot convert as it was."""
-    label: str | None = None
-    """Class of the pump's condition, or None where nobody knows."""
-    condition: OperatingCondition | None = None
-    """Operating condition, or None where nobody wrote it down; the mean where `speed` says that it changed."""
-    speed: Float[np.ndarray, " time"] | None = None
-    """Angular speed of the shaft at each reading [rad/s], or None where it did not change or nobody measured it."""
-    specimen: str | None = None
+    unit: str
+    """Unit of every channel; readers convert acceleration to m/s^2 and leave other units alone."""
+    label: str | None
+    """Class of the pump's condition, or None where it is not known."""
+    condition: OperatingCondition | None
+    """Operating condition, or None where it is not known; the mean where `speed` says that it changed."""
+    specimen: str | None
     """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
-    synthetic: bool = False
+    synthetic: bool
     """Whether a model made it. A synthetic recording never enters a test set."""
-    attributes: Mapping[str, str] = field(default_factory=dict)
-    """Whatever else the file said (source file, sensor, date)."""
+    attributes: Mapping[str, str]
+    """Further facts from the file or the index (source file, sensor, date)."""
+    samples: Samples
+    """Where the samples are: in memory, or in a file; `signal`, `slice`, `blocks` and `raw` give them."""
 
-    def __post_init__(self) -> None:
-        if self.signal.ndim != 2 or self.signal.size == 0:
-            raise DataError(f"{self.recording_id}: signal has shape {self.signal.shape}; it must be (channel, time).")
-        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
-            raise DataError(f"{self.recording_id}: sample_rate ({self.sample_rate!r} Hz) must be a positive number.")
-        if len(self.channels) != self.signal.shape[0]:
-            raise DataError(
-                f"{self.recording_id}: {len(self.channels)} channel names for {self.signal.shape[0]} channels."
-            )
-        if self.speed is not None:
-            self._require_speed(self.speed)
+    def __init__(
+        self,
+        signal: Float[np.ndarray, "channel time"] | None = None,
+        sample_rate: float = math.nan,
+        recording_id: str = "",
+        channels: tuple[str, ...] = ("acceleration",),
+        unit: str = "m/s^2",
+        label: str | None = None,
+        condition: OperatingCondition | None = None,
+        speed: Float[np.ndarray, " time"] | _Unchanged | None = _Unchanged.VALUE,
+        specimen: str | None = None,
+        synthetic: bool = False,
+        attributes: Mapping[str, str] | None = None,
+        samples: Samples | None = None,
+    ) -> None:
+        if signal is None and samples is not None and not isinstance(speed, _Unchanged):
+            signal = samples.signal
+        if samples is None or signal is not None:
+            if signal is None or not recording_id:
+                raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
+            if isinstance(speed, _Unchanged):
+                speed = None if samples is None else samples.speed
+            samples = Samples.in_memory(recording_id, signal, speed)
+        facts = {
+            "sample_rate": sample_rate,
+            "recording_id": recording_id,
+            "channels": channels,
+            "unit": unit,
+            "label": label,
+            "condition": condition,
+            "specimen": specimen,
+            "synthetic": synthetic,
+            "attributes": {} if attributes is None else attributes,
+            "samples": samples,
+        }
+        for name, value in facts.items():
+            object.__setattr__(self, name, value)
+        if not (np.isfinite(sample_rate) and sample_rate > 0):
+            raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
+        if len(channels) != samples.shape[0]:
+            raise DataError(f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels.")
 
-    def _require_speed(self, speed: np.ndarray) -> None:
-        readings = self.signal.shape[1]
-        if speed.shape != (readings,):
-            raise DataError(
-                f"{self.recording_id}: speed has shape {speed.shape} for {readings} readings; one for each."
-            )
-        wrong = np.flatnonzero(~(np.isfinite(speed) & (speed >= 0)))
-        if wrong.size:
-            raise DataError(
-                f"{self.recording_id}: speed ({speed[wrong[0]]:g} rad/s at reading {wrong[0]}) must be zero or a "
-                "positive number."
-            )
+    def __repr__(self) -> str:
+        """Short text: name, class, channels and length."""
+        channels = f"{self.n_channels} channel{'s' * (self.n_channels != 1)}"
+        return (
+            f"Recording({self.recording_id!r}: {self.label or 'no label'}, {channels} at {self.sample_rate:g} Hz, "
+            f"{self.duration:.4g} s)"
+        )
+
+    @property
+    def signal(self) -> Float[np.ndarray, "channel time"]:
+        """Samples in `unit`, float64, which are read when first asked for and then stay in memory."""
+        return self.samples.signal
+
+    @property
+    def speed(self) -> Float[np.ndarray, " time"] | None:
+        """Angular speed of the shaft at each sample [rad/s], or None where it did not change or was not measured."""
+        return self.samples.speed
 
     @property
     def n_channels(self) -> int:
         """Number of channels."""
-        return int(self.signal.shape[0])
+        return self.samples.shape[0]
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples of each channel."""
+        return self.samples.shape[1]
 
     @property
     def duration(self) -> float:
         """Length [s]."""
-        return float(self.signal.shape[1] / self.sample_rate)
+        return float(self.n_samples / self.sample_rate)
 
     @property
     def time(self) -> Float[np.ndarray, " time"]:
-        """Time of each reading since the first [s]."""
-        return np.arange(self.signal.shape[1]) / self.sample_rate
+        """Time of each sample since the first [s]."""
+        return np.arange(self.n_samples) / self.sample_rate
 
-    def fingerprint(self) -> str:
-        """SHA-256 of the readings, the sample rate, the channels and the unit, hexadecimal; no other fact counts."""
-        digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
-        digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
-        return digest.hexdigest()
+    @property
+    def has_speed(self) -> bool:
+        """Whether the speed of the shaft is known at each sample."""
+        return self.samples.has_speed
+
+    @property
+    def sample_type(self) -> np.dtype:
+        """Number type of `raw`."""
+        return self.samples.dtype
+
+    @property
+    def factors(self) -> tuple[float, ...]:
+        """What one unit of each channel of `raw` stands for in `unit`."""
+        return self.samples.factors
+
+    def slice(self, start: int, stop: int) -> "Recording":
+        """The recording from sample `start` to before sample `stop`, in memory.
+
+        Raises
+        ------
+        InputError
+            There are no such samples.
+        DataError
+            The file is damaged there, or was changed after it was opened.
+        """
+        return self.replace(signal=self.samples.signal_part(start, stop), speed=self.samples.speed_part(start, stop))
+
+    def blocks(self) -> "Iterator[Recording]":
+        """The recording in parts of `BLOCK` samples, which follow each other without a gap."""
+        for start in range(0, self.n_samples, BLOCK):
+            yield self.slice(start, start + BLOCK)
+
+    def raw(self, start: int, stop: int) -> Shaped[np.ndarray, "channel time"]:
+        """Samples from `start` to before `stop`, in the number type of the file; times `factors` they are in `unit`.
+
+        Raises
+        ------
+        InputError, DataError
+            As in `slice`.
+        """
+        return self.samples.raw(start, stop)
+
+    def speed_part(self, start: int, stop: int) -> Float[np.ndarray, " time"] | None:
+        """The speed [rad/s] at the samples from `start` to before `stop`, or None where it is not known."""
+        return self.samples.speed_part(start, stop)
+
+    def replace(self, **changes: Any) -> "Recording":
+        """The same recording with some facts, its signal or its speed changed; samples in a file are not read for it.
+
+        Examples
+        --------
+        >>> Recording(np.zeros((1, 4)), 2.0, "a").replace(label="piston")
+        Recording('a': piston, 1 channel at 2 Hz, 2 s)
+        """
+        return replace(self, **changes)
 
     def relabeled(self, label: str | None) -> "Recording":
         """The same measurement under another class."""
-        return replace(self, label=label)
+        return self.replace(label=label)
 
     def picked(self, channels: Sequence[str]) -> "Recording":
         """The same measurement with only `channels`, in that order."""
@@ -97,10 +218,20 @@ class Recording:
         if missing:
             raise InputError(f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}.")
         rows = [self.channels.index(name) for name in channels]
-        return replace(self, signal=self.signal[rows], channels=tuple(channels))
+        return self.replace(samples=self.samples.pick(rows), channels=tuple(channels))
+
+    def unloaded(self) -> "Recording":
+        """The same recording with nothing of its file in memory; itself where it was not read from a file."""
+        return self.replace(samples=self.samples.unopened())
+
+    def fingerprint(self) -> str:
+        """SHA-256 of the samples, the sample rate, the channels and the unit, hexadecimal; no other fact counts."""
+        digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
+        digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
+        return digest.hexdigest()
 
 
-def joined(blocks: Iterable[Recording]) -> Recording:
+def join_blocks(blocks: Iterable[Recording]) -> Recording:
     """One recording of blocks that follow each other without a gap; the first one's facts hold for all.
 
     Raises
@@ -108,14 +239,14 @@ def joined(blocks: Iterable[Recording]) -> Recording:
     DataError
         There is no block, or one differs from the first in channels, sample rate, id, or in whether it has a speed.
     """
-    kept = list(blocks)
-    if not kept:
+    blocks = list(blocks)
+    if not blocks:
         raise DataError("no block to make a recording of.")
-    for block in kept[1:]:
-        require_same_facts(kept[0], block)
-    speeds = [block.speed for block in kept if block.speed is not None]
-    signal = np.concatenate([block.signal for block in kept], axis=1)
-    return replace(kept[0], signal=signal, speed=np.concatenate(speeds) if speeds else None)
+    for block in blocks[1:]:
+        require_same_facts(blocks[0], block)
+    speeds = [block.speed for block in blocks if block.speed is not None]
+    signal = np.concatenate([block.signal for block in blocks], axis=1)
+    return blocks[0].replace(signal=signal, speed=np.concatenate(speeds) if speeds else None)
 
 
 def require_same_facts(first: Recording, block: Recording) -> None:
@@ -126,42 +257,13 @@ def require_same_facts(first: Recording, block: Recording) -> None:
                 f"{first.recording_id}: a block has {name} {getattr(block, name)!r}, the first one "
                 f"{getattr(first, name)!r}."
             )
-    if (block.speed is None) != (first.speed is None):
+    if block.has_speed != first.has_speed:
         raise DataError(f"{first.recording_id}: some blocks have a speed and some have none.")
 
 
-def select(
-    recordings: Iterable[Recording],
-    *,
-    label: str | None = None,
-    ids: Iterable[str] | None = None,
-    specimen: str | None = None,
-) -> list[Recording]:
-    """Recordings that meet every condition given, in their order.
-
-    Parameters
-    ----------
-    label : class to keep.
-    ids : recording ids to keep, such as ``train.recording_id``, so that nothing of the test set is used.
-    specimen : machine to keep.
-
-    Raises
-    ------
-    DataError
-        Nothing is left.
-    """
-    wanted = None if ids is None else {str(name) for name in ids}
-    recordings = list(recordings)
-    kept = [
-        recording
-        for recording in recordings
-        if (label is None or recording.label == label)
-        and (wanted is None or recording.recording_id in wanted)
-        and (specimen is None or recording.specimen == specimen)
-    ]
-    if not kept:
-        asked = {"label": label, "specimen": specimen}
-        words = " and ".join(f"the {name} {value!r}" for name, value in asked.items() if value is not None)
-        specimens = ", ".join(sorted({str(recording.specimen) for recording in recordings})) or "none"
-        raise DataError(f"no recording has {words or 'such an id'}; the specimens are {specimens}.")
-    return kept
+def require_distinct(ids: Iterable[str], where: str) -> None:
+    """Refuse recordings of which two have one id."""
+    counts = Counter(ids)
+    for name, count in counts.items():
+        if count > 1:
+            raise InputError(f"two recordings have the id {name!r}; ids must be unique within {where}.")

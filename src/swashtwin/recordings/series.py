@@ -2,12 +2,10 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import VERSION, ArtifactError, InputError, write_text
-from swashtwin.recordings.disk_space import require_room
+from swashtwin.foundation import VERSION, ArtifactError, InputError, require_disk_space, write_text
 from swashtwin.recordings.formats.registry import write_blocks
 from swashtwin.recordings.index import INDEX_NAME, write_index
 from swashtwin.recordings.recording import Recording
@@ -44,24 +42,24 @@ def write_series(
     InputError
         The folder holds something else, or was made with other settings or by another version; or it has no room.
     """
-    from swashtwin.recordings.formats.hdf5 import read_facts
+    from swashtwin.recordings.formats.hdf5 import read_header
 
     folder = Path(folder).resolve()
     _open_series(folder, json.loads(json.dumps({"version": VERSION, **settings})))
-    for left in folder.glob(f".{folder.name}-*.h5"):  # of a run that was killed
-        left.unlink()
+    for leftover in folder.glob(f".{folder.name}-*.h5"):  # of a run that was killed
+        leftover.unlink()
     count = max(count, len(list(folder.glob(f"{folder.name}-[0-9][0-9][0-9][0-9].h5"))))
     files = [folder / f"{folder.name}-{number:04d}.h5" for number in range(count)]
     missing = [number for number, file in enumerate(files) if not file.is_file()]
-    require_room(folder, len(missing), bytes_each)
-    for done, number in enumerate(missing):
+    require_disk_space(folder, len(missing), bytes_each)
+    for written, number in enumerate(missing):
         if progress:
-            progress(count - len(missing) + done, count)
-        named = (replace(block, recording_id=files[number].stem) for block in blocks_of(number))
+            progress(count - len(missing) + written, count)
+        named = (block.replace(recording_id=files[number].stem) for block in blocks_of(number))
         write_blocks(named, files[number])
     if progress:
         progress(count, count)
-    index = write_index([read_facts(file) for file in files], [file.name for file in files], folder / INDEX_NAME)
+    index = write_index([read_header(file) for file in files], [file.name for file in files], folder / INDEX_NAME)
     return index, [files[number].stem for number in missing]
 
 
@@ -74,18 +72,18 @@ def _open_series(folder: Path, settings: dict[str, Any]) -> None:
         write_text(manifest, json.dumps(settings, indent=1))
         return
     try:
-        found = json.loads(manifest.read_text(encoding="utf-8"))
+        saved = json.loads(manifest.read_text(encoding="utf-8"))
     except ValueError as cause:
         raise ArtifactError(f"{manifest} is damaged ({cause}); choose a new folder.") from cause
-    if difference := _difference(found, settings, ""):
+    if difference := _difference(saved, settings, ""):
         raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
 
 
-def _difference(found: Any, wanted: Any, where: str) -> str:
+def _difference(saved: Any, settings: Any, name: str) -> str:
     """First difference of two JSON values in words; empty where there is none."""
-    if isinstance(found, dict) and isinstance(wanted, dict):
-        for key in sorted({*found, *wanted}):
-            if words := _difference(found.get(key), wanted.get(key), f"{where}.{key}" if where else key):
+    if isinstance(saved, dict) and isinstance(settings, dict):
+        for key in sorted({*saved, *settings}):
+            if words := _difference(saved.get(key), settings.get(key), f"{name}.{key}" if name else key):
                 return words
         return ""
-    return "" if found == wanted else f"{where} was {json.dumps(found)[:60]}, now {json.dumps(wanted)[:60]}"
+    return "" if saved == settings else f"{name} was {json.dumps(saved)[:60]}, now {json.dumps(settings)[:60]}"

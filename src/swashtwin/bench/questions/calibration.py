@@ -210,7 +210,7 @@ def _with_thick_films(
     names = [(seed, recording.recording_id) for recording in recordings]
     signals = record(runs, duration, recordings[0].sample_rate, names)
     return [
-        (replace(recording, signal=signal), run)
+        (recording.replace(signal=signal), run)
         for recording, run, signal in zip(recordings, runs, signals, strict=True)
     ]
 

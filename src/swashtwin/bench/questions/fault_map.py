@@ -7,7 +7,7 @@ is partly the fault's trace and partly an artifact: a value stands in for physic
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
@@ -131,7 +131,7 @@ def _of_pump(seed: int, specimen: str) -> list[_Move]:
         kind = kinds[0] if kinds else "normal"
         for model in MODELS if kinds else MODELS[:1]:
             start = twin if model == "healthy" else twin.with_fault(TRENDS[kind])
-            calibration = _calibrated(start, [replace(recording, label=start.label)])
+            calibration = _calibrated(start, [recording.replace(label=start.label)])
             moves.append(_moved(healthy_calibration, calibration, kind, model, seed, specimen))
     return moves
 

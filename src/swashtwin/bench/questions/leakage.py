@@ -15,17 +15,15 @@ from sklearn.model_selection import StratifiedKFold
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, stream
 from swashtwin.learning import (
-    GROUPS,
     Fold,
     WindowSet,
     confounding,
     cut_windows,
     extract_features,
     group_folds,
-    recording_groups,
     window_groups,
 )
-from swashtwin.recordings import Recording
+from swashtwin.recordings import GROUPS, Recording, recording_groups
 
 _METRICS = {
     "balanced_accuracy": "balanced accuracy",

@@ -7,7 +7,7 @@ what counts is whether it names the mistake.
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -157,7 +157,7 @@ def _own_case(seed: int, number: int) -> _Case:
     for which in ("used", "held_out"):
         recording = true.simulate(2.0, 6400.0, phase=rng.uniform(0, 6.28), recording_id=f"own_{seed}_{number}_{which}")
         noisy = add_noise(recording.signal, 30.0, int(rng.integers(2**31)))
-        recordings.append(replace(recording, signal=noisy))
+        recordings.append(recording.replace(signal=noisy))
     return _Case("own", seed, recordings[0], recordings[1], truth)
 
 

@@ -130,13 +130,13 @@ def _moved_sensor(pump: Pump) -> Pump:
 def _swapped(recording: Recording) -> Recording:
     other = {"body_x": "body_y", "body_y": "body_x"}
     rows = [recording.channels.index(other.get(name, name)) for name in recording.channels]
-    return replace(recording, signal=recording.signal[rows])
+    return recording.replace(signal=recording.signal[rows])
 
 
 def _in_g(recording: Recording, channels: tuple[str, ...]) -> Recording:
     signal = recording.signal.copy()
     signal[[recording.channels.index(name) for name in channels]] /= GRAVITY
-    return replace(recording, signal=signal)
+    return recording.replace(signal=signal)
 
 
 def _at_pressure(factor: float) -> Callable[[Twin], Twin]:

@@ -237,7 +237,7 @@ def noisy_test(dataset: StudyDataset, level: str, snr_db: float, repeat: int) ->
 
 def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:
     """The recording with white noise of that signal-to-noise ratio [dB]; its seed is from recording, ratio, repeat."""
-    return replace(recording, signal=add_noise(recording.signal, snr_db, repeat, recording.recording_id))
+    return recording.replace(signal=add_noise(recording.signal, snr_db, repeat, recording.recording_id))
 
 
 def snr_words(snr_db: float) -> str:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from swashtwin.bench.results.runs import fingerprint_of
 from swashtwin.bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 from swashtwin.foundation import DataError, whole_folder
-from swashtwin.recordings import Recording, read_recordings
+from swashtwin.recordings import Recording, load_recordings
 
 
 @runtime_checkable
@@ -59,7 +59,7 @@ class Fleets:
                 raise DataError(f"{folder} holds part of a fleet; delete it, and the same command builds it again.")
             with whole_folder(folder):
                 build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
-        recordings = read_recordings(folder)
+        recordings = list(load_recordings(folder))
         require_rig(folder, recordings, SIZES[self.size])
         return recordings, fingerprint_of(recordings)
 

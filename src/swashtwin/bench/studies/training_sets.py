@@ -96,8 +96,7 @@ def _noisy(dataset: StudyDataset, synthetic: WindowSet) -> WindowSet:
 def noisy_training_windows(dataset: StudyDataset) -> WindowSet:
     """The measured training windows once more, cut from their recordings after noise was added to these."""
     noisy = [
-        replace(
-            recording,
+        recording.replace(
             signal=add_noise(recording.signal, _training_snr(dataset.seed, name), dataset.seed, "training", name),
         )
         for recording in dataset.train_recordings

@@ -12,7 +12,7 @@ import scipy.signal
 from jaxtyping import Float, Int
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Recording, clipped_readings
+from swashtwin.recordings import Recording, clipped_samples
 from swashtwin.signals import OrderSpectrum, order_spectrum
 
 MOST_CLIPPED = 0.01
@@ -36,7 +36,7 @@ def clipping_note(recording: Recording) -> str | None:
         1 % of a channel's readings or more stand at its extremes.
     """
     for name, row in zip(recording.channels, recording.signal, strict=True):
-        share = clipped_readings(row) / len(row)
+        share = clipped_samples(row) / len(row)
         where = f"{recording.recording_id}, {name}: {share:.2%} of the readings stand in a row at the extreme"
         if share >= MOST_CLIPPED:
             raise DataError(

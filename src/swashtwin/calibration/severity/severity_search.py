@@ -124,7 +124,7 @@ def _require_one_machine(recordings: Sequence[Recording]) -> None:
     if len(machines) > 1:
         raise DataError(
             f"recordings of {len(machines)} machines ({', '.join(machines[:4])}): a severity belongs to one pump; "
-            "select its recordings: --specimen, or select(recordings, specimen=...)."
+            "select its recordings: --specimen, or recordings.where(specimen=...)."
         )
 
 
@@ -198,7 +198,7 @@ def _inversion(
     sound = known if isinstance(known, Twin) else known.nominal
     twin = replace(sound.at(recording.condition), fault=space.reference, path=None)
     lines = _lines_of(twin, settings.band)
-    measurement = measure(twin, [replace(recording, label=twin.label)], settings.band, lines=lines)
+    measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
     unknowns = _unknowns(known, limited, measurement.channels)
@@ -226,7 +226,7 @@ def _background(
     except DataError:
         return None, FLOOR
     shown = measure(
-        twin, [replace(one.picked(measurement.channels), label=twin.label) for one in alike], measurement.band, lines
+        twin, [one.picked(measurement.channels).replace(label=twin.label) for one in alike], measurement.band, lines
     )
     level = np.sqrt(np.mean(shown.amplitude[:, silent] ** 2, axis=1, keepdims=True))
     floor = np.where(silent, np.maximum(level, FLOOR / 10), FLOOR)

@@ -12,8 +12,7 @@ from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 from sklearn.tree import DecisionTreeClassifier
 
 from swashtwin.foundation import DataError, UnitError, holm_correction, parse, stream
-from swashtwin.learning.windows.grouping import stated_pressure
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording, stated_pressure, stated_speed
 
 FALSE_ALARMS = 0.05
 """Share of data sets with classes dealt out at random that get any warning, at most."""

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from swashtwin.foundation import DataError, InputError, MissingFileError
-from swashtwin.recordings import read_recordings
+from swashtwin.recordings import load_recordings
 
 ALIASES = {
     "recording": ("recording_id", "file_id", "file", "filename", "record", "measurement", "session"),
@@ -123,7 +123,7 @@ def rows_of(folder: Path | str) -> list[AuditRow]:
             synthetic=one.synthetic,
         )
         for path in paths
-        for one in read_recordings(path)
+        for one in load_recordings(path)
     ]
 
 

@@ -10,13 +10,11 @@ from jaxtyping import Float32
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
-from swashtwin.recordings import BLOCK, Recording, StoredRecording, opened, refuse_unfit, stated_speed
-
-Source = Recording | StoredRecording
+from swashtwin.recordings import BLOCK, Recording, refuse_unfit, stated_speed
 
 
 def cut_windows(
-    recordings: Iterable[Source],
+    recordings: Iterable[Recording],
     *,
     length: int | None = None,
     duration: float | None = None,
@@ -32,7 +30,7 @@ def cut_windows(
 
     Parameters
     ----------
-    recordings : in memory, or opened from their files: those are read in blocks, and only windows are kept.
+    recordings : in memory or in their files: these are read in blocks, and only windows are kept.
     length : readings per window.
     duration : seconds per window [s].
     stride : readings from one window's start to the next one's; the default, `length`, lets none overlap.
@@ -70,7 +68,7 @@ def cut_windows(
 
 
 def window_batches(
-    recording: Source,
+    recording: Recording,
     *,
     length: int,
     stride: int | None = None,
@@ -82,7 +80,7 @@ def window_batches(
 
     Parameters
     ----------
-    recording : in memory, or opened from its file.
+    recording : in memory or in its file.
     length, stride, classes, allow_partial_revolution : as in `cut_windows`.
     batch : windows that are in memory together.
 
@@ -91,19 +89,19 @@ def window_batches(
     InputError, DataError
         As in `cut_windows`, before the first windows come.
     """
-    stored, stride = opened(recording), length if stride is None else stride
-    known = _class_order([stored], classes)
-    refuse_unfit(stored)
-    _require_long_enough(stored, length, allow_partial_revolution)
-    count = 1 + (stored.n_readings - length) // stride
+    stride = length if stride is None else stride
+    class_names = _class_order([recording], classes)
+    refuse_unfit(recording)
+    _require_long_enough(recording, length, allow_partial_revolution)
+    count = 1 + (recording.n_samples - length) // stride
     for first in range(0, count, batch):
         last = min(first + batch, count)
-        part = stored.slice(first * stride, (last - 1) * stride + length)
-        windows = _assembled([part], length, stride, known)
+        part = recording.slice(first * stride, (last - 1) * stride + length)
+        windows = _assembled([part], length, stride, class_names)
         yield replace(windows, start=windows.start + first * stride)
 
 
-def _require_distinct(recordings: Sequence[Source]) -> None:
+def _require_distinct(recordings: Sequence[Recording]) -> None:
     if not recordings:
         raise DataError("no recording to cut windows from; check the folder or the selection.")
     seen: set[str] = set()
@@ -129,7 +127,7 @@ def _window_length(sample_rate: float, length: int | None, duration: float | Non
     return wanted
 
 
-def _require_one_layout(recordings: Sequence[Source], length: int, like: WindowSet | None) -> None:
+def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
     first, first_name = _layout(recordings[0], length), recordings[0].recording_id
     if like is not None:
         first, first_name = like.layout, "the windows given as like="
@@ -141,11 +139,11 @@ def _require_one_layout(recordings: Sequence[Source], length: int, like: WindowS
             )
 
 
-def _layout(recording: Source, length: int) -> WindowLayout:
+def _layout(recording: Recording, length: int) -> WindowLayout:
     return WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, length)
 
 
-def _class_order(recordings: Sequence[Source], classes: Sequence[str] | None) -> tuple[str, ...]:
+def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:
     if classes is None:
         return tuple(sorted({recording.label for recording in recordings if recording.label is not None}))
     for recording in recordings:
@@ -159,8 +157,8 @@ def _class_order(recordings: Sequence[Source], classes: Sequence[str] | None) ->
     return tuple(classes)
 
 
-def _require_long_enough(recording: Source, length: int, allow_partial_revolution: bool) -> None:
-    readings = opened(recording).n_readings
+def _require_long_enough(recording: Recording, length: int, allow_partial_revolution: bool) -> None:
+    readings = recording.n_samples
     if readings < length:
         raise DataError(
             f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
@@ -178,20 +176,19 @@ def _require_long_enough(recording: Source, length: int, allow_partial_revolutio
         )
 
 
-def _slices(recording: Source, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
-    stored = opened(recording)
-    count = 1 + (stored.n_readings - length) // stride
-    windows = np.empty((count, len(stored.channels), length), dtype=np.float32)
+def _slices(recording: Recording, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:
+    count = 1 + (recording.n_samples - length) // stride
+    windows = np.empty((count, len(recording.channels), length), dtype=np.float32)
     at_once = max(1, BLOCK // stride)
     for first in range(0, count, at_once):
         last = min(first + at_once, count)
-        signal = stored.slice(first * stride, (last - 1) * stride + length).signal
+        signal = recording.slice(first * stride, (last - 1) * stride + length).signal
         views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
         windows[first:last] = views.transpose(1, 0, 2)
     return windows
 
 
-def _assembled(recordings: Sequence[Source], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
+def _assembled(recordings: Sequence[Recording], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
     slices = [_slices(recording, length, stride) for recording in recordings]
     repeats = [len(part) for part in slices]
     index = {name: position for position, name in enumerate(classes)}

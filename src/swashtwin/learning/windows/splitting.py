@@ -4,16 +4,15 @@ Neighboring windows of one recording are nearly the same window; a random split 
 need two calls: split off the test set first, then split the rest into training and validation.
 """
 
-import warnings
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from jaxtyping import Int, Shaped
-from sklearn.model_selection import StratifiedGroupKFold
+from jaxtyping import Shaped
 
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.windows.grouping import group_name, require_measured, window_groups
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.recordings import best_test_rows
 
 
 def split_by_recording(
@@ -51,7 +50,9 @@ def split_by_recording(
     windows.require_labels("a split by class")
     groups = window_groups(windows, group)
     _require_two_groups(windows, groups, group_name(group))
-    test = _best_test_set(windows, groups, test_fraction, seed)
+    pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
+    cells = windows.target * (int(pressures.max()) + 1) + pressures
+    test = best_test_rows(windows.target, cells, groups, test_fraction, seed)
     if test is None:
         raise DataError(
             f"no split by {group_name(group)} keeps every class on both sides; name the test side with "
@@ -102,43 +103,6 @@ def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"
                 f"class {name} has windows of {count} {group}(s), and needs 2 to stand in training and in test; record "
                 "another, or name the test side with hold_out(windows, ids)."
             )
-
-
-def _best_test_set(
-    windows: WindowSet, groups: Shaped[np.ndarray, " window"], test_fraction: float, seed: int
-) -> Int[np.ndarray, " chosen"] | None:
-    """Of the first dealing that has any, the fold with every class on both sides, and most cells on both sides."""
-    pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
-    cells = windows.target * (int(pressures.max()) + 1) + pressures
-    most = min(round(1 / test_fraction), np.unique(groups).size)
-    for n_folds in range(most, 1, -1):
-        for strata in (cells, windows.target):
-            ranked = [
-                (_one_sided(cells, test), abs(test.size / len(windows) - test_fraction), position, test)
-                for position, test in enumerate(_folds(strata, groups, n_folds, seed))
-                if not _one_sided(windows.target, test)
-            ]
-            if ranked:
-                return min(ranked, key=lambda entry: entry[:3])[3]
-    return None
-
-
-def _folds(
-    strata: Int[np.ndarray, " window"], groups: Shaped[np.ndarray, " window"], n_folds: int, seed: int
-) -> list[Int[np.ndarray, " chosen"]]:
-    if np.bincount(strata).max() < n_folds:
-        return []
-    splitter = StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a cell smaller than n_folds is dealt as far as it goes
-        return [test for _, test in splitter.split(np.zeros(len(strata)), strata, groups)]
-
-
-def _one_sided(strata: Int[np.ndarray, " window"], test: Int[np.ndarray, " chosen"]) -> int:
-    """Number of strata that stand on one side only."""
-    everywhere = np.bincount(strata)
-    tested = np.bincount(strata[test], minlength=everywhere.size)
-    return int(np.sum((everywhere > 0) & ((tested == 0) | (tested == everywhere))))
 
 
 def _held_out(

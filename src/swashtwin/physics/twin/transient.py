@@ -26,7 +26,7 @@ from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_grid import OperatingGrid, operating_grid
 from swashtwin.physics.twin.operating_profile import OperatingProfile, Shaft
 from swashtwin.physics.twin.response import require_positive
-from swashtwin.recordings import Recording, joined
+from swashtwin.recordings import Recording, join_blocks
 
 STEPS = 20.0
 """Steps within the shortest period of the twin's bandwidth, at least: the steady state is then met to 0.05 %."""
@@ -65,7 +65,7 @@ def simulate_profile(
         The sample rate is below twice the bandwidth, the fault turns with the shaft, or the pump cannot hold its
         pressure at the profile's highest speed.
     """
-    return joined(
+    return join_blocks(
         profile_blocks(
             twin, profile, sample_rate, phase=phase, seed=seed, start=start, oversampling=oversampling,
             recording_id=recording_id,

@@ -1,4 +1,4 @@
-"""What is suspicious about the readings of one channel: clipping, dropouts, offsets."""
+"""What is suspicious about the samples of one channel: clipping, dropouts, offsets."""
 
 from collections.abc import Iterator
 
@@ -9,28 +9,26 @@ from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.recording import Recording
 
 _CLIP_RUN = 3
-"""Readings in a row at the extreme that count as clipped."""
-_FLAT_READINGS, _FLAT_TIME = 20, 2e-3
-"""A stretch of one value is flat from this many readings and this long [s] on."""
+"""Samples in a row at the extreme that count as clipped."""
+_FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
+"""A stretch of one value is flat from this many samples and this long [s] on."""
 _OFFSET_RATIO = 5.0
 """Mean over standard deviation from which an offset is called large."""
 
 
 def channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Recording) -> Iterator[Finding]:
-    clipped = clipped_readings(row)
+    clipped = clipped_samples(row)
     if clipped:
-        message = (
-            f"{clipped} readings ({clipped / len(row):.2%}) stand in a row at the extreme: the range was exceeded."
-        )
+        message = f"{clipped} samples ({clipped / len(row):.2%}) stand in a row at the extreme: the range was exceeded."
         yield Finding("clipping", "warning", name, message)
     elif _touches_full_scale(row):
         message = (
-            f"readings touch the converter's full scale ({row.min():.4g} to {row.max():.4g}): peaks may be cut off."
+            f"samples touch the converter's full scale ({row.min():.4g} to {row.max():.4g}): peaks may be cut off."
         )
         yield Finding("clipping", "warning", name, message)
     starts, lengths = _runs(row[1:] == row[:-1])
     interior = [not np.isclose(row[start], (np.nanmin(row), np.nanmax(row))).any() for start in starts]
-    least = max(_FLAT_READINGS, _FLAT_TIME * recording.sample_rate)
+    least = max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate)
     flat = (lengths + 1 >= least) & (np.array(interior, dtype=bool) | (clipped == 0))
     if flat.any():
         longest = int(np.argmax(np.where(flat, lengths, 0)))
@@ -47,7 +45,7 @@ def channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Reco
         yield Finding("offset", "warning", name, message)
 
 
-def clipped_readings(row: Float[np.ndarray, " time"]) -> int:
+def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     """Readings in runs at an extreme, where the extreme is crowded as only a stop makes it."""
     low, high = float(np.nanmin(row)), float(np.nanmax(row))
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -64,7 +62,7 @@ def clipped_readings(row: Float[np.ndarray, " time"]) -> int:
 
 
 def _touches_full_scale(row: Float[np.ndarray, " time"]) -> bool:
-    """Whether several readings are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
+    """Whether several samples are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
     values = np.unique(row)
     if len(values) < 3 or not np.isfinite(values).all():
         return False

@@ -14,14 +14,14 @@ def unequal(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Rates, units and lengths that differ."""
     rates = _by_value((f"{recording.sample_rate:g} Hz", recording) for recording in recordings)
     if len(rates) > 1:
-        said = "; ".join(f"{rate}: {_labels(group)}" for rate, group in rates.items())
+        listed = "; ".join(f"{rate}: {_labels(group)}" for rate, group in rates.items())
         between = any(_labels(a) != _labels(b) for a, b in pairwise(rates.values()))
         advice = 'a network would learn the rate; give resample = "..." in the index.'
-        yield Finding("rate", "error" if between else "warning", None, f"sample rates differ ({said}): {advice}")
+        yield Finding("rate", "error" if between else "warning", None, f"sample rates differ ({listed}): {advice}")
     units = _by_value((recording.unit, recording) for recording in recordings)
     if len(units) > 1:
-        said = "; ".join(f"{unit}: {_labels(group)}" for unit, group in units.items())
-        yield Finding("unit", "error", None, f"units differ ({said}).")
+        listed = "; ".join(f"{unit}: {_labels(group)}" for unit, group in units.items())
+        yield Finding("unit", "error", None, f"units differ ({listed}).")
     lengths = [recording.duration for recording in recordings]
     if lengths and max(lengths) > 3 * min(lengths):
         message = (
@@ -37,13 +37,13 @@ def duplicates(recordings: Sequence[Recording]) -> Iterator[Finding]:
         for row in recording.signal
         if np.ptp(row) > 0
     )
-    said = set()
+    reported = set()
     for group in _by_value(rows).values():
         ids = tuple(recording.recording_id for recording in group)
-        if len(ids) > 1 and ids not in said:
-            said.add(ids)
+        if len(ids) > 1 and ids not in reported:
+            reported.add(ids)
             message = (
-                f"{', '.join(ids)} hold the same readings ({_labels(group)}); keep one, or a test will know its answer."
+                f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
             )
             yield Finding("duplicate", "error", None, message)
 

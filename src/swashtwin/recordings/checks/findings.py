@@ -1,4 +1,4 @@
-"""What was found in recordings, and their ranges."""
+"""Findings about recordings, and the ranges of their channels."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -18,19 +18,19 @@ class Finding:
     channel: str | None
     """Channel it was found in, or None where it concerns all."""
     message: str
-    """What was found, with the numbers."""
+    """The finding in words, with the numbers."""
 
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """Range of one channel, in the recording's unit; its missing readings are left out."""
+    """Range of one channel, in the recording's unit; its missing samples are left out."""
 
     name: str
     """Name of the channel."""
     minimum: float
-    """Least reading."""
+    """Least sample."""
     maximum: float
-    """Greatest reading."""
+    """Greatest sample."""
     rms: float
     """Root mean square, offset included."""
     std: float
@@ -39,12 +39,12 @@ class ChannelReport:
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """What one recording looks like."""
+    """Ranges and findings of one recording."""
 
     recording_id: str
     """Name of the recording."""
     sample_rate: float
-    """Readings per second [Hz]."""
+    """Samples per second [Hz]."""
     duration: float
     """Length [s]."""
     unit: str
@@ -59,7 +59,7 @@ class RecordingReport:
 
 @dataclass(frozen=True)
 class InspectionReport:
-    """What a data set looks like."""
+    """Ranges and findings of a data set."""
 
     recordings: tuple[RecordingReport, ...]
     """Each recording by itself."""
@@ -69,13 +69,16 @@ class InspectionReport:
     @property
     def has_errors(self) -> bool:
         """Whether anything was found that must not be used."""
-        own = [finding for report in self.recordings for finding in report.findings]
-        return any(finding.severity == "error" for finding in [*own, *self.findings])
+        findings = [finding for report in self.recordings for finding in report.findings]
+        return any(finding.severity == "error" for finding in [*findings, *self.findings])
 
     def to_dict(self) -> dict[str, Any]:
         """The report as JSON can hold it; numbers that are not finite become None."""
         return _finite(
-            {"recordings": [asdict(one) for one in self.recordings], "findings": [asdict(f) for f in self.findings]}
+            {
+                "recordings": [asdict(report) for report in self.recordings],
+                "findings": [asdict(finding) for finding in self.findings],
+            }
         )
 
 

@@ -1,4 +1,4 @@
-"""Everything suspicious about recordings, gathered."""
+"""Everything suspicious about recordings."""
 
 import math
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ def inspect_recording(recording: Recording) -> RecordingReport:
     findings = list(unfit(recording))
     reports = []
     for name, row in zip(recording.channels, recording.signal, strict=True):
-        good = row[np.isfinite(row)]
-        values = good if len(good) else np.array([math.nan])
+        finite = row[np.isfinite(row)]
+        values = finite if len(finite) else np.array([math.nan])
         rms = float(np.sqrt(np.mean(values**2)))
         reports.append(ChannelReport(name, float(values.min()), float(values.max()), rms, float(values.std())))
-        if len(good) and np.ptp(good) > 0:
+        if len(finite) and np.ptp(finite) > 0:
             findings += channel_findings(name, row, recording)
     findings += [*contradicted_speed(recording), *implausible_rate(recording)]
     return RecordingReport(
@@ -37,6 +37,6 @@ def inspect_recording(recording: Recording) -> RecordingReport:
 
 
 def inspect_recordings(recordings: Sequence[Recording]) -> InspectionReport:
-    """What each recording looks like, and what shows only when they are compared."""
+    """Ranges and findings of each recording, and what shows only when recordings are compared."""
     findings = [*unequal(recordings), *duplicates(recordings), *thin_classes(recordings)]
     return InspectionReport(tuple(inspect_recording(recording) for recording in recordings), tuple(findings))

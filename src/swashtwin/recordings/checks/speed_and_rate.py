@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.recordings.checks.findings import Finding
-from swashtwin.recordings.checks.usability import stated_speed
+from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 
 _HARMONICS = 10
@@ -18,7 +18,7 @@ and how far off it may be."""
 _USUAL_RATES = (200.0, 250e3)
 """Sample rates of accelerometers [Hz]; they lie less than a factor of 1250 apart, so that kHz taken for Hz shows."""
 _LEAST_PER_TURN = 4.0
-"""Readings in a turn below which not even the shaft's own line can be in a signal with room to spare."""
+"""Samples in a turn below which not even the shaft's own line can be in a signal with room to spare."""
 
 
 def contradicted_speed(recording: Recording) -> list[Finding]:
@@ -29,10 +29,10 @@ def contradicted_speed(recording: Recording) -> list[Finding]:
     for name, row in zip(recording.channels, recording.signal, strict=True):
         if not np.isfinite(row).all() or np.ptp(row) == 0:
             continue
-        found = _line_family(row, recording.sample_rate, shaft)
-        if found is not None:
+        spacing = _line_family(row, recording.sample_rate, shaft)
+        if spacing is not None:
             message = (
-                f"lines at multiples of {found:.3f} Hz ({found * 60:.0f} rev/min) and none at the stated "
+                f"lines at multiples of {spacing:.3f} Hz ({spacing * 60:.0f} rev/min) and none at the stated "
                 f"{shaft * 60:.0f} rev/min ({shaft:.3f} Hz): is the speed or the sample rate wrong?"
             )
             return [Finding("speed", "warning", name, message)]
@@ -50,7 +50,7 @@ def implausible_rate(recording: Recording) -> list[Finding]:
     elif rate < least and recording.unit == "m/s^2":
         reason = f"accelerometers are read at {least:g} Hz and more: were {rate:g} kHz meant?"
     elif shaft and rate < _LEAST_PER_TURN * shaft:
-        reason = f"that is {rate / shaft:.2g} readings in a turn at {shaft * 60:.5g} rev/min: were {rate:g} kHz meant?"
+        reason = f"that is {rate / shaft:.2g} samples in a turn at {shaft * 60:.5g} rev/min: were {rate:g} kHz meant?"
     else:
         return []
     return [Finding("rate", "warning", None, f"the sample rate is {rate:g} Hz, and {reason}")]
@@ -82,9 +82,9 @@ def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np
     from scipy.signal import detrend, periodogram
 
     frequency, power = periodogram(detrend(row), rate, window="hann")
-    kept = frequency <= top
-    amplitude = np.sqrt(power[kept])
+    low = frequency <= top
+    amplitude = np.sqrt(power[low])
     around = median_filter(amplitude, size=min(101, len(amplitude)))
     peak = (amplitude == maximum_filter1d(amplitude, 7)) & (amplitude > _LINE_RATIO * around)
     peak &= amplitude > 0.02 * amplitude.max()
-    return frequency[kept][peak]
+    return frequency[low][peak]

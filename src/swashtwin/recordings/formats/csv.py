@@ -17,7 +17,7 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import split_unit, timed_columns
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.stored import Column, SideBySide
+from swashtwin.recordings.samples import Column, SideBySide
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
 _NUMBER = {
@@ -26,27 +26,19 @@ _NUMBER = {
 }
 _BYTES = 1 << 24
 """Bytes of text that are in memory together."""
-_SAMPLE = 40
-"""Lines that are looked at to find the dialect."""
+_DIALECT_LINES = 40
+"""Lines from which the dialect is detected."""
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Columns, rate and units of a text table."""
+    """Columns, rate and units of a text table. The numbers of a large one are kept in a temporary file."""
     table = _Table(path, options)
-    numbers = np.concatenate(list(table.blocks()))
-    return table.columns(np.ascontiguousarray(numbers.T), options)
-
-
-def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices: the numbers are written to a temporary file, which goes when nobody reads it any more."""
-    table = _Table(path, options)
-    spool = tempfile.TemporaryFile()  # noqa: SIM115
+    spool = tempfile.SpooledTemporaryFile(max_size=_BYTES)  # noqa: SIM115
     try:
         count = 0
         for block in table.blocks():
             spool.write(block.tobytes())
             count += len(block)
-        spool.flush()
     except BaseException:
         spool.close()
         raise
@@ -130,11 +122,11 @@ def _lines(path: Path) -> Iterator[list[str]]:
             raise DataError(f"{path} is a binary file, not a text table.")
         while data:
             data += file.readline()
-            yield _decoded(data).splitlines()
+            yield _decode(data).splitlines()
             data = file.read(_BYTES)
 
 
-def _decoded(data: bytes) -> str:
+def _decode(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -153,7 +145,7 @@ def _is_row(line: str, separator: str, decimal: str) -> int:
 
 
 def _dialect(path: Path, lines: list[str], options: Options) -> tuple[str, str, int]:
-    """Separator, decimal mark, and the number of the first line of readings."""
+    """Separator, decimal mark, and the number of the first line of samples."""
     separators = (options.separator,) if options.separator else _SEPARATORS
     decimals = (options.decimal,) if options.decimal else (".", ",")
     best: tuple[int, str, str, int] | None = None
@@ -179,8 +171,8 @@ def _first_row(lines: list[str], separator: str, decimal: str, header_lines: int
     stop = len(lines) if header_lines is None else min(len(lines), first + 1)
     for start in range(first, min(stop, 1000)):
         width = _is_row(lines[start], separator, decimal)
-        following = [line for line in lines[start + 1 : start + _SAMPLE] if line.strip()]
-        last_is_cut = len(lines) <= start + _SAMPLE  # a torn last line must not hide the dialect
+        following = [line for line in lines[start + 1 : start + _DIALECT_LINES] if line.strip()]
+        last_is_cut = len(lines) <= start + _DIALECT_LINES  # a torn last line must not hide the dialect
         checked = following[:-1] if last_is_cut else following
         if width and all(_is_row(line, separator, decimal) == width for line in checked):
             return start, width
@@ -190,11 +182,11 @@ def _first_row(lines: list[str], separator: str, decimal: str, header_lines: int
 def _refuse_ambiguous(path: Path, lines: list[str], best: tuple[int, str, str, int], options: Options) -> None:
     """Refuse ``3,14``: two columns, or one number with a decimal comma."""
     width, separator, _, start = best
-    told = options.separator or options.decimal
-    if told or separator != "," or width != 2:
+    stated = options.separator or options.decimal
+    if stated or separator != "," or width != 2:
         return
     named = start > 0 and len(lines[start - 1].split(",")) == 2
-    if not named and not any("." in line for line in lines[start : start + _SAMPLE]):
+    if not named and not any("." in line for line in lines[start : start + _DIALECT_LINES]):
         raise DataError(
             f"{path}: line {start + 1} ({lines[start].strip()!r}) may be two columns or one decimal comma; "
             'say separator = "," or decimal = ",".'
@@ -202,7 +194,7 @@ def _refuse_ambiguous(path: Path, lines: list[str], best: tuple[int, str, str, i
 
 
 def _header(lines: list[str], start: int, separator: str, n_columns: int) -> tuple[list[str], dict[str, str]]:
-    """Names and units of the columns, from the line above the first reading."""
+    """Names and units of the columns, from the line above the first sample."""
     names: list[str] = []
     units: dict[str, str] = {}
     above = lines[start - 1].strip(" %#\r\n") if start else ""
@@ -223,15 +215,15 @@ def _header(lines: list[str], start: int, separator: str, n_columns: int) -> tup
 def _numbers(
     path: Path, lines: list[str], separator: str, decimal: str, n_columns: int, start: int
 ) -> Float[np.ndarray, "time channel"]:
-    """The table of readings; a blank field is NaN, a short or unreadable row an error that names its line."""
+    """The table of samples; a blank field is NaN, a short or unreadable row an error that names its line."""
     if separator == " ":
         lines = ["\t".join(line.split()) for line in lines]
         separator = "\t"
     width = n_columns - 1
     for number, line in enumerate(lines, start + 1):
         if line.count(separator) != width:
-            found = line.count(separator) + 1
-            raise DataError(f"{path}: line {number} has {found} columns, not {n_columns}; the file may be cut off.")
+            count = line.count(separator) + 1
+            raise DataError(f"{path}: line {number} has {count} columns, not {n_columns}; the file may be cut off.")
     polars = load_extra("polars")
     body = "\n".join(lines)
     if separator != "\t":
@@ -247,7 +239,7 @@ def _numbers(
         )
     except polars.exceptions.PolarsError as cause:
         reason = str(cause).splitlines()[0]
-        raise DataError(f"{path}: a reading after line {start} is not a number ({reason}).") from cause
+        raise DataError(f"{path}: a sample after line {start} is not a number ({reason}).") from cause
     if frame.height != len(lines):
         raise DataError(f"{path}: {frame.height} rows could be read of {len(lines)}; the file is damaged.")
     return frame.to_numpy().astype(np.float64)

@@ -1,8 +1,8 @@
 """HDF5: our own lossless format, and anybody else's vectors."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,10 +12,10 @@ import numpy as np
 
 from swashtwin.foundation import DataError
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, read_all
+from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit
 from swashtwin.recordings.formats.subprocess_reader import require_sound
 from swashtwin.recordings.recording import Recording, require_same_facts
-from swashtwin.recordings.stored import Column, SideBySide, StoredRecording
+from swashtwin.recordings.samples import Column, Columns, Samples, SideBySide
 
 _FORMAT, _FORMAT_WITH_SPEED = "swashtwin recording 1", "swashtwin recording 2"
 """What a file calls itself; the second holds a speed too, which a reader of the first would not look for."""
@@ -26,48 +26,45 @@ STORE_FORMAT = "swashtwin store 1"
 _CACHE = 1 << 24
 """Bytes of a file's chunks that are kept: those of a slice of all channels."""
 CHUNK = 16384
-"""Readings of one block of the file, which has one checksum."""
+"""Samples of one block of the file, which has one checksum."""
 _CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """A recording that `write` wrote, whole; or every numeric vector of another HDF5 file."""
-    raw = read_all(open_columns(path, options))
-    return raw if raw.speeds is None else replace(raw, speeds=raw.speeds[:])
-
-
-def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices."""
+    """A recording that `write` wrote, or every numeric vector of another HDF5 file."""
     require_sound(path, "hdf5", options)
     return read_here(path, options)
 
 
 def read_here(path: Path, options: Options) -> RawFile:
-    """As `open_columns`, for a file that the library survives."""
+    """As `read`, for a file that the library survives."""
     file = h5py.File(path, "r", rdcc_nbytes=_CACHE)
     name = _text(file.attrs.get("format")) or ""
     if name == STORE_FORMAT:
-        raise DataError(
-            f"{path} is a store of {len(file)} recordings; read it with read_recordings or open_recordings."
-        )
+        raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
     if name in (_FORMAT, _FORMAT_WITH_SPEED):
-        stored = stored_in(file)
-        columns = dict(zip(stored.channels, stored.columns, strict=True))
-        units = dict.fromkeys(stored.channels, stored.unit)
-        return RawFile(columns, stored.sample_rate, units, stored.attributes, stored.facts, stored.speeds)
+        columns = columns_in(file)
+        recording = recording_in(file, columns, partial(_reopen, path))
+        named = dict(zip(recording.channels, columns.channels, strict=True))
+        units = dict.fromkeys(recording.channels, recording.unit)
+        return RawFile(named, recording.sample_rate, units, recording.attributes, recording, columns.speed)
     if name.startswith("swashtwin recording "):
         raise DataError(f"{path} is a {name!r}, which this version does not know; read it with a newer swashtwin.")
     return _foreign(file)
 
 
-def read_facts(path: Path) -> Recording:
-    """A recording that `write` or `write_stream` wrote, cut to its first reading: what is known of it."""
+def read_header(path: Path) -> Recording:
+    """Recording that `write` or `write_stream` wrote; its file is closed again."""
     with h5py.File(path, "r") as file:
-        return stored_in(file).facts
+        return recording_in(file, columns_in(file), partial(_reopen, path)).unloaded()
+
+
+def _reopen(path: Path) -> Columns:
+    return columns_in(h5py.File(path, "r", rdcc_nbytes=_CACHE))
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write the whole recording: readings in single precision where that loses nothing, the facts as attributes."""
+    """Write the whole recording: samples in single precision where that loses nothing, the facts as attributes."""
     # Made in memory: on a full disk the HDF5 library itself would leave its file open and complain past any handler.
     with h5py.File(path, "w", libver=LAYOUT, driver="core", backing_store=False) as file:
         for name, values in _vectors(recording).items():
@@ -80,16 +77,13 @@ def write(recording: Recording, path: Path) -> None:
     path.write_bytes(image)
 
 
-def write_stream(blocks: Iterator[Recording], path: Path) -> Recording:
-    """First of `blocks`, cut to one reading, after all were written as one recording, in double precision.
-
-    Only one block is in memory at a time.
-    """
+def write_stream(blocks: Iterator[Recording], path: Path) -> None:
+    """Write blocks as one recording, in double precision; only one block is in memory at a time."""
     first = next(blocks, None)
     if first is None:
         raise DataError("no block to make a recording of.")
-    with path.open("wb+", buffering=0) as opened:
-        target = PatientFile(opened)
+    with path.open("wb+", buffering=0) as stream:
+        target = PatientFile(stream)
         with h5py.File(target, "w", libver=LAYOUT) as file:
             for name, values in _vectors(first).items():
                 empty, shape = (*values.shape[:-1], 0), (*values.shape[:-1], CHUNK)
@@ -104,8 +98,6 @@ def write_stream(blocks: Iterator[Recording], path: Path) -> Recording:
             write_facts(file, first)
         if target.error is not None:
             raise target.error
-    speed = None if first.speed is None else first.speed[:1]
-    return replace(first, signal=first.signal[:, :1], speed=speed)
 
 
 class PatientFile:
@@ -137,12 +129,12 @@ class PatientFile:
             self.error = cause
         return size
 
-    def seek(self, place: int, whence: int = 0) -> int:
-        """Place [byte] from which the next bytes are read or written."""
-        return self._file.seek(place, whence)
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Offset [byte] from which the next bytes are read or written."""
+        return self._file.seek(offset, whence)
 
     def tell(self) -> int:
-        """Place [byte] in the file."""
+        """Offset [byte] in the file."""
         return self._file.tell()
 
     def read(self, size: int) -> bytes:
@@ -154,9 +146,9 @@ class PatientFile:
 
 
 def _append(dataset: h5py.Dataset, values: np.ndarray) -> None:
-    done = dataset.shape[-1]
-    dataset.resize(done + values.shape[-1], axis=values.ndim - 1)
-    dataset[..., done:] = values
+    end = dataset.shape[-1]
+    dataset.resize(end + values.shape[-1], axis=values.ndim - 1)
+    dataset[..., end:] = values
 
 
 def _vectors(recording: Recording) -> dict[str, np.ndarray]:
@@ -164,9 +156,9 @@ def _vectors(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def write_facts(file: h5py.Group, recording: Recording) -> None:
-    """Write what is known of a recording as attributes of a file or a group of it."""
+    """Write the facts of a recording as attributes of a file or a group of it."""
     facts: dict[str, Any] = {
-        "format": _FORMAT if recording.speed is None else _FORMAT_WITH_SPEED,
+        "format": _FORMAT_WITH_SPEED if recording.has_speed else _FORMAT,
         "sample_rate": float(recording.sample_rate),
         "unit": recording.unit,
         "channels": json.dumps(recording.channels),
@@ -182,33 +174,33 @@ def write_facts(file: h5py.Group, recording: Recording) -> None:
         file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
-def stored_in(group: h5py.Group) -> StoredRecording:
-    """The recording in a file or a group of it, to be read in slices."""
+def columns_in(group: h5py.Group) -> Columns:
+    """The columns of the recording in a file or a group of it."""
+    signal, speed = group["signal"], group.get("speed")
+    factors = tuple(float(factor) for factor in group.attrs.get("factor", np.ones(signal.shape[0])))
+    channels = SideBySide(lambda start, stop: signal[:, start:stop], signal.shape).columns()
+    return Columns(tuple(channels), factors, speed)
+
+
+def recording_in(group: h5py.Group, columns: Columns, reopen: Callable[[], Columns]) -> Recording:
+    """The recording in a file or a group of it; its samples are read when they are asked for."""
     facts = group.attrs
     condition = None
     if "condition.speed" in facts:
         condition = OperatingCondition(**{name: float(facts[f"condition.{name}"]) for name in _CONDITION})
-    signal, speed = group["signal"], group.get("speed")
-    if speed is not None and speed.shape != signal.shape[1:]:
-        raise DataError(
-            f"{group.file.filename} is damaged: it has speeds for {speed.shape} of {signal.shape} readings."
-        )
-    factors = tuple(float(factor) for factor in facts.get("factor", np.ones(signal.shape[0])))
-    known = Recording(
-        signal=signal[:, :1].astype(np.float64) * np.array(factors)[:, None],
+    name = str(_text(facts["recording_id"]))
+    return Recording(
+        samples=Samples.from_columns(name, columns, reopen),
         sample_rate=float(facts["sample_rate"]),
-        recording_id=str(_text(facts["recording_id"])),
+        recording_id=name,
         channels=tuple(json.loads(facts["channels"])),
         unit=str(_text(facts["unit"])),
         label=_text(facts.get("label")),
         condition=condition,
-        speed=None if speed is None else speed[:1].astype(np.float64),
         specimen=_text(facts.get("specimen")),
         synthetic=bool(facts["synthetic"]),
         attributes=json.loads(facts["attributes"]),
     )
-    columns = SideBySide(lambda start, stop: signal[:, start:stop], signal.shape).columns()
-    return StoredRecording(known, tuple(columns), factors, speed)
 
 
 def _text(value: Any) -> str | None:
@@ -224,10 +216,10 @@ def _foreign(file: h5py.File) -> RawFile:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or item.size < 2:
             return
         rates.extend(_rates(item))
-        found = _vectors_in(item)
+        vectors = _vectors_in(item)
         unit = known_unit(_text(item.attrs.get("unit", file.attrs.get("unit"))))
-        for number, column in enumerate(found):
-            key = name if len(found) == 1 else f"{name}/{number}"
+        for number, column in enumerate(vectors):
+            key = name if len(vectors) == 1 else f"{name}/{number}"
             columns[key] = column
             if unit:
                 units[key] = unit
@@ -253,11 +245,11 @@ def _vectors_in(item: h5py.Dataset) -> list[Column]:
         return []
 
     def vectors(start: int, stop: int) -> np.ndarray:
-        where: list[Any] = [0] * item.ndim
-        where[along] = slice(start, stop)
+        index: list[Any] = [0] * item.ndim
+        index[along] = slice(start, stop)
         if across is not None:
-            where[across] = slice(None)
-        block = item[tuple(where)]
+            index[across] = slice(None)
+        block = item[tuple(index)]
         if across is None:
             return block[None]
         return block if across < along else block.T

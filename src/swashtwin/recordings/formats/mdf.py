@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.subprocess_reader import read_apart
+from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.formats.tables import read_time_column
 from swashtwin.recordings.recording import Recording
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Channels of numbers of every group, read in another process: asammdf crashes on some damaged files."""
-    return read_apart("mdf", path, options)
+    return read_in_subprocess("mdf", path, options)
 
 
 def read_here(path: Path, options: Options) -> RawFile:
@@ -25,14 +25,14 @@ def read_here(path: Path, options: Options) -> RawFile:
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
     gaps: dict[str, str] = {}
-    with path.open("rb") as opened, asammdf.MDF(opened) as file:
+    with path.open("rb") as stream, asammdf.MDF(stream) as file:
         names = [channel.name for group in file.groups for channel in group.channels]
         for number, group in enumerate(file.groups):
             master = file.masters_db.get(number)
-            for place, channel in enumerate(group.channels):
-                if place == master:
+            for position, channel in enumerate(group.channels):
+                if position == master:
                     continue
-                signal = file.get(group=number, index=place)
+                signal = file.get(group=number, index=position)
                 if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiu" or len(signal.samples) < 2:
                     continue
                 name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"

@@ -15,7 +15,7 @@ def read(path: Path, options: Options) -> RawFile:
 
     A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate.
     """
-    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as archive:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         raw = sorted_variables([(name, archive[name]) for name in archive.files])
     times = [name for name in raw.columns if name.lower() in ("time", "t")]
     if raw.sample_rate is not None or not (times or options.time_column is not None):

@@ -5,29 +5,25 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, read_all
-from swashtwin.recordings.formats.subprocess_reader import read_apart
+from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
+from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.formats.tables import split_unit, timed_columns
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.stored import Column
+from swashtwin.recordings.samples import Column
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a time column the rate.
 
-    A column of time stamps counts as the time [s] since its first.
+    A column of time stamps counts as the time [s] since its first. Another process reads the file first: damage
+    makes polars panic.
     """
-    return read_all(open_columns(path, options))
-
-
-def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices; only the time is read at once. Another process goes first: damage makes polars panic."""
-    read_apart("parquet", path, options, keep=False)
+    read_in_subprocess("parquet", path, options, keep=False)
     return read_here(path, options)
 
 
 def read_here(path: Path, options: Options) -> RawFile:
-    """As `open_columns`, for a file that the library survives."""
+    """As `read`, for a file that the library survives."""
     polars = load_extra("polars")
     table = polars.scan_parquet(path)
     height = table.select(polars.len()).collect().item()
@@ -63,9 +59,9 @@ class _Column:
     def __len__(self) -> int:
         return self._height
 
-    def __getitem__(self, where: slice, /) -> np.ndarray:
+    def __getitem__(self, span: slice, /) -> np.ndarray:
         polars = load_extra("polars")
-        start, stop, step = where.indices(self._height)
+        start, stop, step = span.indices(self._height)
         series = self._table.slice(start, max(0, stop - start)).collect().to_series()
         if series.dtype.is_temporal():
             nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)

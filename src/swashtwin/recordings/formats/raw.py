@@ -1,13 +1,13 @@
-"""What a file says of itself, before an index adds the rest."""
+"""The content of one file, before an index adds the rest."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 from swashtwin.foundation import MissingExtraError, UnitError, parse
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.stored import Column
+from swashtwin.recordings.samples import Column
 
 RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
 """What files call their sample rate [Hz], in any case of letters."""
@@ -22,40 +22,36 @@ class Options:
     """How to read a file that does not say it itself."""
 
     separator: str | None = None
-    """Character between two columns of a text file; found out where None."""
+    """Character between two columns of a text file; detected where None."""
     decimal: str | None = None
-    """Decimal mark of a text file, ``"."`` or ``","``; found out where None."""
+    """Decimal mark of a text file, ``"."`` or ``","``; detected where None."""
     header_lines: int | None = None
-    """Lines before the first reading of a text file; found out where None."""
+    """Lines before the first sample of a text file; detected where None."""
     time_column: str | int | None = None
     """Name or number (from 0) of the column with the time in seconds; found by its name where None."""
 
 
 @dataclass(frozen=True)
 class RawFile:
-    """Columns of one file and what it carries about them."""
+    """Content of one file: what a format's `read` returns."""
 
     columns: Mapping[str, Column]
-    """Every signal-like column, one-dimensional, in the file's order: an array, or what reads when it is sliced."""
+    """Each signal by its name, in the file's order: a one-dimensional array, or an object that reads when sliced."""
     sample_rate: float | None = None
     """Rate the file states or its time column shows [Hz]."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each column for which the file names one."""
     attributes: Mapping[str, str] = field(default_factory=dict)
-    """Whatever else the file said."""
+    """Further facts in the file."""
     recording: Recording | None = None
-    """What is known of the recording, with its first reading only, where the file is one of our own."""
+    """Recording with the facts that the file states: id, label, condition, specimen, synthetic. None where it has no
+    place for these."""
     speeds: Column | None = None
-    """Angular speed of the shaft at each reading [rad/s], where the file is one of our own and has it."""
+    """Angular speed of the shaft at each sample [rad/s], where the file has it."""
     full_scale: bool = False
-    """Whether readings are shares of an unknown full scale (integer WAV)."""
+    """Whether samples are shares of an unknown full scale (integer WAV)."""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
-
-
-def read_all(raw: RawFile) -> RawFile:
-    """The same with its columns in memory."""
-    return replace(raw, columns={name: column[:] for name, column in raw.columns.items()})
 
 
 def load_extra(module: str, extra: str = "readers") -> Any:
@@ -76,7 +72,7 @@ def acceleration_factor(unit: str) -> float | None:
     Raises
     ------
     UnitError
-        Nobody knows the unit.
+        The unit is unknown.
 
     Examples
     --------
@@ -99,7 +95,7 @@ def acceleration_factor(unit: str) -> float | None:
 
 
 def known_unit(text: object) -> str | None:
-    """The unit a file names, or None where what it names is none."""
+    """The unit that a file names, or None where the text is no unit."""
     unit = str(text).strip()
     if not unit or unit.upper() in ("NONE", "N/A", "UNKNOWN"):
         return None
@@ -115,7 +111,7 @@ def snapped_rate(step: float, tolerance: float) -> float:
 
     Parameters
     ----------
-    step : time between two readings [s].
+    step : time between two samples [s].
     tolerance : relative error of `step`, such as 5e-6 for six digits.
 
     Examples

@@ -1,8 +1,9 @@
-"""Which module reads and writes which suffix, and what every file must pass before and after."""
+"""Which module reads and writes which suffix; the checks that every file passes."""
 
 import warnings
 from collections.abc import Callable, Iterable
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,49 @@ _FORMATS = {
     ".mf4": "mdf",
     ".mdf": "mdf",
 }
-SUFFIXES = tuple(_FORMATS)
-"""Suffixes that can be read."""
+_registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
+_ENTRY_POINTS = "swashtwin.formats"
 _RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 """Suffixes of the files that a recording can be written to."""
+
+
+def suffixes() -> tuple[str, ...]:
+    """Suffixes that can be read."""
+    installed = (f".{point.name}" for point in entry_points(group=_ENTRY_POINTS))
+    return tuple(dict.fromkeys((*_FORMATS, *_registered, *installed)))
+
+
+def register_format(suffix: str, read: Callable[[Path, Options], RawFile]) -> None:
+    """Let files that end in `suffix` be read by `read`, in indexes and by `load_recording`.
+
+    An installed package does the same without a call by an entry point of the group ``swashtwin.formats``, whose name
+    is the suffix without its point.
+
+    Parameters
+    ----------
+    suffix : such as ``".acq"``, in any case of letters.
+    read : called with the path of a file and the `Options` of its index entry; returns its content. It may raise
+        anything: a file that it cannot read is reported as damaged.
+
+    Raises
+    ------
+    InputError
+        The suffix has no point, or belongs to another format.
+
+    Examples
+    --------
+    >>> register_format(".counts", lambda path, options: RawFile({"x": ...}, 1000.0, {"x": "g"}))
+    >>> ".counts" in suffixes()
+    True
+    """
+    suffix = suffix.lower()
+    if not suffix.startswith(".") or len(suffix) < 2:
+        raise InputError(f"suffix {suffix!r} must begin with a point, such as '.acq'.")
+    if suffix in _FORMATS:
+        raise InputError(f"{suffix!r} is read by swashtwin itself; choose another suffix.")
+    _registered[suffix] = read
 
 
 def suffix_of(path: Path) -> str:
@@ -52,8 +90,8 @@ def stem_of(path: Path) -> str:
     return path.name[: -len(suffix)] if suffix else path.name
 
 
-def read_raw(path: Path, options: Options) -> RawFile:
-    """Columns of the file, as arrays, and what it says of them.
+def open_raw(path: Path, options: Options) -> RawFile:
+    """Content of a file; its columns stay in the file until they are sliced, where the format allows it.
 
     Raises
     ------
@@ -62,24 +100,15 @@ def read_raw(path: Path, options: Options) -> RawFile:
     DataError
         The file is empty, of an unknown format, damaged or cut off.
     """
-    return _checked(path, lambda module: module.read(path, options))
-
-
-def open_raw(path: Path, options: Options) -> RawFile:
-    """As `read_raw`, but the columns stay in the file until they are sliced, where the format allows it."""
-    return _checked(path, lambda module: getattr(module, "open_columns", module.read)(path, options))
-
-
-def _checked(path: Path, read: Callable[[Any], RawFile]) -> RawFile:
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
-    module = _module(path, SUFFIXES, "read")
+    read = _reader(path)
     if path.stat().st_size == 0:
         raise DataError(f"{path} is empty (0 bytes).")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here
-            raw = read(module)
+            raw = read(path, options)
     except (SwashTwinError, PermissionError):
         raise
     except Exception as cause:  # what a damaged file makes a parser raise has no bounds
@@ -95,11 +124,24 @@ def _checked(path: Path, read: Callable[[Any], RawFile]) -> RawFile:
     return raw
 
 
+def _reader(path: Path) -> Callable[[Path, Options], RawFile]:
+    suffix = suffix_of(path)
+    if suffix in _FORMATS:
+        read: Callable[[Path, Options], RawFile] = _module(suffix).read
+        return read
+    if suffix not in _registered:
+        for point in entry_points(group=_ENTRY_POINTS, name=suffix[1:]):
+            register_format(suffix, point.load())
+    if suffix not in _registered:
+        raise DataError(f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are {', '.join(suffixes())}.")
+    return _registered[suffix]
+
+
 def write_recording(recording: Recording, path: str | Path) -> Path:
     """Path of the file that now holds the recording.
 
     ``.h5`` holds the whole recording; the others lack label, condition and specimen and ``.wav`` also the unit, which
-    `write_index` adds. The speed of each reading is lost by all but ``.h5``: a column of another
+    `write_index` adds. The speed at each sample is lost by all but ``.h5``: a column of another
     unit beside the channels would be read back as one of them. The old file stays as it is until the new one is
     complete.
 
@@ -109,17 +151,17 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         The suffix cannot be written, or the recording does not fit the format.
     """
     path = Path(path)
-    module = _module(path, WRITABLE, "written")
+    suffix = _require_suffix(path, WRITABLE, "written")
     with replacing(path) as partial:
-        module.write(recording, partial)
+        _module(suffix).write(recording, partial)
     return path
 
 
 def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
-    """What is known of the recording that `path` now holds, with its first reading only.
+    """The recording that `path` now holds, written block by block.
 
-    The recording is that of `recording.joined`, but only one block is in memory at a time: for recordings that are
-    longer than memory allows. The old file stays as it is until the new one is complete.
+    It is that of `join_blocks`, but only one block is in memory at a time: for recordings that are longer than memory
+    allows. The old file stays as it is until the new one is complete.
 
     Parameters
     ----------
@@ -133,16 +175,21 @@ def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
     DataError
         There is no block, or a block does not continue the first.
     """
-    path, left = Path(path), iter(blocks)
-    module = _module(path, (".h5", ".hdf5"), "written block by block")
+    path = Path(path)
+    module = _module(_require_suffix(path, (".h5", ".hdf5"), "written block by block"))
     with replacing(path) as partial:
-        facts: Recording = module.write_stream(left, partial)
-    return facts
+        module.write_stream(iter(blocks), partial)
+    recording: Recording = module.read_header(path)
+    return recording
 
 
-def _module(path: Path, suffixes: tuple[str, ...], verb: str) -> Any:
+def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
+    """Suffix of `path`, refused where it is none of those `allowed`."""
     suffix = suffix_of(path)
-    if suffix not in suffixes:
-        kind = DataError if verb == "read" else InputError
-        raise kind(f"{path}: {suffix or 'no suffix'!r} cannot be {verb}; supported are {', '.join(suffixes)}.")
+    if suffix not in allowed:
+        raise InputError(f"{path}: {suffix or 'no suffix'!r} cannot be {verb}; supported are {', '.join(allowed)}.")
+    return suffix
+
+
+def _module(suffix: str) -> Any:
     return import_module(f"swashtwin.recordings.formats.{_FORMATS[suffix]}")

@@ -20,7 +20,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, MissingExtraError
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.stored import BLOCK
+from swashtwin.recordings.samples import BLOCK
 
 _PATIENCE = 30.0
 """Seconds that any file may take to read."""
@@ -32,12 +32,12 @@ _lock = threading.Lock()
 _process: "subprocess.Popen[bytes] | None" = None
 
 
-def read_apart(module: str, path: Path, options: Options, *, keep: bool = True) -> RawFile:
+def read_in_subprocess(module: str, path: Path, options: Options, *, keep: bool = True) -> RawFile:
     """What ``swashtwin.recordings.formats.MODULE.read_here`` gives for a file, read in another process.
 
     Parameters
     ----------
-    keep : whether the columns come back; every reading is read in either case.
+    keep : whether the columns come back; every sample is read in either case.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def read_apart(module: str, path: Path, options: Options, *, keep: bool = True) 
         timer = threading.Timer(limit, process.kill)
         timer.start()
         try:
-            answer, columns = _asked(process, request)
+            answer, columns = _ask(process, request)
         except (OSError, ValueError, EOFError) as cause:
             process.kill()
             process.wait()
@@ -63,8 +63,8 @@ def read_apart(module: str, path: Path, options: Options, *, keep: bool = True) 
             timer.cancel()
     if "error" in answer:
         kinds = {"MissingExtraError": MissingExtraError, "DataError": DataError}
-        said = answer["error"].replace(request["path"], str(path))
-        raise kinds.get(answer["kind"], OSError)(said)  # the last is what `read_raw` says of any damaged file
+        message = answer["error"].replace(request["path"], str(path))
+        raise kinds.get(answer["kind"], OSError)(message)  # `open_raw` reports an OSError as damage
     return RawFile(columns, answer["sample_rate"], answer["units"], answer["attributes"], rates=answer["rates"])
 
 
@@ -78,10 +78,10 @@ def require_sound(path: Path, module: str, options: Options) -> None:
         head = file.read(8192)
     at = next((at for at in (0, 512, 1024, 2048, 4096) if head[at : at + 8] == HDF5_SIGNATURE), None)
     if at is not None and head[at + 8 : at + 9] < b"\x02":
-        read_apart(module, path, options, keep=False)
+        read_in_subprocess(module, path, options, keep=False)
 
 
-def _asked(process: "subprocess.Popen[bytes]", request: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _ask(process: "subprocess.Popen[bytes]", request: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(json.dumps(request).encode() + b"\n")
@@ -155,10 +155,10 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
             }
             text = json.dumps(answer)
         except Exception as cause:  # what a damaged file makes a library raise has no bounds
-            said = (
+            message = (
                 str(cause) if isinstance(cause, (DataError, MissingExtraError)) else f"{type(cause).__name__}: {cause}"
             )
-            text = json.dumps({"error": (said.splitlines() or [""])[0][:400], "kind": type(cause).__name__})
+            text = json.dumps({"error": (message.splitlines() or [""])[0][:400], "kind": type(cause).__name__})
             columns = {}
         answers.write(text.encode() + b"\n")
         for column in columns.values():
@@ -167,6 +167,6 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as own:
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as pipe:
         os.dup2(2, 1)  # whatever a library prints goes nowhere
-        _serve(sys.stdin.buffer, own)
+        _serve(sys.stdin.buffer, pipe)

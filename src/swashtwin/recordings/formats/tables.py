@@ -9,12 +9,12 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, snapped_rate
-from swashtwin.recordings.stored import BLOCK, Column
+from swashtwin.recordings.samples import BLOCK, Column
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _TRADE_UNITS = ("s", "ms", "us", "g", "mg", "m/s^2", "m/s2", "m/s²", "mm/s^2", "mm/s", "V", "mV", "Pa", "bar")
 _ENOUGH = 1 << 18
-"""Readings, spread over the whole column, of which a median is taken."""
+"""Samples, spread over the whole column, of which a median is taken."""
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
 _TIME_NAMES = ("time", "t", "zeit")
@@ -33,8 +33,8 @@ def timed_columns(
         return RawFile(columns, units=units, attributes=attributes)
     others = {other: column for other, column in columns.items() if other != name}
     rate, gaps = read_time_column(path, columns[name][:] * _seconds(units.get(name, "s"), path))
-    left = {other: unit for other, unit in units.items() if other != name}
-    return RawFile(others, rate, left, {**attributes, **({"time_gaps": gaps} if gaps else {})})
+    units = {other: unit for other, unit in units.items() if other != name}
+    return RawFile(others, rate, units, {**attributes, **({"time_gaps": gaps} if gaps else {})})
 
 
 def _seconds(unit: str, path: Path) -> float:
@@ -46,7 +46,7 @@ def _seconds(unit: str, path: Path) -> float:
 def read_time_column(path: Path, seconds: Float[np.ndarray, " time"]) -> tuple[float, str]:
     """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing is)."""
     if len(seconds) < 3 or not np.isfinite(seconds).all() or not seconds[-1] > seconds[0]:
-        raise DataError(f"{path}: the time column does not rise from its first to its last reading.")
+        raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
     head = seconds[:1000]
     digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
     quantum = 10.0**-digits
@@ -70,7 +70,7 @@ def read_time_column(path: Path, seconds: Float[np.ndarray, " time"]) -> tuple[f
 
 
 def _step(seconds: Float[np.ndarray, " time"], quantum: float) -> float:
-    """Time between two readings [s]: from the first and the last, unless the others contradict them."""
+    """Time between two samples [s]: from the first and the last, unless the others contradict them."""
     span, half = float(seconds[-1] - seconds[0]), len(seconds) // 2
     step = span / (len(seconds) - 1)
     some = np.arange(0, len(seconds) - half, 1 + len(seconds) // _ENOUGH)
@@ -96,11 +96,11 @@ def split_unit(text: str) -> tuple[str, str | None]:
 
 
 def _time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
-    wanted = options.time_column
-    if wanted is None:
+    stated = options.time_column
+    if stated is None:
         return names[0] if len(names) > 1 and names[0].lower() in _TIME_NAMES else None
-    if isinstance(wanted, int) and 0 <= wanted < len(names):
-        return names[wanted]
-    if isinstance(wanted, str) and split_unit(wanted)[0] in names:
-        return split_unit(wanted)[0]
-    raise DataError(f"{path} has no column {wanted!r} for time_column; it has {', '.join(names)}.")
+    if isinstance(stated, int) and 0 <= stated < len(names):
+        return names[stated]
+    if isinstance(stated, str) and split_unit(stated)[0] in names:
+        return split_unit(stated)[0]
+    raise DataError(f"{path} has no column {stated!r} for time_column; it has {', '.join(names)}.")

@@ -8,33 +8,28 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, read_all, snapped_rate
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.stored import Column
+from swashtwin.recordings.samples import Column
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Channels of a TDMS file, called ``group/channel`` where it has several groups."""
-    return read_all(open_columns(path, options))
-
-
-def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices."""
     nptdms = load_extra("nptdms")
     for name in ("reader", "types", "tdms_segment", "base_segment", "tdms"):
-        logging.getLogger(f"nptdms.{name}").setLevel(logging.CRITICAL)  # what it warns of is refused below
-    opened = path.open("rb")
+        logging.getLogger(f"nptdms.{name}").setLevel(logging.CRITICAL)  # damage is refused below
+    stream = path.open("rb")
     try:
-        file = nptdms.TdmsFile.open(opened)
+        file = nptdms.TdmsFile.open(stream)
         if file.file_status.incomplete_final_segment:
             raise DataError(f"{path} is cut off: its last segment is incomplete.")
         raw = _columns(file)
     except BaseException:
-        opened.close()
+        stream.close()
         raise
-    weakref.finalize(file, opened.close)
+    weakref.finalize(file, stream.close)
     return raw
 
 
@@ -59,7 +54,7 @@ def _columns(file: Any) -> RawFile:
 
 
 class _Channel:
-    """Readings of one channel, which keep their file open."""
+    """Samples of one channel, which keep their file open."""
 
     def __init__(self, file: Any, channel: Any) -> None:
         self._file = file
@@ -68,8 +63,8 @@ class _Channel:
     def __len__(self) -> int:
         return len(self._channel)
 
-    def __getitem__(self, where: slice, /) -> np.ndarray:
-        start, stop, step = where.indices(len(self))
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        start, stop, step = span.indices(len(self))
         return np.asarray(self._channel[start:stop], dtype=np.float64)[::step]
 
 

@@ -22,23 +22,23 @@ def read(path: Path, options: Options) -> RawFile:
         raise DataError(f"{path} is cut off: its last data set has no end.")
     content = load_extra("pyuff").UFF(str(path)).read_sets()
     sets = content if isinstance(content, list) else [content]
-    responses = [one for one in sets if one.get("type") == 58 and one.get("func_type") == _TIME_RESPONSE]
+    responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == _TIME_RESPONSE]
     if not responses:
         raise DataError(f"{path} holds no time response (data set 58, function type 1).")
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     steps = set()
-    for number, one in enumerate(responses):
-        name = _name(one, number, columns)
-        columns[name] = np.asarray(one["data"], dtype=np.float64)
-        if len(columns[name]) != int(one["num_pts"]):
-            raise DataError(f"{path} is cut off: {name} has {len(columns[name])} of {one['num_pts']} readings.")
-        if not one["abscissa_spacing"]:
+    for number, response in enumerate(responses):
+        name = _name(response, number, columns)
+        columns[name] = np.asarray(response["data"], dtype=np.float64)
+        if len(columns[name]) != int(response["num_pts"]):
+            raise DataError(f"{path} is cut off: {name} has {len(columns[name])} of {response['num_pts']} samples.")
+        if not response["abscissa_spacing"]:
             raise DataError(f"{path}: {name} is unevenly sampled; one recording has one rate.")
-        unit = known_unit(one.get("ordinate_axis_units_lab", ""))
+        unit = known_unit(response.get("ordinate_axis_units_lab", ""))
         if unit:
             units[name] = unit
-        steps.add(float(one["abscissa_inc"]))
+        steps.add(float(response["abscissa_inc"]))
     if len(steps) > 1 or not min(steps) > 0:
         raise DataError(f"{path} holds time steps of {sorted(steps)} s; one recording has one positive step.")
     step = steps.pop()
@@ -46,10 +46,10 @@ def read(path: Path, options: Options) -> RawFile:
     return RawFile(columns, snapped_rate(step, _STEP_DIGITS / mantissa), units)
 
 
-def _name(one: dict[str, Any], number: int, taken: dict[str, np.ndarray]) -> str:
-    title = str(one.get("id1", "")).strip()
-    point = f"{one.get('rsp_node', number)}{_DIRECTIONS.get(one.get('rsp_dir', 0), '')}"
+def _name(response: dict[str, Any], number: int, columns: dict[str, np.ndarray]) -> str:
+    title = str(response.get("id1", "")).strip()
+    point = f"{response.get('rsp_node', number)}{_DIRECTIONS.get(response.get('rsp_dir', 0), '')}"
     for name in (title, point):
-        if name and name.upper() != "NONE" and name not in taken:
+        if name and name.upper() != "NONE" and name not in columns:
             return name
     return f"channel_{number}"

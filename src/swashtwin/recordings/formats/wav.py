@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, read_all
+from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.stored import SideBySide
+from swashtwin.recordings.samples import SideBySide
 
 _UNPACKED = (1, 3, 0xFFFE)
 """Kinds of coding whose frames all have one size: integers, floats, and either with more said of them."""
@@ -18,11 +18,6 @@ _UNKNOWN_SIZE = 0x7FFFF000
 
 def read(path: Path, options: Options) -> RawFile:
     """Channels of a WAV file; integer files yield shares of full scale, which need a calibration factor."""
-    return read_all(open_columns(path, options))
-
-
-def open_columns(path: Path, options: Options) -> RawFile:
-    """As `read`, in slices."""
     with path.open("rb") as file:
         head = file.read(1 << 16)
     _require_one_story(head, path)
@@ -35,7 +30,7 @@ def open_columns(path: Path, options: Options) -> RawFile:
         sound.seek(start)
         signal = sound.read(stop - start, dtype="float64", always_2d=True)
         if len(signal) != stop - start:
-            raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} readings are there.")
+            raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} samples are there.")
         return np.ascontiguousarray(signal.T)
 
     columns = SideBySide(frames, (sound.channels, sound.frames)).columns()
@@ -54,12 +49,12 @@ def _require_one_story(head: bytes, path: Path) -> None:
     if kind in _UNPACKED and (per_second != rate * per_frame or per_frame != channels * ((bits + 7) // 8)):
         raise DataError(
             f"{path} is damaged: {rate} Hz of {channels} channels with {bits} bits are not the {per_second} bytes per "
-            f"second and {per_frame} bytes per reading that its header states beside them."
+            f"second and {per_frame} bytes per sample that its header states beside them."
         )
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write readings in their own unit as 32-bit floats; the unit belongs in the index, WAV has no place for it."""
+    """Write samples in their own unit as 32-bit floats; the unit belongs in the index, WAV has no place for it."""
     if recording.sample_rate != round(recording.sample_rate):
         raise InputError(
             f"{recording.recording_id}: a WAV file holds whole rates only, not {recording.sample_rate!r} Hz; write .h5."

@@ -1,7 +1,5 @@
 """The shaft's angle of a piston pump, from the lines at which its pistons pass."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from swashtwin.foundation import DataError
@@ -39,5 +37,5 @@ def piston_pass_angle(recording: Recording, piston_count: int) -> ShaftAngle:
         return tracked_speed(recording, order=lines, search=fine)
     if recording.speed is None:
         return tracked_speed(recording, order=lines, near=low.mean_speed, search=fine)
-    along = replace(recording, speed=np.maximum(low.speed, 0))  # a run-up has no one speed to look near
+    along = recording.replace(speed=np.maximum(low.speed, 0))  # a run-up has no one speed to look near
     return tracked_speed(along, order=lines, search=fine)

@@ -1,7 +1,6 @@
 """A recording along the shaft's angle instead of along time."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import scipy.signal
@@ -56,8 +55,7 @@ def resampled_by_angle(
     if denser > 1:
         signal = scipy.signal.resample_poly(signal, 1, denser, axis=-1, padtype="line")
     at = at[::denser][: signal.shape[1]]
-    return replace(
-        recording,
+    return recording.replace(
         signal=np.ascontiguousarray(signal),
         sample_rate=readings_per_turn * speed / (2 * math.pi),
         speed=np.interp(at, np.arange(len(angle.angle)), np.maximum(angle.speed, 0)),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from swashtwin.bench.public.readers.files import facts_of, files_below, table_of
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, Options, Recording, read_raw, recording_from
+from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
 
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
 """Nominal speed [rpm] at each load [hp]."""
@@ -143,7 +143,7 @@ def _recordings(
 ) -> Iterator[Recording]:
     file = path.relative_to(folder).as_posix()
     row = table.get(file, {})
-    columns = read_raw(path, Options())
+    columns = open_raw(path, Options())
     measured = next((text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None)
     for record in records:
         # A file may hold a neighbor's variables too (99.mat does): its own number first, the first otherwise.
@@ -174,4 +174,4 @@ def _recordings(
             sha256=row.get("sha256"),
             attributes=facts_of(attributes),
         )
-        yield recording_from(path, entry)
+        yield recording_of(path, entry)

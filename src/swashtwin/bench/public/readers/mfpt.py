@@ -5,7 +5,7 @@ from pathlib import Path
 
 from swashtwin.bench.public.readers.files import files_below
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, Options, Recording, read_raw, recording_from
+from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
 
 _LABELS = {"baseline": "normal", "outerrace": "outer_race", "innerrace": "inner_race"}
 
@@ -47,7 +47,7 @@ def read_mfpt(folder: Path | str, *, resample: str | None = None) -> list[Record
 
 
 def _recording(path: Path, folder: Path, resample: str | None) -> Recording | None:
-    raw = read_raw(path, Options())
+    raw = open_raw(path, Options())
     prefix = next((name.removesuffix("gs") for name in raw.columns if name.rpartition(".")[2] == "gs"), None)
     facts = {name.removeprefix(prefix or ""): text for name, text in raw.attributes.items()}
     if prefix is None or "sr" not in facts:
@@ -69,4 +69,4 @@ def _recording(path: Path, folder: Path, resample: str | None) -> Recording | No
         resample=resample,
         attributes=attributes,
     )
-    return recording_from(path, entry)
+    return recording_of(path, entry)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from swashtwin.bench.public.readers.files import files_below, table_of
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, Recording, recording_from
+from swashtwin.recordings import Entry, Recording, recording_of
 
 _NAME = re.compile(r"([HF])\w*?(\d+)", re.IGNORECASE)
 _LABELS = {"h": "healthy", "f": "faulty"}
@@ -55,5 +55,5 @@ def read_motor_pump_industrial(folder: Path | str) -> list[Recording]:
                 "transient": str(int(letter == "f" and number in _TRANSIENT)),
             },
         )
-        recordings.append(recording_from(path, entry))
+        recordings.append(recording_of(path, entry))
     return recordings

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from swashtwin.bench.public.readers.files import facts_of, files_below, table_of
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, Recording, recording_from, stem_of
+from swashtwin.recordings import Entry, Recording, recording_of, stem_of
 
 _NAME = re.compile(r"(\d+)[ _](\d)[ _]s(\d+)[ _](\w+)")
 _CHANNELS = ("acceleration 0", "acceleration 1", "acceleration 2", "acceleration 3", "microphone")
@@ -64,7 +64,7 @@ def read_pump_cavitation(folder: Path | str) -> list[Recording]:
             sha256=row.get("sha256"),
             attributes=facts_of(attributes),
         )
-        recordings.append(recording_from(path, entry))
+        recordings.append(recording_of(path, entry))
     if not recordings:
         raise DataError(f'{folder} holds no file named like "01 1 s700 healthy.dat"; name the folder of the set.')
     return recordings

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from swashtwin.bench.public.readers.files import files_below
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Options, Recording, read_raw, stem_of
+from swashtwin.recordings import Options, Recording, open_raw, stem_of
 
 RATE = 10.0
 """Rate of every channel here [Hz]: that of the flow meters."""
@@ -94,7 +94,7 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
 
 
 def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
-    raw = read_raw(path, Options(separator="\t", decimal=".", header_lines=0))
+    raw = open_raw(path, Options(separator="\t", decimal=".", header_lines=0))
     return np.stack([column[:] for column in raw.columns.values()], axis=1)
 
 

@@ -1,0 +1,278 @@
+"""Recordings of one data set, loaded from an index, a store or files, and the ways to select and split them."""
+
+import operator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+
+from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, merge_close_values, values_match
+from swashtwin.recordings.grouping import SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
+from swashtwin.recordings.index import indexed_recordings
+from swashtwin.recordings.loading import load_recording
+from swashtwin.recordings.recording import Recording, require_distinct
+from swashtwin.recordings.splitting import nearest_test_rows
+from swashtwin.recordings.store import is_store, stored_recordings
+
+_HEALTHY = ("normal", "healthy")
+
+
+class Recordings(Sequence[Recording]):
+    """Recordings of one data set, each with an id of its own; `load_recordings` makes them.
+
+    Every access gives a `Recording` that reads its samples when they are asked for, and forgets them with the last
+    reference to it: a loop over the recordings has one signal in memory at a time.
+
+    Parameters
+    ----------
+    recordings : in memory or in their files.
+
+    Raises
+    ------
+    InputError
+        Two recordings have one id.
+
+    Examples
+    --------
+    >>> names = {"a": "normal", "b": "normal", "c": "piston", "d": "piston"}
+    >>> recordings = Recordings(Recording(np.ones((1, 100)), 50.0, name, label=names[name]) for name in names)
+    >>> recordings
+    Recordings(4: 2 normal, 2 piston; 1 channel at 50 Hz)
+    >>> train, test = recordings.split(test=0.5, seed=0)
+    >>> sorted(test.labels)
+    ['normal', 'piston']
+    >>> recordings.where(label="piston").recording_ids
+    ('c', 'd')
+    """
+
+    def __init__(self, recordings: Iterable[Recording]) -> None:
+        self._recordings = tuple(recording.unloaded() for recording in recordings)
+        require_distinct(self.recording_ids, "a data set")
+
+    def __len__(self) -> int:
+        return len(self._recordings)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return (recording.unloaded() for recording in self._recordings)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Recordings": ...
+    def __getitem__(self, index: int | slice) -> "Recording | Recordings":
+        if isinstance(index, slice):
+            return Recordings(self._recordings[index])
+        return self._recordings[operator.index(index)].unloaded()
+
+    def __add__(self, other: Iterable[Recording]) -> "Recordings":
+        return self.concat(other)
+
+    def __repr__(self) -> str:
+        """Short text: how many of each class, of how many specimens, and their channels."""
+        labels = Counter(label or "no label" for label in self.labels)
+        parts = [", ".join(f"{count} {label}" for label, count in labels.items())]
+        if specimens := {name for name in self.specimens if name}:
+            parts.append(f"{len(specimens)} specimen{'s' * (len(specimens) != 1)}")
+        rates = {recording.sample_rate for recording in self._recordings}
+        counts = {recording.n_channels for recording in self._recordings}
+        rate = f"{next(iter(rates)):g} Hz" if len(rates) == 1 else f"{len(rates)} sample rates"
+        channels = " or ".join(str(count) for count in sorted(counts))
+        parts.append(f"{channels} channel{'s' * (counts != {1})} at {rate}")
+        return f"Recordings({len(self)}: {'; '.join(parts)})" if self._recordings else "Recordings(0)"
+
+    @property
+    def recording_ids(self) -> tuple[str, ...]:
+        """Id of each recording."""
+        return tuple(recording.recording_id for recording in self._recordings)
+
+    @property
+    def labels(self) -> tuple[str | None, ...]:
+        """Class of each recording, None where it is not known."""
+        return tuple(recording.label for recording in self._recordings)
+
+    @property
+    def specimens(self) -> tuple[str | None, ...]:
+        """Specimen of each recording, None where it is not known."""
+        return tuple(recording.specimen for recording in self._recordings)
+
+    @property
+    def conditions(self) -> tuple[OperatingCondition | None, ...]:
+        """Operating condition of each recording, None where it is not known."""
+        return tuple(recording.condition for recording in self._recordings)
+
+    def concat(self, other: Iterable[Recording]) -> "Recordings":
+        """These recordings and those of `other`, in that order; ``a + b`` is the same.
+
+        Raises
+        ------
+        InputError
+            Both have a recording of one id.
+        """
+        return Recordings([*self._recordings, *other])
+
+    def where(
+        self,
+        *,
+        label: str | None = None,
+        specimen: str | None = None,
+        speed: float | None = None,
+        pressure: float | None = None,
+        ids: Iterable[str] | None = None,
+        **attributes: str,
+    ) -> "Recordings":
+        """Recordings that meet every condition given, in their order.
+
+        Parameters
+        ----------
+        label : class; ``"healthy"`` and ``"normal"`` are the same.
+        specimen : machine that was measured.
+        speed : angular speed [rad/s], within 3 %, such as ``rpm(860)``.
+        pressure : discharge pressure [Pa], within 6 %, such as ``MPa(15)``.
+        ids : recording ids, such as those of a training set.
+        attributes : further facts by name, such as ``day="Monday"``.
+
+        Raises
+        ------
+        DataError
+            No recording is left; the message lists the values that there are.
+        """
+        ids = None if ids is None else {str(name) for name in ids}
+        left = [
+            recording
+            for recording in self._recordings
+            if (label is None or _same_label(recording.label, label))
+            and (specimen is None or recording.specimen == specimen)
+            and (speed is None or values_match(stated_angular_speed(recording), speed, SPEED_TOLERANCE))
+            and (pressure is None or values_match(stated_pressure(recording), pressure, PRESSURE_TOLERANCE))
+            and (ids is None or recording.recording_id in ids)
+            and all(str(recording.attributes.get(name)) == str(value) for name, value in attributes.items())
+        ]
+        if not left:
+            raise DataError(self._nothing_left(label, specimen, speed, pressure, ids, attributes))
+        return Recordings(left)
+
+    def split(self, test: float = 0.2, *, by: str = "recording", seed: int = 0) -> "tuple[Recordings, Recordings]":
+        """(training recordings, test recordings), with the classes and conditions as alike on both sides as can be.
+
+        Parameters
+        ----------
+        test : share of the recordings to test on, above 0 and at most 0.5. With few groups it may be larger.
+        by : what is kept whole: ``"recording"``, ``"specimen"``, ``"condition"`` (speed and pressure), or an attribute.
+        seed : seed of the draw.
+
+        Raises
+        ------
+        InputError
+            A share that cannot be, or an attribute that no recording has.
+        DataError
+            There are fewer than two groups, some recordings state none, or every test set would take a class out of
+            training.
+        LeakError
+            A recording is synthetic. Add these to the training recordings afterwards.
+        """
+        if not 0 < test <= 0.5:
+            raise InputError(f"test ({test:g}) must be above 0 and at most 0.5; a fifth is 0.2.")
+        for recording in self._recordings:
+            if recording.synthetic:
+                raise LeakError(
+                    f"{recording.recording_id} is synthetic; split the measured recordings first, then add synthetic "
+                    "ones to training."
+                )
+        groups = np.array(list(recording_groups(self._recordings, by).values()))
+        if np.unique(groups).size < 2:
+            raise DataError(f"there is only one {by}; a split by {by} needs two. Split by another group: by=...")
+        classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
+        speed = np.array([stated_angular_speed(recording) for recording in self._recordings])
+        pressure = np.array([stated_pressure(recording) for recording in self._recordings])
+        levels = merge_close_values(speed, SPEED_TOLERANCE), merge_close_values(pressure, PRESSURE_TOLERANCE)
+        cells = np.unique([f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True)[1]
+        rows = nearest_test_rows(classes, cells, groups, test, seed)
+        if rows is None:
+            raise DataError(
+                f"every split by {by} takes a class out of training, because each {by} has classes of its own; split "
+                "by another group: by=..."
+            )
+        tested = set(rows.tolist())
+        sides: tuple[list[Recording], list[Recording]] = ([], [])
+        for row, recording in enumerate(self._recordings):
+            sides[row in tested].append(recording)
+        return Recordings(sides[0]), Recordings(sides[1])
+
+    def _nothing_left(
+        self,
+        label: str | None,
+        specimen: str | None,
+        speed: float | None,
+        pressure: float | None,
+        ids: set[str] | None,
+        attributes: Mapping[str, str],
+    ) -> str:
+        """Message that no recording meets the conditions, with the values that there are."""
+        conditions, values = [], []
+        if label is not None:
+            conditions.append(f"the label {label!r}")
+            values.append(f"labels {_listed(self.labels)}")
+        if specimen is not None:
+            conditions.append(f"the specimen {specimen!r}")
+            values.append(f"specimens {_listed(self.specimens)}")
+        if speed is not None:
+            conditions.append(f"the speed {speed * 30 / np.pi:.4g} rev/min")
+            speeds = [stated_angular_speed(recording) * 30 / np.pi for recording in self._recordings]
+            values.append(f"speeds [rev/min] {_listed(f'{value:.4g}' for value in sorted(speeds))}")
+        if pressure is not None:
+            conditions.append(f"the pressure {pressure / 1e6:.4g} MPa")
+            pressures = [stated_pressure(recording) / 1e6 for recording in self._recordings]
+            values.append(f"pressures [MPa] {_listed(f'{value:.4g}' for value in sorted(pressures))}")
+        if ids is not None:
+            conditions.append(f"the id {_listed(sorted(ids))}")
+            values.append(f"ids {_listed(self.recording_ids)}")
+        for name, value in attributes.items():
+            conditions.append(f"{name} {value!r}")
+            values.append(f"{name}s {_listed(recording.attributes.get(name) for recording in self._recordings)}")
+        return f"no recording has {' and '.join(conditions) or 'passed'}; there are {'; '.join(values) or 'none'}."
+
+
+def load_recordings(path: str | Path | Iterable[str | Path], **facts: Any) -> Recordings:
+    """Recordings of an index, a store or files; their samples are read when they are asked for.
+
+    Parameters
+    ----------
+    path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a measurement, or a
+        list of these.
+    facts : for single files only: what the file does not say, as in `load_recording`.
+
+    Raises
+    ------
+    MissingFileError
+        A file or an index is missing. ``swashtwin index FOLDER`` proposes an index.
+    DataError
+        The index or a file is damaged, or one contradicts the other.
+    InputError
+        Two recordings have one id, or facts were given for an index or a store.
+    """
+    recordings: list[Recording] = []
+    for source in [path] if isinstance(path, (str, Path)) else path:
+        source = Path(source)
+        if not (source.is_dir() or source.suffix == ".toml" or is_store(source)):
+            recordings.append(load_recording(source, **facts).unloaded())
+            continue
+        if facts:
+            raise InputError(
+                f"{next(iter(facts))} is for single files, and {source} states it itself; edit the index, or write the "
+                "store again."
+            )
+        recordings += stored_recordings(source) if is_store(source) else indexed_recordings(source)
+    return Recordings(recordings)
+
+
+def _same_label(first: str | None, second: str) -> bool:
+    return first == second or (first in _HEALTHY and second in _HEALTHY)
+
+
+def _listed(values: Iterable[str | None]) -> str:
+    """Distinct values with commas, at most a dozen; "none" for a fact that is not stated."""
+    distinct = list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values))
+    return ", ".join(distinct[:12]) + (f" and {len(distinct) - 12} more" if len(distinct) > 12 else "")

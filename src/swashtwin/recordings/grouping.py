@@ -1,0 +1,137 @@
+"""Groups of recordings that a split keeps whole: a machine, an operating condition, or any attribute."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.foundation import DataError, InputError, UnitError, parse
+from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
+from swashtwin.recordings.recording import Recording
+
+GROUPS = ("recording", "specimen", "condition")
+"""Groups of every data set: each is a level of generalization (L2, L4, L3)."""
+SPEED_TOLERANCE = 0.03
+"""Relative difference of speeds of the same condition: more than elsewhere, since conditions that are joined wrongly
+make a test harder, and conditions that are separated wrongly make it leak."""
+
+
+def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, str]:
+    """Group of each recording by its id, for the ``group=`` of `split_by_recording` and `group_folds`.
+
+    Parameters
+    ----------
+    group : ``"recording"``, ``"specimen"``, ``"condition"`` (speed and discharge pressure, as far as they are stated),
+        or the name of an attribute, such as ``"pump_run"``.
+
+    Raises
+    ------
+    InputError
+        No recording has such an attribute.
+    DataError
+        Some recordings have it and some have not.
+
+    Examples
+    --------
+    >>> day = {"a": "Monday", "b": "Friday"}
+    >>> recordings = [Recording(np.ones((1, 4)), 10.0, name, attributes={"day": day[name]}) for name in day]
+    >>> recording_groups(recordings, "day")
+    {'a': 'Monday', 'b': 'Friday'}
+    """
+    recordings = list(recordings)
+    ids = [recording.recording_id for recording in recordings]
+    if group == "recording":
+        return dict(zip(ids, ids, strict=True))
+    if group == "condition":
+        speed = np.array([stated_angular_speed(recording) for recording in recordings], dtype=np.float64)
+        pressure = np.array([stated_pressure(recording) for recording in recordings], dtype=np.float64)
+        return dict(zip(ids, condition_names(ids, speed, pressure), strict=True))
+    if group == "specimen":
+        names = [recording.specimen or "" for recording in recordings]
+    else:
+        names = [str(recording.attributes.get(group, "")) for recording in recordings]
+        if not any(names):
+            raise InputError(_unknown_group(recordings, group))
+    missing = [name for name, value in zip(ids, names, strict=True) if not value]
+    if missing:
+        raise DataError(no_group(missing, len(ids), group))
+    return dict(zip(ids, names, strict=True))
+
+
+def stated_speed(recording: Recording) -> float | None:
+    """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None.
+
+    For a recording along the shaft's angle it is the frequency at which the turns are played back.
+    """
+    if recording.attributes.get("domain") == "angle":
+        return recording.sample_rate / float(recording.attributes["readings_per_turn"])
+    if recording.condition is not None:
+        return recording.condition.shaft_frequency
+    try:
+        return parse(recording.attributes["speed"], "rad/s") / (2 * math.pi)
+    except (KeyError, UnitError):
+        return None
+
+
+def stated_angular_speed(recording: Recording) -> float:
+    """The same as an angular speed [rad/s], NaN where none is stated."""
+    return (stated_speed(recording) or math.nan) * 2 * math.pi
+
+
+def stated_pressure(recording: Recording) -> float:
+    """Discharge pressure [Pa] that the condition or the attribute ``discharge_pressure`` states, or NaN."""
+    if recording.condition is not None:
+        return recording.condition.discharge_pressure
+    try:
+        return parse(str(recording.attributes["discharge_pressure"]), "Pa")
+    except (KeyError, UnitError):
+        return math.nan
+
+
+def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]) -> list[str]:
+    """Name of each condition; speeds, and pressures, that follow each other closely are the same.
+
+    Parameters
+    ----------
+    ids : recordings, for messages.
+    speed : angular speed [rad/s], NaN where not stated.
+    pressure : discharge pressure [Pa], NaN where not stated.
+    """
+    parts = []
+    for fact, values, tolerance, scale, unit in (
+        ("speed", speed, SPEED_TOLERANCE, 30 / math.pi, "rev/min"),
+        ("pressure", pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
+    ):
+        missing = np.isnan(values)
+        if missing.all():
+            continue
+        if missing.any():
+            raise DataError(
+                f"{ids[int(np.flatnonzero(missing)[0])]} states no {fact} and {ids[int(np.flatnonzero(~missing)[0])]} "
+                "does, so their conditions cannot be compared; complete the index."
+            )
+        parts.append([f"{level * scale:.4g} {unit}" for level in merge_close_values(values, tolerance)])
+    if not parts:
+        raise DataError(
+            f"{ids[0]} has no condition written down (no speed, no discharge_pressure), nor has any other recording, "
+            "so they cannot be split by it; add speed to the index."
+        )
+    return [", ".join(part) for part in zip(*parts, strict=True)]
+
+
+def no_group(missing: Sequence[str], count: int, group: str) -> str:
+    """Message that some of `count` recordings state no group."""
+    more = f" and {len(missing) - 1} more of {count}" if len(missing) > 1 else ""
+    have = "has" if len(missing) == 1 else "have"
+    return f"{missing[0]}{more} {have} no {group} written down, so nothing can be split by it; complete the index."
+
+
+def _unknown_group(recordings: Sequence[Recording], group: str) -> str:
+    counts = Counter(name for recording in recordings for name in recording.attributes)
+    shared = sorted(name for name, count in counts.items() if count == len(recordings))
+    near = get_close_matches(group, [*GROUPS, *shared], n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join([*GROUPS, *shared])}."
+    return f"no recording has the attribute {group!r}; {hint}"

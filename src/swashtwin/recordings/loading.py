@@ -1,0 +1,296 @@
+"""A recording from a file and from what its entry of an index says."""
+
+import re
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from fractions import Fraction
+from functools import partial
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swashtwin.foundation import DataError, InputError, UnitError, parse, sha256_of
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor
+from swashtwin.recordings.formats.registry import open_raw, stem_of
+from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.samples import Column, Columns, Samples
+
+_PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
+_RATE_TOLERANCE = 1e-3
+_FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+def load_recording(path: str | Path, **facts: Any) -> Recording:
+    """Recording of one file, with what the file itself does not say; its samples are read when they are asked for.
+
+    HDF5, TDMS, WAV, Parquet and text tables stay on the disk (a text table as numbers, in a temporary file). A file of
+    another format is read whole when it is opened.
+
+    Parameters
+    ----------
+    path : file to open.
+    facts : any field of `Entry`: ``sample_rate=25600`` (or ``"25.6 kHz"``), ``unit="g"``, ``label="normal"``. Numbers
+        are in SI units.
+
+    Raises
+    ------
+    DataError
+        The file is missing, damaged, or contradicts a fact; or a fact is missing.
+    """
+    for name, unit in QUANTITIES.items():
+        if isinstance(facts.get(name), (int, float)):
+            facts[name] = f"{float(facts[name])!r} {unit}"
+    return recording_of(Path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording"))
+
+
+def recording_of(path: Path, entry: Entry) -> Recording:
+    """Recording of the file at `path` with the facts of `entry`."""
+    _require_checksum(path, entry)
+    raw = open_raw(path, _options(entry))
+    view = _view(raw, entry, path)
+    names = entry.names or view.names
+    if len(names) != len(view.names):
+        raise DataError(
+            f"{path}: {len(names)} name{'s' * (len(names) != 1)} for {len(view.names)} channels "
+            f"({', '.join(view.names)}); on the command line --names stands once for each, in order."
+        )
+    recorded = raw.recording
+    attributes = dict(raw.attributes) | dict(entry.attributes)
+    condition = _condition(entry, str(path), attributes)
+    name = entry.id or (recorded.recording_id if recorded else stem_of(path))
+    samples = Samples.from_columns(name, view.columns, partial(_reopen, path, entry))
+    resampling = _resampling(entry, view.rate, str(path))
+    if resampling is not None:
+        samples = _resample(samples, resampling, name)
+        attributes["resampled"] = resampling.words
+    return Recording(
+        samples=samples,
+        sample_rate=view.rate if resampling is None else resampling.rate,
+        recording_id=name,
+        channels=names,
+        unit=view.unit,
+        label=entry.label or (recorded.label if recorded else None),
+        condition=condition or (recorded.condition if recorded else None),
+        specimen=entry.specimen or (recorded.specimen if recorded else None),
+        synthetic=entry.synthetic or bool(recorded and recorded.synthetic),
+        attributes=attributes | {"file": entry.file} | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
+    )
+
+
+class _View(NamedTuple):
+    """What an entry takes from a file."""
+
+    names: tuple[str, ...]
+    columns: Columns
+    rate: float
+    unit: str
+
+
+def _view(raw: RawFile, entry: Entry, path: Path) -> _View:
+    columns = choose_columns(raw, entry, str(path))
+    names = tuple(columns)
+    rate = stated_rate(raw, names, entry, str(path))
+    factors, unit = scale(raw, entry, names, str(path))
+    return _View(names, Columns(tuple(columns.values()), tuple(factors), raw.speeds), rate, unit)
+
+
+def _reopen(path: Path, entry: Entry) -> Columns:
+    return _view(open_raw(path, _options(entry)), entry, path).columns
+
+
+def _options(entry: Entry) -> Options:
+    return Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column)
+
+
+def _require_checksum(path: Path, entry: Entry) -> None:
+    """Refuse a file that is not the one for which the entry states a SHA-256."""
+    if not entry.sha256 or not path.is_file():
+        return
+    digest = sha256_of(path)
+    if entry.sha256.lower() != digest:
+        raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
+
+
+def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
+    """Columns the entry asks for, in its order; all where it asks for none."""
+    chosen: dict[str, Column] = {}
+    for channel in raw.columns if entry.channels is None else entry.channels:
+        names = _matching(raw, channel)
+        if not names:
+            listed = ", ".join(f"{number} {name!r}" for number, name in enumerate(raw.columns))
+            raise DataError(f"{where} has no channel {channel!r}; it has {listed}.")
+        chosen |= {name: raw.columns[name] for name in names}
+    lengths = {name: len(column) for name, column in chosen.items()}
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
+        raise DataError(f"{where} holds columns of several lengths ({listed}); name those to read: channels = [...].")
+    return chosen
+
+
+def _matching(raw: RawFile, channel: str | int) -> list[str]:
+    """Columns that a name, a pattern or a number stands for."""
+    names = list(raw.columns)
+    if isinstance(channel, int):
+        return [names[channel]] if 0 <= channel < len(names) else []
+    if channel in names:
+        return [channel]
+    return [name for name in names if fnmatchcase(name, channel)]
+
+
+def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -> float:
+    """Sample rate [Hz] of the index or the file, which must not contradict each other."""
+    in_index = None if entry.sample_rate is None else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
+    in_file = rate_in_file(raw, chosen, where)
+    if in_index is None and in_file is None:
+        raise DataError(f'{where} does not say its sample rate; add sample_rate = "25.6 kHz" (or whatever it was).')
+    if in_index is None or in_file is None:
+        return in_file or _positive(in_index, where)
+    if abs(in_index / in_file - 1) > _RATE_TOLERANCE:
+        raise DataError(
+            f"{where} says its sample rate is {in_file:g} Hz, the index says {in_index:g} Hz; correct the index."
+        )
+    return in_index
+
+
+def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | None:
+    """Sample rate [Hz] that the file itself states for the chosen columns, or None."""
+    if not raw.rates:
+        return raw.sample_rate
+    names = {raw.rates.get(name): name for name in chosen}
+    if len(names) > 1:
+        listed = ", ".join(f"{name}: {f'{rate:g} Hz' if rate else 'none'}" for rate, name in names.items())
+        raise DataError(f"{where} holds channels of several rates ({listed}); name those of one: channels = [...].")
+    return next(iter(names))
+
+
+def _positive(rate: float | None, where: str) -> float:
+    """The rate [Hz], refused where it is not positive."""
+    if rate is None or rate <= 0:
+        raise DataError(f"{where}: sample_rate ({rate!r} Hz) must be positive.")
+    return rate
+
+
+def scale(raw: RawFile, entry: Entry, chosen: Sequence[str], where: str) -> tuple[list[float], str]:
+    """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself otherwise."""
+    if entry.calibration_factor is not None:
+        pairs = _calibration(entry, len(chosen), where)
+    else:
+        if raw.full_scale and entry.unit != "1":
+            raise DataError(
+                f'{where} holds integers without a scale; add calibration_factor = "50 m/s^2" (what full scale stands '
+                'for), or unit = "1" where nobody knows.'
+            )
+        pairs = [(1.0, _unit(raw.units.get(name), entry.unit, name, where)) for name in chosen]
+    factors, units = [], set()
+    for number, unit in pairs:
+        factor = acceleration_factor(unit)
+        factors.append(number * (1.0 if factor is None else factor))
+        units.add(unit if factor is None else "m/s^2")
+    if len(units) > 1:
+        raise DataError(
+            f"{where}: the channels have different units ({', '.join(sorted(units))}); "
+            "name those of one unit with channels = [...]."
+        )
+    return factors, units.pop()
+
+
+def _unit(in_file: str | None, in_index: str | None, name: str, where: str) -> str:
+    if in_index is None and in_file is None:
+        raise DataError(
+            f'{where} does not say the unit of {name!r}; add unit = "g", "m/s^2", or "1" where nobody knows.'
+        )
+    if in_index is None or in_file is None:
+        return in_index or str(in_file)
+    factors = acceleration_factor(in_index), acceleration_factor(in_file)
+    if factors[0] != factors[1] or (factors[0] is None and in_index != in_file):
+        raise DataError(
+            f"{where} says {name!r} is in {in_file}, the index says {in_index}; "
+            f'remove unit, or overrule the file with calibration_factor = "1 {in_index}".'
+        )
+    return in_index
+
+
+def _calibration(entry: Entry, count: int, where: str) -> list[tuple[float, str]]:
+    stated = entry.calibration_factor
+    texts = stated if isinstance(stated, tuple) else (stated,) * count
+    if len(texts) != count:
+        raise DataError(f"{where}: {len(texts)} calibration factors for {count} channels.")
+    pairs = []
+    for text in texts:
+        match = _FACTOR.fullmatch(text) if isinstance(text, str) else None
+        if match is None or float(match[1]) == 0:
+            raise UnitError(
+                f'{where}: calibration_factor = {text!r} must be a number with its unit, such as "0.1 m/s^2", or "1 1".'
+            )
+        pairs.append((float(match[1]), match[2] or "1"))
+    return pairs
+
+
+def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> OperatingCondition | None:
+    """Operating condition of an entry; a speed alone goes to the attributes."""
+    values = {}
+    for name in ("speed", *_PUMP_KEYS):
+        text = getattr(entry, name)
+        if text is None:
+            continue
+        values[name] = parse(text, QUANTITIES[name], name=f"{where}: {name}")
+    if "speed" in values and "discharge_pressure" in values:
+        try:
+            return OperatingCondition(**values)
+        except InputError as cause:
+            raise DataError(f"{where}: {cause}") from cause
+    if "discharge_pressure" in values:
+        raise DataError(f'{where}: discharge_pressure without speed; add speed = "860 rpm".')
+    attributes |= {name: str(getattr(entry, name)) for name in values}
+    return None
+
+
+class _Resampling(NamedTuple):
+    """From one sample rate to another."""
+
+    old_rate: float
+    """Sample rate of the file [Hz]."""
+    rate: float
+    """New sample rate [Hz]."""
+    up: int
+    down: int
+    words: str
+    """How it is done, for the recording's attributes."""
+
+
+def _resampling(entry: Entry, rate: float, where: str) -> _Resampling | None:
+    """How to reach the rate that an entry asks for; None where it asks for none or for the file's own."""
+    if entry.resample is None:
+        return None
+    target = parse(entry.resample, "Hz", name=f"{where}: resample")
+    if target == rate:
+        return None
+    ratio = Fraction(target / rate).limit_denominator(1000) if target > 0 else Fraction(0)
+    if ratio == 0 or abs(float(ratio) * rate / target - 1) > 1e-9:
+        raise DataError(f"{where}: {rate:g} Hz cannot be resampled to {target:g} Hz; choose a ratio of whole numbers.")
+    call = f"scipy.signal.resample_poly({ratio.numerator}, {ratio.denominator})"
+    words = f"from {rate:.15g} Hz to {target:.15g} Hz by {call}"
+    return _Resampling(rate, target, ratio.numerator, ratio.denominator, words)
+
+
+def _resample(samples: Samples, resampling: _Resampling, name: str) -> Samples:
+    """The samples at another rate; the whole file is read when they are first asked for."""
+    count = ceil(samples.shape[1] * resampling.up / resampling.down)
+    open_columns = partial(_resample_columns, samples.unopened(), resampling)
+    return Samples(name, (samples.shape[0], count), np.dtype(np.float64), samples.has_speed, open_columns)
+
+
+def _resample_columns(samples: Samples, resampling: _Resampling) -> Columns:
+    from scipy.signal import resample_poly
+
+    count = samples.shape[1]
+    signal, speed = samples.signal_part(0, count), samples.speed_part(0, count)
+    signal = resample_poly(signal, resampling.up, resampling.down, axis=1, padtype="line")
+    if speed is not None:
+        time, old_time = np.arange(signal.shape[1]) / resampling.rate, np.arange(count) / resampling.old_rate
+        speed = np.interp(time, old_time, speed)
+    return Columns(tuple(signal), (1.0,) * len(signal), speed)

@@ -1,0 +1,266 @@
+"""Samples of a recording: an array in memory, or columns of a file that are read in parts."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from swashtwin.foundation import DataError, InputError, SwashTwinError
+
+BLOCK = 1 << 18
+"""Samples of each channel that are in memory together: 2 MB in double precision."""
+
+
+@runtime_checkable
+class Column(Protocol):
+    """Samples of one channel in the number type of the file; an array is one, and so is what reads when sliced."""
+
+    def __len__(self) -> int:
+        """Number of samples."""
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        """The samples of a slice."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Channels of one recording, as its file holds them."""
+
+    channels: tuple[Column, ...]
+    """The samples of each channel."""
+    factors: tuple[float, ...]
+    """What one unit of each channel's column stands for in the recording's unit."""
+    speed: Column | None = None
+    """Angular speed of the shaft at each sample [rad/s], or None where it was not measured."""
+
+
+class Samples:
+    """Samples of one recording; a file must stay as it is while they are read from it.
+
+    Parameters
+    ----------
+    name : how messages call the recording.
+    shape : number of channels and of samples of each.
+    dtype : number type of `raw`.
+    has_speed : whether the speed of the shaft was measured at each sample.
+    open_columns : opens the file. None for samples in memory.
+    columns : the opened file.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        shape: tuple[int, int],
+        dtype: np.dtype,
+        has_speed: bool,
+        open_columns: Callable[[], Columns] | None,
+        columns: Columns | None = None,
+    ) -> None:
+        self.name = name
+        self.shape = shape
+        self.dtype = dtype
+        self.has_speed = has_speed
+        self._open_columns = open_columns
+        self._columns = columns
+        self._arrays: tuple[np.ndarray, np.ndarray | None] | None = None
+
+    @classmethod
+    def from_columns(cls, name: str, columns: Columns, open_columns: Callable[[], Columns]) -> "Samples":
+        """Samples of a file that is open; `open_columns` opens it again.
+
+        Raises
+        ------
+        DataError
+            Not even the first sample can be read.
+        """
+        shape = (len(columns.channels), len(columns.channels[0]))
+        if columns.speed is not None and len(columns.speed) != shape[1]:
+            raise DataError(f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples.")
+        kind = np.result_type(*(_read(name, column, 0, 1) for column in columns.channels))
+        return cls(name, shape, kind, columns.speed is not None, open_columns, columns)
+
+    @classmethod
+    def in_memory(cls, name: str, signal: np.ndarray, speed: np.ndarray | None) -> "Samples":
+        """Samples of an array (channel, time) and, where it was measured, the speed at each sample [rad/s].
+
+        Raises
+        ------
+        DataError
+            The arrays have another shape, or a speed is no number or below zero.
+        """
+        if signal.ndim != 2 or signal.size == 0:
+            raise DataError(f"{name}: signal has shape {signal.shape}; it must be (channel, time).")
+        samples = cls(name, (signal.shape[0], signal.shape[1]), signal.dtype, speed is not None, None)
+        samples._hold(signal, speed)
+        return samples
+
+    @property
+    def signal(self) -> Float[np.ndarray, "channel time"]:
+        """All samples, which are read when first asked for and stay in memory."""
+        return self._loaded()[0]
+
+    @property
+    def speed(self) -> Float[np.ndarray, " time"] | None:
+        """Speed at each sample [rad/s], read like `signal`."""
+        return self._loaded()[1] if self.has_speed else None
+
+    @property
+    def factors(self) -> tuple[float, ...]:
+        """What one unit of each channel in `raw` stands for."""
+        return (1.0,) * self.shape[0] if self._open_columns is None else self._opened().factors
+
+    def raw(self, start: int, stop: int) -> Shaped[np.ndarray, "channel time"]:
+        """Samples from `start` to before `stop`, in the number type of the file and without the factors."""
+        start, stop = self._span(start, stop)
+        if self._open_columns is None:
+            return self.signal[:, start:stop]
+        return np.stack([_read(self.name, column, start, stop) for column in self._opened().channels])
+
+    def signal_part(self, start: int, stop: int) -> Float[np.ndarray, "channel time"]:
+        """Samples from `start` to before `stop`, in the recording's unit."""
+        start, stop = self._span(start, stop)
+        if self._arrays is not None:
+            return self._arrays[0][:, start:stop]
+        signal: Float[np.ndarray, "channel time"] = self.raw(start, stop).astype(np.float64)
+        signal *= np.array(self.factors)[:, None]
+        return signal
+
+    def speed_part(self, start: int, stop: int) -> Float[np.ndarray, " time"] | None:
+        """Speed at the samples from `start` to before `stop` [rad/s], or None where it was not measured."""
+        start, stop = self._span(start, stop)
+        if not self.has_speed:
+            return None
+        if self._arrays is not None:
+            speed = self._arrays[1]
+            return None if speed is None else speed[start:stop]
+        column = self._opened().speed
+        return None if column is None else _read(self.name, column, start, stop).astype(np.float64)
+
+    def pick(self, rows: Sequence[int]) -> "Samples":
+        """The samples of some channels."""
+        if self._arrays is not None or self._open_columns is None:
+            return Samples.in_memory(self.name, self.signal[list(rows)], self.speed)
+        open_picked = partial(_pick, self._open_columns, tuple(rows))
+        return Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
+
+    def unopened(self) -> "Samples":
+        """The same samples, with no file open and nothing in memory that the file has."""
+        if self._open_columns is None:
+            return self
+        return Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process gets: the arrays, or how to open the file."""
+        return {**self.__dict__, "_columns": None}
+
+    def _loaded(self) -> tuple[np.ndarray, np.ndarray | None]:
+        if self._arrays is None:
+            count = self.shape[1]
+            self._hold(self.signal_part(0, count), self.speed_part(0, count))
+            self._columns = None  # the file is closed
+        assert self._arrays is not None
+        return self._arrays
+
+    def _hold(self, signal: np.ndarray, speed: np.ndarray | None) -> None:
+        if speed is not None:
+            require_speed(self.name, speed, signal.shape[1])
+        self._arrays = (signal, speed)
+
+    def _opened(self) -> Columns:
+        if self._columns is None:
+            assert self._open_columns is not None
+            with _refuse_damage(self.name, "cannot be opened again"):
+                columns = self._open_columns()
+            shape = (len(columns.channels), len(columns.channels[0]))
+            if shape != self.shape or (columns.speed is not None) != self.has_speed:
+                raise DataError(
+                    f"{self.name}: the file has changed; it holds (channel, time) {shape}, not {self.shape}."
+                )
+            self._columns = columns
+        return self._columns
+
+    def _span(self, start: int, stop: int) -> tuple[int, int]:
+        if not 0 <= start < min(stop, self.shape[1]):
+            raise InputError(f"{self.name} has no samples {start} to {stop}; it has {self.shape[1]}.")
+        return start, min(stop, self.shape[1])
+
+
+def _read(name: str, column: Column, start: int, stop: int) -> np.ndarray:
+    with _refuse_damage(name, f"samples {start} to {stop} cannot be read"):
+        values = np.asarray(column[start:stop])
+    if values.shape != (stop - start,):
+        raise DataError(f"{name}: the file has no samples {start} to {stop}; was it changed?")
+    return values
+
+
+@contextmanager
+def _refuse_damage(name: str, failure: str) -> Iterator[None]:
+    """Turn whatever a library raises into a `DataError`: what a damaged file makes it raise has no bounds."""
+    try:
+        yield
+    except SwashTwinError:
+        raise
+    except Exception as cause:
+        reason = (str(cause).splitlines() or [""])[0][:160]
+        raise DataError(f"{name}: {failure} ({type(cause).__name__}: {reason}).") from cause
+
+
+def require_speed(name: str, speed: np.ndarray, count: int) -> None:
+    """Refuse a speed [rad/s] that is not one positive number or zero for each of `count` samples."""
+    if speed.shape != (count,):
+        raise DataError(f"{name}: speed has shape {speed.shape} for {count} samples; one for each.")
+    wrong = np.flatnonzero(~(np.isfinite(speed) & (speed >= 0)))
+    if wrong.size:
+        raise DataError(
+            f"{name}: speed ({speed[wrong[0]]:g} rad/s at sample {wrong[0]}) must be zero or a positive number."
+        )
+
+
+def _pick(open_columns: Callable[[], Columns], rows: tuple[int, ...]) -> Columns:
+    columns = open_columns()
+    channels = tuple(columns.channels[row] for row in rows)
+    return Columns(channels, tuple(columns.factors[row] for row in rows), columns.speed)
+
+
+class SideBySide:
+    """Columns that a file holds beside each other: a slice of all is read at once and kept for the others."""
+
+    def __init__(self, read: Callable[[int, int], np.ndarray], shape: tuple[int, int]) -> None:
+        self._read = read
+        self._shape = shape
+        self._last: tuple[int, int, np.ndarray] | None = None
+
+    def columns(self) -> "list[_SideColumn]":
+        """Each column by itself."""
+        return [_SideColumn(self, number) for number in range(self._shape[0])]
+
+    def __len__(self) -> int:
+        """Number of samples of each column."""
+        return self._shape[1]
+
+    def together(self, start: int, stop: int) -> np.ndarray:
+        """Samples of every column from `start` to before `stop`."""
+        if self._last is None or self._last[:2] != (start, stop):
+            self._last = None  # its memory is needed for the next
+            self._last = (start, stop, self._read(start, stop))
+        return self._last[2]
+
+
+class _SideColumn:
+    """One column of several that are read together."""
+
+    def __init__(self, source: SideBySide, number: int) -> None:
+        self._source = source
+        self._number = number
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        start, stop, step = span.indices(len(self._source))
+        samples: np.ndarray = self._source.together(start, max(start, stop))[self._number]
+        return samples[::step]

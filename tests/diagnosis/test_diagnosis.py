@@ -2,6 +2,8 @@
 
 import copy
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from swashtwin.learning import (
     save_windows,
 )
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, write_recording
 
 CLASSES = ("normal", "piston")
 
@@ -167,3 +169,18 @@ def test_a_diagnosis_is_json(classifier):
     loaded = json.loads(json.dumps(diagnose(classifier, recording("new", "piston")).to_dict()))
     assert loaded["label"] == "piston"
     assert loaded["n_windows"] == len(loaded["window_labels"]) == 6
+
+
+def test_a_diagnosis_imports_no_library_that_it_does_not_need(saved, tmp_path):
+    path = write_recording(recording("new", "piston"), tmp_path / "new.h5")
+    code = (
+        "import sys; from swashtwin.cli import main; sys.argv[1:] = ['diagnose', *sys.argv[1:]]\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars', 'numba'} & set(sys.modules)\n"
+        "print('imported:', sorted(heavy))"
+    )
+    command = [sys.executable, "-c", code, str(saved), str(path)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "piston" in answer
+    assert answer.endswith("imported: []\n")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import one_line, run, run_json
+from sklearn.covariance import LedoitWolf
 
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
@@ -26,7 +27,7 @@ from swashtwin.learning import (
 )
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.training.confidence import temperature_scaled
-from swashtwin.learning.training.training_reference import build_reference
+from swashtwin.learning.training.training_reference import build_reference, shrunk_covariance
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -202,6 +203,13 @@ def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> No
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
     assert build_reference(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
     assert bare.training_reference.distances(bare.training_reference.features[2]).argmin() == 2
+
+
+@pytest.mark.parametrize("shape", [(20, 82), (60, 30), (3, 10), (30, 1)])
+def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
+    rows = np.random.default_rng(0).normal(size=shape) * np.arange(1, shape[1] + 1)
+    expected = LedoitWolf().fit(rows).covariance_
+    np.testing.assert_allclose(shrunk_covariance(rows), expected, rtol=1e-12, atol=1e-12 * expected.max())
 
 
 def test_the_out_of_distribution_score_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> (

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
+import scipy
 from jaxtyping import Complex, Float, Int
 
 from swashtwin.foundation import InputError, stream

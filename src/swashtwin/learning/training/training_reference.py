@@ -54,20 +54,14 @@ class TrainingReference:
 
     @cached_property
     def _space(self) -> "_Space":
-        from sklearn.covariance import LedoitWolf
-
-        def precision(rows: np.ndarray) -> np.ndarray:
-            shrunk = LedoitWolf().fit(rows).covariance_
-            return np.asarray(np.linalg.inv(shrunk + _LEAST_VARIANCE * np.eye(len(shrunk))))
-
         deviation = self.features.std(axis=0)
         deviation = np.where(deviation > 0, deviation, 1.0)
         mean = self.features.mean(axis=0)
         scaled = (self.features - mean) / deviation
         names, index = np.unique(self.label, return_inverse=True)
         centers = np.stack([scaled[index == number].mean(axis=0) for number in range(len(names))])
-        overall = precision(scaled) if len(names) > 1 else np.zeros((scaled.shape[1],) * 2)
-        return _Space(mean, deviation, centers, precision(scaled - centers[index]), overall)
+        overall = _precision(scaled) if len(names) > 1 else np.zeros((scaled.shape[1],) * 2)
+        return _Space(mean, deviation, centers, _precision(scaled - centers[index]), overall)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +73,30 @@ class _Space:
     centers: Float64[np.ndarray, "class feature"]
     within: Float64[np.ndarray, "feature feature"]
     overall: Float64[np.ndarray, "feature feature"]
+
+
+def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
+    """Covariance of the rows, shrunk towards a multiple of the identity by Ledoit and Wolf (2004).
+
+    (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI 10.1016/S0047-259X(03)00096-4); as
+    scikit-learn's `LedoitWolf`, whose import would take longer than a diagnosis.
+    """
+    n_rows, n_features = rows.shape
+    centered = rows - rows.mean(axis=0)
+    squares = centered**2
+    covariance = centered.T @ centered / n_rows
+    trace = squares.sum() / n_rows
+    mean = trace / n_features
+    norm = float((covariance**2).sum())
+    beta = (float((squares.T @ squares).sum()) / n_rows - norm) / (n_features * n_rows)
+    delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
+    shrinkage = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0
+    return np.asarray((1 - shrinkage) * covariance + shrinkage * mean * np.eye(n_features))
+
+
+def _precision(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
+    covariance = shrunk_covariance(rows)
+    return np.asarray(np.linalg.inv(covariance + _LEAST_VARIANCE * np.eye(len(covariance))))
 
 
 def build_reference(windows: WindowSet) -> TrainingReference | None:

@@ -6,7 +6,7 @@ cuts is shared in proportion.
 """
 
 import numpy as np
-import scipy.signal
+import scipy
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError

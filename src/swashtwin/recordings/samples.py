@@ -177,9 +177,7 @@ class Samples:
                 columns = self._open_columns()
             shape = (len(columns.channels), len(columns.channels[0]))
             if shape != self.shape or (columns.speed is not None) != self.has_speed:
-                raise DataError(
-                    f"{self.name}: the file has changed; it holds (channel, time) {shape}, not {self.shape}."
-                )
+                raise DataError(f"{self.name}: the file has changed from (channel, time) {self.shape} to {shape}.")
             self._columns = columns
         return self._columns
 

@@ -19,14 +19,14 @@ def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResu
     assert study.rows() == result.rows()
     assert study.seeds == (0, 1)
     assert len(study.calibrations) == len(result.calibrations) == 2
-    assert study.commands == ("swashtwin study case1 rig",)
+    assert study.commands == ("swashtwin bench case1 rig",)
 
 
 def test_a_study_put_together_from_several_commands_names_each(result: StudyResult, tmp_path: Path) -> None:
     for run in result.runs:
-        save_run(replace(run, command=f"swashtwin study case1 rig --seeds {run.task.seed}"), tmp_path)
+        save_run(replace(run, command=f"swashtwin bench case1 rig --seeds {run.task.seed}"), tmp_path)
     (study,) = collect_studies(tmp_path)
-    assert study.commands == ("swashtwin study case1 rig --seeds 0", "swashtwin study case1 rig --seeds 1")
+    assert study.commands == ("swashtwin bench case1 rig --seeds 0", "swashtwin bench case1 rig --seeds 1")
     assert study.to_dict()["command"] == " && ".join(study.commands)
     page = Path(write_study_report(study, folder=tmp_path / "page")).read_text()
     assert all(command in page for command in study.commands)
@@ -115,7 +115,7 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
     page = write_study_report(*collect_studies(tmp_path), folder=tmp_path / "page").read_text(encoding="utf-8")
     assert "Algorithms on Case I" in page
     assert "accuracy 0.910" in page
-    assert "swashtwin study case1 rig; seeds 0, 1; cpu; virtual rig" in page
+    assert "swashtwin bench case1 rig; seeds 0, 1; cpu; virtual rig" in page
     for name in ("noise_snr", "noise_confusion", "algorithms_scores"):
         assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
         assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()

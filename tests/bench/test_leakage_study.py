@@ -79,11 +79,11 @@ def test_the_command_prints_the_table_and_guard_the_copies(tmp_path):
     files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in copied]
     index = write_index(copied, files, tmp_path)
     table = run_json(
-        "study", "leakage", index, "--length", 200, "--seeds", "0", "--trees", 5, "--only", "day=day 0,day 1"
+        "bench", "leakage", index, "--window", 200, "--seeds", "0", "--trees", 5, "--only", "day=day 0,day 1"
     )
     assert table["study"] == "leakage"
     assert {"split", "balanced_accuracy", "random_window", "premium"} <= set(table["rows"][0])
-    guarded = run_json("guard", index)
+    guarded = run_json("data", "guard", index)
     assert [copy["again"]["recording_id"] for copy in guarded["copies"]] == ["again"]
     assert any(
         finding["attribute"] == "level of acceleration" and finding["is_warning"] for finding in guarded["confounding"]

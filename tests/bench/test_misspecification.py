@@ -45,6 +45,6 @@ def test_the_rig_s_pumps_are_compared_with_their_own_truth() -> None:
 
 def test_the_command_prints_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "wrong_twins", lambda: wrong_twins()[:1])
-    table = run_json("study", "misspecification", "--pumps", 1, "--background", "own", "--jobs", 1)
+    table = run_json("bench", "misspecification", "--specimens", 1, "--origin", "own", "--jobs", 1)
     assert [row["wrong"] for row in table["rows"]] == ["nothing", "nothing"]
     assert "no mistake passes without a warning" in table["answer"][0]

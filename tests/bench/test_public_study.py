@@ -89,7 +89,7 @@ def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
 
 
 def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:
-    command = ["study", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
+    command = ["bench", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
     answer = CliRunner().invoke(app, command)
     assert answer.exit_code == 0, answer.output
     result = json.loads(answer.stdout)

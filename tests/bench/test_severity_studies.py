@@ -19,7 +19,7 @@ def severity() -> StudyTable:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.questions.severity.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
         patch.setattr("swashtwin.bench.rigs.trending.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
-        return run_severity([7], severities=(1.0,), command="swashtwin study severity --seeds 7")
+        return run_severity([7], severities=(1.0,), command="swashtwin bench severity --seeds 7")
 
 
 def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> None:

@@ -30,7 +30,7 @@ def study() -> StudyTable:
         origin="Recordings of a stand-in for a machine.",
         wall_s=1.234,
         version="0",
-        command="swashtwin study calibration",
+        command="swashtwin bench calibration",
         notes=("Nothing was held back.",),
     )
 
@@ -56,7 +56,7 @@ def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
     assert "The calibrated twin is nearer." in page
     assert "stand-in for a machine" in page
     assert "0.750 ± 0.0707" in page
-    assert "swashtwin study calibration" in page
+    assert "swashtwin bench calibration" in page
     rows = list(csv.DictReader((tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 8
     assert {row["metric"] for row in rows} == {"rmse", "sve"}

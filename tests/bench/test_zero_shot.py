@@ -60,7 +60,7 @@ def study(two_pressures: list[Recording], data: ZeroShotData) -> StudyTable:
     """The study of `data`, which is not prepared again."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.questions.zero_shot.prepare_zero_shot", lambda *_: data)
-        return run_zero_shot(two_pressures, size=TINY, seeds=(0,), command="swashtwin study zero-shot rig")
+        return run_zero_shot(two_pressures, size=TINY, seeds=(0,), command="swashtwin bench zero-shot rig")
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -162,5 +162,5 @@ def test_two_pumps_without_a_twin_need_three_pumps(two_pressures: list[Recording
 
 
 def test_the_command_takes_recordings_or_fleets_and_not_neither() -> None:
-    result = CliRunner().invoke(app, ["study", "zero-shot"])
+    result = CliRunner().invoke(app, ["bench", "zero-shot"])
     assert result.exit_code == 2

@@ -210,14 +210,14 @@ def test_the_command_writes_a_file_for_each_pump_and_the_population(
     for one, file in zip(recordings, files, strict=True):
         write_recording(one, tmp_path / file)
     index = write_index(recordings, files, tmp_path / "recordings.toml")
-    defect = ("--fault", "swash_plate", "--length", "30 mm", "--width", "24 mm", "--depth", "0.6 mm")
-    words = ("calibrate-fleet", index, "--speed", "860 rpm", "--pressure", "15 MPa", *defect)
+    defect = ("--fault", "swash_plate:length=30mm,width=24mm,depth=0.6mm")
+    words = ("twin", "calibrate-fleet", index, "--speed", "860 rpm", "--pressure", "15 MPa", *defect)
     told = run_json(*words, "--out", tmp_path / "fleet")
     assert set(told["specimens"]) == {"A", "B"}
     assert len(told["files"]) == 3
     assert all(Path(file).is_file() for file in told["files"])
     assert any("2 pumps tell little" in text for text in told["notes"])
-    assert "at 15 MPa, the twin at 5 MPa" in one_line(run(*words[:4], "--pressure", "5 MPa", *defect, code=3))
+    assert "at 15 MPa, the twin at 5 MPa" in one_line(run(*words[:5], "--pressure", "5 MPa", *defect, code=3))
 
 
 def test_no_specimen_s_name_leads_out_of_the_folder_or_over_the_population(

@@ -176,12 +176,12 @@ def test_the_command_tells_each_recordings_severity(
     recordings = [*healthy, record(PistonWear(um(45)), "worn")]
     files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
     index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    told = run_json("severity", saved, index, "--fault", "piston")
+    told = run_json("twin", "severity", saved, index, "--fault", "piston")
     (only,) = told["estimates"]
     assert only["recording_id"] == "worn"
     assert only["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
-    assert "µm" in run("severity", saved, index, "--fault", "plunger", "--dimension", "clearance=80 um").stdout
-    run("severity", saved, index, "--fault", "normal", code=2)
+    assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
+    run("twin", "severity", saved, index, "--fault", "normal", code=2)
 
 
 def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_were_calibrated_or_not(
@@ -191,7 +191,7 @@ def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_we
     recordings = [*healthy, new, record(PistonWear(um(45)), "worn")]
     files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
     index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    told = run_json("severity", saved, index, "--fault", "piston")
+    told = run_json("twin", "severity", saved, index, "--fault", "piston")
     assert [one["recording_id"] for one in told["estimates"]] == ["worn"]
     assert told["healthy"] == [*(one.recording_id for one in healthy), "new and sound"]
     sound = tmp_path / "sound"
@@ -199,5 +199,5 @@ def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_we
     only = write_index(
         recordings[:-1], [write_recording(one, sound / f"{n}.h5") for n, one in enumerate(recordings[:-1])], sound
     )
-    refusal = run("severity", saved, only, "--fault", "piston", code=3).stderr
+    refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal

@@ -12,7 +12,7 @@ from swashtwin.learning import load_windows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
-FACTS = ("--label", "piston", "--pressure", "15 MPa", "--count", 8, "--length", 256)
+FACTS = ("--label", "piston", "--pressure", "15 MPa", "--count", 8, "--window", 256)
 
 
 @pytest.fixture(scope="module")
@@ -35,28 +35,30 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_filled_cell_is_written_for_training_and_its_likeness_told(index: Path, tmp_path: Path) -> None:
     out = tmp_path / "cell.safetensors"
-    told = run_json("augment", index, "--method", "jitter", *FACTS, "--out", out)
+    told = run_json("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out)
     assert (told["count"], told["measured_in_cell"], told["pressure_pa"]) == (8, 7, MPa(15))
     assert told["compared_with"] == "training windows of the cell"
-    assert told["likeness"]["discriminative_auroc"] is None  # the cell has one recording
-    assert set(told["likeness"]["spectral_distance_db"]) == {"x", "y"}
+    assert told["fidelity"]["discriminative_auroc"] is None  # the cell has one recording
+    assert set(told["fidelity"]["spectral_distance_db"]) == {"x", "y"}
     windows = load_windows(out)
     assert windows.synthetic.all()
     assert len(windows.manifest) == 10
     model = tmp_path / "model.safetensors"
-    facts = ("--test-fraction", 0, "--epochs", 1, "--channels", "2", "--out", model)
+    facts = ("--test-fraction", 0, "--set", "epochs=1", "--set", "channels=2", "--out", model)
     trained = run_json("train", index, "--add", out, *facts)
     assert trained["synthetic_windows"] == 8
 
 
 def test_held_out_recordings_are_compared_with_where_they_are_given(index: Path, tmp_path: Path) -> None:
-    run("split", index, "--test-fraction", 0.4, "--out", tmp_path / "parts")
+    run("data", "split", index, "--test-fraction", 0.4, "--out", tmp_path / "parts")
     parts = ("--held-out", tmp_path / "parts" / "test.toml", "--out", tmp_path / "cell.safetensors")
-    facts = ("--label", "normal", "--pressure", "10 MPa", "--count", 8, "--length", 256)
-    told = run_json("augment", tmp_path / "parts" / "train.toml", "--method", "duplicate", *facts, *parts)
+    facts = ("--label", "normal", "--pressure", "10 MPa", "--count", 8, "--window", 256)
+    told = run_json("bench", "augment", tmp_path / "parts" / "train.toml", "--filler", "duplicate", *facts, *parts)
     assert told["compared_with"] == "held-out windows of the cell"
-    assert told["likeness"]["copied_share"] == 1.0
-    said = run("augment", tmp_path / "parts" / "train.toml", "--method", "smote", *facts, *parts, "--seed", 1).stdout
+    assert told["fidelity"]["copied_share"] == 1.0
+    said = run(
+        "bench", "augment", tmp_path / "parts" / "train.toml", "--filler", "smote", *facts, *parts, "--seed", 1
+    ).stdout
     assert "held-out windows of the cell" in said
     assert "swashtwin train" in said
 
@@ -68,21 +70,35 @@ def test_a_pressure_is_not_given_to_windows_that_state_none(tmp_path: Path) -> N
     ]
     files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
     index, out = write_index(recordings, files, tmp_path), tmp_path / "cell.safetensors"
-    told = one_line(run("augment", index, "--method", "jitter", *FACTS, "--out", out, code=3))
+    told = one_line(run("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out, code=3))
     assert "states its pressure" in told
     assert not out.exists()
-    run("augment", index, "--method", "jitter", *FACTS[:2], *FACTS[4:], "--out", out)
+    run("bench", "augment", index, "--filler", "jitter", *FACTS[:2], *FACTS[4:], "--out", out)
     assert out.is_file()
 
 
 def test_what_cannot_be_filled_is_said_in_a_line(index: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "cell.safetensors")
-    assert "--method" in run("augment", index, "--method", "gan", *FACTS, *out, code=2).stderr
+    assert "--filler" in run("bench", "augment", index, "--filler", "gan", *FACTS, *out, code=2).stderr
     assert "--pressure" in one_line(
-        run("augment", index, "--method", "jitter", "--label", "piston", "--count", 8, "--length", 256, *out, code=3)
+        run(
+            "bench",
+            "augment",
+            index,
+            "--filler",
+            "jitter",
+            "--label",
+            "piston",
+            "--count",
+            8,
+            "--window",
+            256,
+            *out,
+            code=3,
+        )
     )
     assert "not among the windows' classes" in one_line(
-        run("augment", index, "--method", "jitter", *FACTS[2:], "--label", "slipper", *out, code=3)
+        run("bench", "augment", index, "--filler", "jitter", *FACTS[2:], "--label", "slipper", *out, code=3)
     )
     assert not (tmp_path / "cell.safetensors").exists()
-    assert np.all([name in run("augment", "--help").stdout for name in FILLERS])
+    assert np.all([name in run("bench", "augment", "--help").stdout for name in FILLERS])

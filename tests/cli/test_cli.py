@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commandline import AT_15, DEFECT, TINY, one_line, run, run_json
+from commandline import AT_15, DEFECT, QUICK, TINY, one_line, run, run_json
 
 import swashtwin
 from swashtwin.bench import rig_recordings
@@ -40,12 +40,12 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """What split, calibrate, synthesize and train told, each fed with the files of the one before."""
     folder = tmp_path_factory.mktemp("chain")
-    told = {"split": run_json("split", rig, "--out", folder, "--test-fraction", 0.5)}
+    told = {"split": run_json("data", "split", rig, "--out", folder, "--test-fraction", 0.5)}
     train = told["split"]["train"]
     out = folder / "calibration.json"
-    told["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, "--method", "gauss-newton", "--out", out)
-    made = ("--label", "swash_plate", "--count", 3, "--out", folder / "made.safetensors")
-    told["synthesize"] = run_json("synthesize", out, "--like", train, *made)
+    told["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, *QUICK, "--out", out)
+    windows = ("--count", 3, "--out", folder / "made.safetensors")
+    told["synthesize"] = run_json("synthesize", out, "--like", train, *windows)
     options = ("--test-fraction", 0, "--out", folder / "model.safetensors", *TINY)
     told["train"] = run_json("train", train, "--add", folder / "made.safetensors", *options)
     return told
@@ -71,7 +71,7 @@ def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: di
 def test_a_housing_that_bends_is_kept_by_the_calibrated_twin(
     chain: dict[str, dict[str, Any]], tmp_path: Path, method: str
 ) -> None:
-    freed = ("--nuisances", "usual" if method == "cmaes" else "housing")
+    freed = ("--no-phases", "--nuisances", "usual" if method == "cmaes" else "housing")
     train, out = chain["split"]["train"], tmp_path / "twin.json"
     told = run_json("calibrate", train, *AT_15, *DEFECT, "--method", method, *freed, "--bounds", 3, "--out", out)
     assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
@@ -90,19 +90,12 @@ def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dic
 def test_synthetic_windows_lie_over_the_residual_of_measured_ones_where_told(
     chain: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:
-    words = (
-        "synthesize",
-        chain["calibrate"]["calibration"],
-        "--like",
-        chain["split"]["train"],
-        "--label",
-        "swash_plate",
-    )
-    facts = (*words, "--count", 3, "--out", tmp_path / "made.safetensors", "--residual")
-    run(*facts)
+    words = ("synthesize", chain["calibrate"]["calibration"], "--like", chain["split"]["train"])
+    facts = (*words, "--count", 3, "--out", tmp_path / "made.safetensors")
+    run(*facts, "--background", "residual")
     signal = load_windows(tmp_path / "made.safetensors").signal
     assert np.abs(signal - load_windows(chain["synthesize"]["windows"]).signal).max() > 0.01
-    assert "--no-background" in run(*facts, "--no-background", code=2).stderr
+    assert "residual" in run(*facts, "--background", "guess", code=2).stderr
 
 
 def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:
@@ -153,7 +146,7 @@ def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
 def test_an_interrupted_training_goes_on_to_the_same_bits(
     rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ("train", rig, "--test-fraction", 0.5, *TINY, "--epochs", 2)
+    words = ("train", rig, "--test-fraction", 0.5, *TINY, "--set", "epochs=2")
     run(*words, "--out", tmp_path / "straight.safetensors")
     resumable = (*words, "--out", tmp_path / "resumed.safetensors", "--checkpoint", tmp_path / "checkpoint")
     from swashtwin.learning.training import loop
@@ -181,7 +174,7 @@ def test_an_interrupted_rig_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
     monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
     monkeypatch.setattr("swashtwin.bench.rigs.writing.write_recording", interrupt)
-    assert "interrupted" in one_line(run("rig", tmp_path / "rig", "--seed", 0, code=130))
+    assert "interrupted" in one_line(run("bench", "rig", tmp_path / "rig", "--seed", 0, code=130))
     assert not list(tmp_path.iterdir())
 
 
@@ -204,7 +197,7 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
         for metric in ("accuracy", "recall", "f1", "g_mean"):
             assert set(row[metric]) == {"mean", "std", "values"}
     assert "<html" in Path(told["report"]).read_text(encoding="utf-8")
-    again = run("study", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
+    again = run("bench", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
     assert "6 of seed 0 done before" in again.stderr
     assert "calibrated" in again.stdout
     assert "No figure here says" in " ".join(again.stdout.split())
@@ -214,12 +207,12 @@ def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
     monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
     monkeypatch.chdir(tmp_path)
-    told = run_json("rig", "rig", "--seed", 3, "--format", "csv")
+    told = run_json("bench", "rig", "rig", "--seed", 3, "--format", "csv")
     report = run_json("inspect", told["index"])
     assert len(report["recordings"]) == 5
     assert not report["has_errors"]
     assert "5 recordings" in run("inspect", tmp_path / "rig").stdout
-    assert "not empty" in one_line(run("rig", tmp_path / "rig", "--seed", 3, code=3))
+    assert "not empty" in one_line(run("bench", "rig", tmp_path / "rig", "--seed", 3, code=3))
 
 
 def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
@@ -232,25 +225,25 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
     assert (told["recordings"], told["classes"]) == (4, ["normal", "piston"])
     assert "--overwrite" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
     assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--overwrite").stdout
-    run("split", tmp_path, "--test-fraction", 0.5)
+    run("data", "split", tmp_path, "--test-fraction", 0.5)
     assert len(load_recordings(tmp_path / "test.toml")) == 2
     facts = ("--sample-rate", "2 kHz", "--unit", "g")
     assert run_json("inspect", tmp_path / "normal_1.csv", *facts)["recordings"][0]["sample_rate"] == 2000.0
 
 
 def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) -> None:
-    path = run_json("pump", "new", "mine", "--folder", tmp_path)["pump"]
-    told = run_json("pump", "show", path)
+    path = run_json("twin", "pump", "new", "mine", "--out", tmp_path)["pump"]
+    told = run_json("twin", "pump", "show", path)
     assert told["name"] == "mine"
     assert all(one["source"] for one in told["parameters"])
     assert {one["name"]: one["unit"] for one in told["parameters"]}["interfaces.block_valve.stiffness"] == "N/m"
     assert {one["name"] for one in told["parameters"]} == set(swashtwin.load_pump(path).sources)
-    assert "block_valve" in run("pump", "show").stdout
+    assert "block_valve" in run("twin", "pump", "show").stdout
 
 
 def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
     out = tmp_path / "worn.h5"
-    words = ("simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT)
+    words = ("twin", "simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT)
     nominal = run_json(*words)
     calibrated = run_json(*words, "--calibration", chain["calibrate"]["calibration"])
     assert nominal["label"] == calibrated["label"] == "swash_plate"
@@ -260,7 +253,7 @@ def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, An
 
 
 def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
-    words = ("simulate", "--duration", "0.2 s", "--out", tmp_path / "s.h5", *AT_15)
+    words = ("twin", "simulate", "--duration", "0.2 s", "--out", tmp_path / "s.h5", *AT_15)
     assert run_json(*words, "--calibration", chain["calibrate"]["calibration"])["label"] == "swash_plate"
 
 
@@ -271,10 +264,10 @@ def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]
         (("inspect", "nowhere.h5"), "nowhere.h5 does not exist"),
         (("calibrate", "nowhere.toml", *AT_15), "nowhere.toml does not exist"),
         (("evaluate", "nowhere.safetensors", "nowhere"), "nowhere.safetensors does not exist"),
-        (("synthesize", "no.json", "--like", "x", "--label", "piston", "--count", 1, "--out", "y"), "no.json"),
+        (("synthesize", "no.json", "--like", "x", "--count", 1, "--out", "y"), "no.json"),
         (("train", "nowhere", "--add", "no.safetensors"), "no.safetensors does not exist"),
-        (("pump", "show", "26scy"), "25scy14-1b"),
-        (("rig", ".", "--seed", 0), "not empty"),
+        (("twin", "pump", "show", "26scy"), "25scy14-1b"),
+        (("bench", "rig", ".", "--seed", 0), "not empty"),
     ],
 )
 def test_bad_input_ends_with_one_line_and_code_3(
@@ -331,7 +324,7 @@ def test_a_bare_number_in_a_pump_file_is_refused(tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     line = next(line for line in text.splitlines() if line.startswith("piston_diameter"))
     path.write_text(text.replace(line, "piston_diameter = 17"), encoding="utf-8")
-    said = one_line(run("simulate", *AT_15, "--pump", path, "--out", tmp_path / "x.h5", code=3))
+    said = one_line(run("twin", "simulate", *AT_15, "--pump", path, "--out", tmp_path / "x.h5", code=3))
     assert "rotating_group.piston_diameter" in said
     assert "bare" in said
 
@@ -360,7 +353,7 @@ def test_testing_on_a_training_recording_is_refused(rig: Path, chain: dict[str, 
 @pytest.mark.parametrize(
     "words",
     [
-        ("pump", "new", "mine", "--folder", "."),
+        ("twin", "pump", "new", "mine", "--out", "."),
     ],
 )
 def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[str, ...], tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "
     "words",
     [
         ("trian",),
-        ("rig",),
+        ("bench", "rig"),
         ("calibrate", "x", *AT_15, "--method", "guess"),
-        ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--epochs", "5"),
-        ("study", "case1", "x", "--seeds", "a,b"),
+        ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--set", "epochs=5"),
+        ("bench", "case1", "x", "--seeds", "a,b"),
         ("demo", "--jobs", "0"),
     ],
 )
@@ -45,9 +45,9 @@ def test_an_unexpected_error_asks_for_a_report_and_shows_its_traceback_on_reques
     def broken(name: str) -> None:
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr("swashtwin.pump.catalog.load_pump", broken)
-    assert "ZeroDivisionError" in one_line(run("pump", "show", code=1))
-    assert "Traceback" in run("--debug", "pump", "show", code=1).stderr
+    monkeypatch.setattr("swashtwin.pump.load_pump", broken)
+    assert "ZeroDivisionError" in one_line(run("twin", "pump", "show", code=1))
+    assert "Traceback" in run("--debug", "twin", "pump", "show", code=1).stderr
 
 
 def test_help_answers_at_once_and_loads_nothing_heavy() -> None:
@@ -80,5 +80,7 @@ def test_the_version_is_the_package_s() -> None:
 
 
 def test_python_m_is_the_same_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "swashtwin", "pump"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "swashtwin", "twin", "pump"], capture_output=True, text=True, check=False
+    )
     assert "show" in done.stdout + done.stderr

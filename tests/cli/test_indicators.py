@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_features_writes_every_indicator_with_its_unit(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "features.csv"
-    told = run_json("features", folder, "--pistons", 7, "--tachometer", "tacho", "--out", out)
+    told = run_json("signal", "features", folder, "--pistons", 7, "--tachometer", "tacho", "--out", out)
     rows = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
     assert len(rows) == len(told["rows"]) == 8
     assert {row["channel"] for row in rows} == {"cover"}
@@ -62,20 +62,20 @@ def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path
     recordings = [measured(f"healthy{i}", 1 + 0.01 * (i % 3), i) for i in range(12)]
     recordings += [measured("loud", 1.6, 13, label="piston"), measured("like", 1.0, 14, label="piston")]
     write_index(recordings, [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings], tmp_path)
-    told = run("trend", tmp_path, "--tachometer", "tacho").stdout
+    told = run("signal", "trend", tmp_path, "--tachometer", "tacho").stdout
     assert re.search(r"normal +899.9 rev/min, 15 MPa +12 .* 12 +0 +0 +0", told)
     assert re.search(r"piston +899.9 rev/min, 15 MPa +2 .* 1 +1 +0 +0", told)
     assert "Furthest off: loud (" in told
     assert "healthy7" not in told
-    assert "healthy7" in run("trend", tmp_path, "--tachometer", "tacho", "--all").stdout
-    medians = run("features", tmp_path, "--tachometer", "tacho").stdout
+    assert "healthy7" in run("signal", "trend", tmp_path, "--tachometer", "tacho", "--all").stdout
+    medians = run("signal", "features", tmp_path, "--tachometer", "tacho").stdout
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
     assert "healthy7" not in medians
-    assert "healthy7" in run("features", tmp_path, "--tachometer", "tacho", "--all").stdout
+    assert "healthy7" in run("signal", "features", tmp_path, "--tachometer", "tacho", "--all").stdout
 
 
 def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder: Path) -> None:
-    said = run("features", folder / "loud.h5", "--pistons", 7, "--channels", "cover").stdout
+    said = run("signal", "features", folder / "loud.h5", "--pistons", 7, "--channels", "cover").stdout
     assert "[mm/s]" in said
     assert "No ISO zone is printed" in said
     assert "loud" in said
@@ -83,14 +83,14 @@ def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder:
 
 def test_bands_and_families_are_those_asked_for(folder: Path) -> None:
     options = ("--family", "bands", "--band", "10-200 Hz", "--band", "0.5-1.5x", "--channels", "cover")
-    told = run_json("features", folder / "loud.h5", *options)
+    told = run_json("signal", "features", folder / "loud.h5", *options)
     assert [one["name"] for one in told["columns"]] == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
     assert told["rows"][0]["values"]["band_rms 0.5-1.5x"] == pytest.approx(1.6 * 0.3 / math.sqrt(2), rel=0.02)
 
 
 def test_a_line_can_be_tracked_instead_of_a_tachometer(folder: Path) -> None:
     options = ("--pistons", 7, "--track", "7", "--channels", "cover", "--family", "orders")
-    told = run_json("features", folder / "loud.h5", *options)
+    told = run_json("signal", "features", folder / "loud.h5", *options)
     assert told["rows"][0]["values"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
     assert told["rows"][0]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT, rel=1e-3)
 
@@ -103,7 +103,7 @@ def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
 ) -> None:
     out = tmp_path / f"{kind}.svg"
     options = ("--kind", kind, "--pistons", 7, "--tachometer", "tacho", "--out", out)
-    told = run_json("spectrum", folder / "loud.h5", *options)
+    told = run_json("signal", "spectrum", folder / "loud.h5", *options)
     mark = next(one for one in told["marks"] if one["name"] == "7x")
     assert mark["at"] == pytest.approx(at, rel=0.002)
     if kind in ("amplitude", "order"):
@@ -119,32 +119,33 @@ def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
 def test_a_spectrum_without_a_speed_says_how_to_get_marks(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).standard_normal((1, 4000))
     file = write_recording(Recording(noise, RATE, "noise"), tmp_path / "noise.h5")
-    result = run("spectrum", file, "--out", tmp_path / "a.svg")
+    result = run("signal", "spectrum", file, "--out", tmp_path / "a.svg")
     assert "--speed" in result.stderr
-    told = run_json("spectrum", file, "--speed", "900 rpm", "--out", tmp_path / "b.svg")
+    told = run_json("signal", "spectrum", file, "--speed", "900 rpm", "--out", tmp_path / "b.svg")
     assert [one["name"] for one in told["marks"]] == ["1x", "2x"]
 
 
 def test_trend_flags_the_loud_recording_only(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "trend.svg"
-    told = run_json("trend", folder, "--indicator", "rms", "--channel", "cover", "--by", "time", "--out", out)
+    told = run_json("signal", "trend", folder, "--indicator", "rms", "--channel", "cover", "--by", "time", "--out", out)
     assert told["flagged"] == ["loud"]
     assert [point["recording"] for point in told["points"]][:2] == ["like", "loud"]
     assert "loud" in out.read_text(encoding="utf-8")
     assert Path(told["csv"]).read_text(encoding="utf-8").count("within") == 7
-    said = run("trend", folder, "--channel", "cover").stdout
+    said = run("signal", "trend", folder, "--channel", "cover").stdout
     assert "No ISO zone is printed" in said
     assert "1 of 8 flagged" in said
 
 
 def test_what_cannot_be_told_is_one_line(folder: Path, tmp_path: Path) -> None:
-    assert "no indicator 'loudness'" in one_line(run("trend", folder, "--indicator", "loudness", code=3))
-    assert "stated to be healthy" in one_line(run("trend", folder, "--healthy", "fine", code=3))
-    assert "must end in .csv" in one_line(run("features", folder, "--out", tmp_path / "a.txt", code=3))
-    assert "band '10 Hz'" in one_line(run("features", folder, "--band", "10 Hz", code=3))
-    assert "Invalid value for FILE" in run("spectrum", folder, code=2).stderr
+    assert "no indicator 'loudness'" in one_line(run("signal", "trend", folder, "--indicator", "loudness", code=3))
+    assert "stated to be healthy" in one_line(run("signal", "trend", folder, "--baseline", "fine", code=3))
+    assert "must end in .csv" in one_line(run("signal", "features", folder, "--out", tmp_path / "a.txt", code=3))
+    assert "band '10 Hz'" in one_line(run("signal", "features", folder, "--band", "10 Hz", code=3))
+    assert "Invalid value for FILE" in run("signal", "spectrum", folder, code=2).stderr
     assert (
-        "Invalid value for --track" in run("features", folder, "--track", "7", "--tachometer", "tacho", code=2).stderr
+        "Invalid value for --track"
+        in run("signal", "features", folder, "--track", "7", "--tachometer", "tacho", code=2).stderr
     )
 
 
@@ -162,37 +163,39 @@ def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> N
     own = tmp_path / "own.csv"
     own.write_text(text)
     facts = ("--sample-rate", "4 kHz", "--unit", "m/s^2", "--speed", "900 rpm")
-    assert "would be lost" in one_line(run("features", own, *facts, "--out", own, code=3))
-    told = run_json("spectrum", own, *facts, "--out", tmp_path / "own.svg")
-    assert told == run_json("spectrum", own, *facts, "--out", tmp_path / "own.svg")  # its own output it writes anew
+    assert "would be lost" in one_line(run("signal", "features", own, *facts, "--out", own, code=3))
+    told = run_json("signal", "spectrum", own, *facts, "--out", tmp_path / "own.svg")
+    assert told == run_json(
+        "signal", "spectrum", own, *facts, "--out", tmp_path / "own.svg"
+    )  # its own output it writes anew
     data = own.with_name("own-data.csv")
     assert told["csv"] == str(data)
     assert own.read_text() == text
-    assert "would be lost" in one_line(run("spectrum", data, "--sample-rate", "4 kHz", "--unit", "g", "--channels",
-                                           "cover*", "--out", tmp_path / "own.svg", code=3))  # fmt: skip
+    facts = ("--sample-rate", "4 kHz", "--unit", "g", "--channels", "cover*", "--out", tmp_path / "own.svg")
+    assert "would be lost" in one_line(run("signal", "spectrum", data, *facts, code=3))
     index = tmp_path / "recordings.toml"
     index.write_text('format = 1\n[[recording]]\nfile = "own.csv"\nsample_rate = "4 kHz"\nunit = "g"\n')
     for source in (index, tmp_path):
-        assert "would be lost" in one_line(run("features", source, "--out", own, code=3))
+        assert "would be lost" in one_line(run("signal", "features", source, "--out", own, code=3))
     assert own.read_text() == text
 
 
 @pytest.mark.parametrize(
     ("command", "options", "refused"),
     [
-        ("features", ("--channels", "cover"), "--channels"),
-        ("features", ("--sample-rate", "1 kHz"), "--sample-rate"),
-        ("trend", ("--speed", "900 rpm"), "--speed"),
+        ("signal features", ("--channels", "cover"), "--channels"),
+        ("signal features", ("--sample-rate", "1 kHz"), "--sample-rate"),
+        ("signal trend", ("--speed", "900 rpm"), "--speed"),
         ("inspect", ("--unit", "g"), "--unit"),
-        ("features", ("--pulses", 2, "--track", "7"), "--pulses"),
-        ("split", ("--folds", 2, "--test-fraction", 0.3), "--test-fraction"),
-        ("split", ("--folds", 2, "--dealing", "each"), "--folds"),
+        ("signal features", ("--pulses", 2, "--track", "7"), "--pulses"),
+        ("data split", ("--folds", 2, "--test-fraction", 0.3), "--test-fraction"),
+        ("data split", ("--folds", 2, "--dealing", "each"), "--folds"),
     ],
 )
 def test_an_option_that_would_say_nothing_is_refused(
     folder: Path, command: str, options: tuple[object, ...], refused: str
 ) -> None:
-    assert f"Invalid value for {refused}" in run(command, folder, *options, code=2).stderr
+    assert f"Invalid value for {refused}" in run(*command.split(), folder, *options, code=2).stderr
 
 
 @pytest.mark.parametrize(
@@ -213,7 +216,7 @@ def test_an_option_that_would_say_nothing_is_refused(
 def test_a_spectrum_that_cannot_be_is_refused(
     folder: Path, tmp_path: Path, options: tuple[object, ...], code: int, said: str
 ) -> None:
-    refusal = run("spectrum", folder / "loud.h5", "--out", tmp_path / "a.svg", *options, code=code).stderr
+    refusal = run("signal", "spectrum", folder / "loud.h5", "--out", tmp_path / "a.svg", *options, code=code).stderr
     assert said in refusal
     assert not list(tmp_path.iterdir())
 
@@ -223,10 +226,10 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(folder: Pa
     noise = np.random.default_rng(0).standard_normal(loud.signal.shape)
     lost = write_recording(replace(loud, signal=noise, recording_id="lost"), tmp_path / "lost.h5")
     options = ("--pistons", 7, "--track", "7", "--channels", "cover")
-    result = run("features", folder / "loud.h5", lost, *options, "--json")
+    result = run("signal", "features", folder / "loud.h5", lost, *options, "--json")
     assert "no orders: lost: the line at order 7" in result.stderr
     found = {row["recording"]: row["values"] for row in json.loads(result.stdout)["rows"]}
     assert found["loud"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
     assert found["lost"]["order_amplitude 7x"] is None
     assert found["lost"]["rms"] == pytest.approx(1.0, rel=0.05)
-    assert "the line at order 7" in one_line(run("features", lost, *options, code=3))
+    assert "the line at order 7" in one_line(run("signal", "features", lost, *options, code=3))

@@ -45,7 +45,7 @@ def test_public_recordings_go_the_whole_way(
     told = run_json("index", folder, "--table", folder / "files.csv", "--out", index, *facts)
     assert set(told["classes"]) == classes
     model = tmp_path / "m.safetensors"
-    run("train", index, "--out", model, "--test-fraction", 0.4, "--length", length, *TINY)
+    run("train", index, "--out", model, "--test-fraction", 0.4, "--window", length, *TINY)
     scores = run_json("evaluate", model, index, "--level", "L2")
     assert set(scores["classes"]) == classes
     assert scores["n_recordings"] >= len(classes)

@@ -31,7 +31,7 @@ FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
 def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Path) -> None:
     run("index", folder, *FACTS)
     store = folder / "store.h5"
-    told = run_json("convert", folder, "--out", store)
+    told = run_json("data", "convert", folder, "--out", store)
     assert (told["recordings"], told["seconds"], told["bytes"]) == (4, 0.8, store.stat().st_size)
     for back, one in zip(load_recordings(store), load_recordings(folder), strict=True):
         assert (back.recording_id, back.label) == (one.recording_id, one.label)
@@ -47,11 +47,11 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
 
 def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
     file = folder / "normal_1.csv"
-    assert "1 recordings, 0.2 s" in run("convert", file, "--out", folder / "a.h5", *FACTS).stdout
+    assert "1 recordings, 0.2 s" in run("data", "convert", file, "--out", folder / "a.h5", *FACTS).stdout
     before = (folder / "a.h5").read_bytes()
-    assert "--overwrite" in one_line(run("convert", file, "--out", folder / "a.h5", *FACTS, code=3))
+    assert "--overwrite" in one_line(run("data", "convert", file, "--out", folder / "a.h5", *FACTS, code=3))
     assert "does not say its sample rate" in one_line(
-        run("convert", file, "--out", folder / "a.h5", "--overwrite", code=3)
+        run("data", "convert", file, "--out", folder / "a.h5", "--overwrite", code=3)
     )
     assert (folder / "a.h5").read_bytes() == before
 
@@ -59,23 +59,23 @@ def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
 def test_convert_never_writes_over_what_it_reads(folder: Path) -> None:
     store, table = folder / "a.h5", folder / "normal_1.csv"
     run("index", folder, *FACTS)
-    run("convert", table, "--out", store, *FACTS)
+    run("data", "convert", table, "--out", store, *FACTS)
     before = store.read_bytes(), table.read_bytes()
     for source, out in ((store, store), (folder, table), (table, table)):
-        refusal = one_line(run("convert", source, "--out", out, "--overwrite", code=3))
+        refusal = one_line(run("data", "convert", source, "--out", out, "--overwrite", code=3))
         assert f"{out} is read from {source} and would be lost; name another --out." in refusal
     assert (store.read_bytes(), table.read_bytes()) == before
 
 
-@pytest.mark.parametrize("command", ["inspect", "features", "convert"])
+@pytest.mark.parametrize("command", ["inspect", "signal features", "data convert"])
 def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
-    out = ("--out", folder / "s.h5") if command == "convert" else ()
-    own = one_line(run(command, folder / "normal_1.csv", *out, code=3))
+    out = ("--out", folder / "s.h5") if command == "data convert" else ()
+    own = one_line(run(*command.split(), folder / "normal_1.csv", *out, code=3))
     assert 'add --sample-rate "25.6 kHz"' in own
-    own = one_line(run(command, folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
+    own = one_line(run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
     assert 'add --unit "g"' in own
     (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
-    assert 'add sample_rate = "25.6 kHz"' in one_line(run(command, folder, *out, code=3))
+    assert 'add sample_rate = "25.6 kHz"' in one_line(run(*command.split(), folder, *out, code=3))
 
 
 def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_ask
 def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "--sample-rate" in one_line(run("index", folder, code=3))
     answers = iter(["2 kHz", "g"])
-    monkeypatch.setattr("swashtwin.cli.recordings._asked", lambda key, question: next(answers))
+    monkeypatch.setattr("swashtwin.cli.recordings._ask", lambda key, question: next(answers))
     monkeypatch.setattr("swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
     told = run("index", folder).stdout
     assert "label: normal (2), piston (2), says its name" in told
@@ -128,9 +128,7 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
-    assert [shlex.split(line)[1] for line in commands] == [
-        "index", "inspect", "convert", "train", "evaluate", "diagnose",
-    ]  # fmt: skip
+    assert [line.split()[1] for line in commands] == ["index", "inspect", "data", "train", "evaluate", "diagnose"]
     for line in commands:
         run(*shlex.split(line)[1:])
 
@@ -147,13 +145,15 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
             (place / f"{label}_{speed}rpm.csv").write_text("x\n" + "\n".join(f"{value:.6f}" for value in rows))
     for place in ("old", "new"):
         run("index", tmp_path / place, *FACTS)
-        angle = ("--readings-per-turn", 64, "--played-at", "900 rpm")
-        told = run_json("convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
+        angle = ("--samples-per-turn", 64, "--playback-speed", "900 rpm")
+        told = run_json("data", "convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
     assert told["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
     stored = load_recordings(tmp_path / "old.h5")
     assert [one.sample_rate for one in stored] == pytest.approx([960.0] * 4)
     assert {one.attributes["angle_from"] for one in stored} == {"the stated speed"}
-    settings = ("--length", 128, "--epochs", 6, "--channels", "8,8", "--test-fraction", 0, "--learning-rate", 0.01)
+    settings = ("--window", 128, "--test-fraction", 0)
+    for text in ("epochs=6", "channels=8,8", "learning_rate=0.01"):
+        settings = (*settings, "--set", text)
     run("train", tmp_path / "old.h5", "--out", tmp_path / "m.safetensors", *settings)
     told = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
     assert [one["label"] for one in told] == [one["recording_id"].split("_")[0] for one in told]
@@ -162,13 +162,25 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
     assert 'resample = "..."' in refusal
 
 
-def test_angle_options_need_readings_per_turn_and_a_common_speed(folder: Path) -> None:
+def test_angle_options_need_samples_per_turn_and_a_common_speed(folder: Path) -> None:
     out = ("--out", folder / "a.h5", *FACTS)
-    for option in (("--played-at", "860 rpm"), ("--track", "7"), ("--tachometer", "x")):
-        assert "is for --readings-per-turn" in run("convert", folder / "normal_1.csv", *out, *option, code=2).stderr
-    refusal = run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, code=2).stderr
-    assert "Invalid value for --played-at" in refusal
+    for option in (("--playback-speed", "860 rpm"), ("--track", "7"), ("--tachometer", "x")):
+        assert (
+            "is for --samples-per-turn" in run("data", "convert", folder / "normal_1.csv", *out, *option, code=2).stderr
+        )
+    refusal = run("data", "convert", folder / "normal_1.csv", *out, "--samples-per-turn", 64, code=2).stderr
+    assert "Invalid value for --playback-speed" in refusal
     text = one_line(
-        run("convert", folder / "normal_1.csv", *out, "--readings-per-turn", 64, "--played-at", "860 rpm", code=3)
+        run(
+            "data",
+            "convert",
+            folder / "normal_1.csv",
+            *out,
+            "--samples-per-turn",
+            64,
+            "--playback-speed",
+            "860 rpm",
+            code=3,
+        )
     )
     assert "nobody stated its speed" in text

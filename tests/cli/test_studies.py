@@ -40,7 +40,7 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         return real(*arguments)
 
     monkeypatch.setattr(runner, "run_task", interrupted)
-    words = ("study", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--models", "extra_trees")
+    words = ("bench", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--classifiers", "extra_trees")
     words = (*words, "--training-sets", "measured,nominal")
     assert "the same command resumes" in one_line(run(*words, code=130))
     told = run_json(*words)
@@ -65,9 +65,9 @@ def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ("study", "case1", "."), ("study", "tune", "."), ("study", "conditions", "."),
-        ("study", "public", "--data", "."),
-        ("study", "calibration"), ("study", "misspecification"), ("demo",), ("report", "."),
+        ("bench", "case1", "."), ("bench", "tune", "."), ("bench", "conditions", "."),
+        ("bench", "public", "--data", "."),
+        ("bench", "calibration"), ("bench", "misspecification"), ("demo",), ("report", "."),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("below", ["", "deeper"])
@@ -84,13 +84,13 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        (("study", "case1"), 2),
-        (("study", "case1", "x", "--rig", "--out", "y"), 2),
-        (("study", "case1", "--rig"), 2),
-        (("study", "noise", "x", "--models", "guess"), 3),
-        (("study", "noise", "x", "--training-sets", "guess"), 3),
-        (("study", "noise", "x", "--address", "tcp://nowhere:1"), 3),
-        (("study", "tune", "x"), 2),
+        (("bench", "case1"), 2),
+        (("bench", "case1", "x", "--rig", "--out", "y"), 2),
+        (("bench", "case1", "--rig"), 2),
+        (("bench", "noise", "x", "--classifiers", "guess"), 3),
+        (("bench", "noise", "x", "--training-sets", "guess"), 3),
+        (("bench", "noise", "x", "--address", "tcp://nowhere:1"), 3),
+        (("bench", "tune", "x"), 2),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
 
 
 def test_values_that_a_study_does_not_have_and_those_at_which_nothing_is_trained_are_named() -> None:
-    told = one_line(run("study", "few-shot", "x", "--values", "guess", code=3))
+    told = one_line(run("bench", "few-shot", "x", "--values", "guess", code=3))
     assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in told
     plan = plan_of("augmentation", "quick").of_training_sets(["calibrated"]).of_values(["0"])
     with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):

@@ -4,80 +4,112 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from commandline import one_line, run, run_json
 
-from swashtwin.cli.options import settings_of
+from swashtwin.cli.options import read_settings
 from swashtwin.diagnosis import load_classifier
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An index of six text tables of two classes."""
+    path = tmp_path_factory.mktemp("tones")
     draw = np.random.default_rng(0)
     for index, label in enumerate(("normal", "piston")):
         for number in range(3):
             tone = np.sin(2 * np.pi * (0.05 + 0.1 * index) * np.arange(600) + draw.uniform(0, 6))
             rows = "\n".join(f"{value:.6f}" for value in tone + 0.1 * draw.standard_normal(600))
-            (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
-    run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g")
-    return tmp_path
+            (path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
+    run("index", path, "--sample-rate", "2 kHz", "--unit", "g")
+    return path
+
+
+def settings(*texts: str) -> list[str]:
+    return [word for text in texts for word in ("--set", text)]
 
 
 @pytest.mark.parametrize(
-    ("network", "settings", "expected"),
+    ("network", "texts", "expected"),
     [("bigru", ("patch=4", "hidden=8"), {"patch": 4, "hidden": 8}), ("mlp", ("hidden=32,16",), {"hidden": (32, 16)})],
 )
 def test_train_takes_any_network_and_its_settings(
-    folder: Path, network: str, settings: tuple[str, ...], expected: dict[str, object]
+    folder: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]
 ) -> None:
-    out = folder / "model.safetensors"
-    options = [word for setting in settings for word in ("--setting", setting)]
-    run_json(
-        "train", folder, "--network", network, *options, "--epochs", 30, "--length", 100, "--out", out,
-        "--test-fraction", 0.34,
-    )  # fmt: skip
+    words = ("--network", network, *settings(*texts, "epochs=30"), "--window", 100, "--test-fraction", 0.34)
+    out = tmp_path / "model.safetensors"
+    run_json("train", folder, *words, "--out", out)
     trained = load_classifier(out).network
     assert trained.name == network
     assert expected.items() <= trained.settings.items()
     assert run_json("evaluate", out, folder)["accuracy"] > 0.8
 
 
-def test_train_refuses_what_is_no_setting_of_the_network(folder: Path) -> None:
-    told = one_line(run("train", folder, "--network", "lstm", "--setting", "stride=4", "--length", 100, code=3))
-    assert "stride" in told
-    assert "must be a number" in run("train", folder, "--setting", "patch=wide", "--length", 100, code=2).stderr
-    assert "Did you mean 'bilstm'" in one_line(run("train", folder, "--network", "bi_lstm", "--length", 100, code=3))
+def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(folder: Path, tmp_path: Path) -> None:
+    recipes = {}
+    for preset in ("recommended", "paper"):
+        out = tmp_path / f"{preset}.safetensors"
+        run("train", folder, "--window", 100, "--preset", preset, *settings("epochs=1"), "--out", out)
+        classifier = load_classifier(out)
+        recipes[preset] = (classifier.network.name, classifier.settings.batch_size, classifier.settings.decay)
+    assert recipes == {"recommended": ("spectral_bitcn", 64, "cosine"), "paper": ("bitcn", 30, "none")}
 
 
-@pytest.mark.parametrize("word", ["n_channels", "n_classes", "name"])
-def test_what_the_recordings_or_another_option_say_is_no_setting(folder: Path, word: str) -> None:
-    told = run("train", folder, "--setting", f"{word}=3", "--length", 100, code=2).stderr
-    assert f"{word} is no setting" in " ".join(told.split())
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("stride=4", "training a lstm has no setting 'stride'."),
+        ("epoch=4", "Did you mean epochs?"),
+        ("patch=wide", "patch=wide must be a whole number"),
+        ("patch=1,2", "must be a whole number"),
+        ("class_weights=1", "must be true or false"),
+        ("epochs=2.5", "must be a whole number"),
+        ("patch", "'patch' must be NAME=VALUE"),
+        ("n_channels=3", "has no setting 'n_channels'"),
+        ("n_classes=3", "has no setting 'n_classes'"),
+        ("name=bitcn", "has no setting 'name'"),
+    ],
+)
+def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason: str) -> None:
+    """It is refused before any recording is read."""
+    stderr = run("train", "nowhere", "--network", "lstm", "--set", text, code=2).stderr
+    assert reason in " ".join(stderr.replace("│", " ").split())
 
 
-@pytest.mark.parametrize("setting", ["frame=0.5", "frame=1", "n_bands=2.5"])
-def test_a_setting_that_cannot_be_is_one_line_and_no_bug(folder: Path, setting: str) -> None:
-    told = one_line(run("train", folder, "--setting", setting, "--length", 100, code=3))
-    assert setting.split("=")[0] in told
-    assert "bug" not in told
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--set", "frame=1"), "frame"),
+        (("--set", "epochs=0"), "epochs (0) must be at least 1"),
+        (("--set", "normalization=guess"), "normalization 'guess' is none of"),
+        (("--set", "stretch=2"), "must be between 0 and 0.2"),
+        (("--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
+        (("--network", "bi_lstm"), "Did you mean 'bilstm'"),
+    ],
+)
+def test_a_value_that_cannot_be_is_one_line_before_any_recording_is_read(words: tuple[str, ...], reason: str) -> None:
+    line = one_line(run("train", "nowhere", *words, code=3))
+    assert reason in line
+    assert "bug" not in line
 
 
-def test_a_setting_is_a_number_a_truth_or_several_numbers() -> None:
-    texts = ["patch=8", "dropout=0.2", "causal=false", "hidden=256,128"]
-    assert settings_of(texts, "--setting") == {"patch": 8, "dropout": 0.2, "causal": False, "hidden": (256, 128)}
+def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None:
+    defaults = {"patch": 4, "dropout": 0.1, "causal": True, "hidden": (8, 8), "decay": "none", "dilations": None}
+    texts = ["patch=8", "dropout=1", "causal=false", "hidden=256,128", "decay=cosine", "dilations=1,2"]
+    assert read_settings(texts, defaults, "a test") == {
+        "patch": 8, "dropout": 1.0, "causal": False, "hidden": (256, 128), "decay": "cosine", "dilations": (1, 2),
+    }  # fmt: skip
+    with pytest.raises(typer.BadParameter):
+        read_settings(["hidden="], defaults, "a test")
 
 
-def test_train_learns_with_noise_where_told(folder: Path, tmp_path: Path) -> None:
+def test_train_learns_with_noise_other_gains_and_speeds_where_they_are_set(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.safetensors"
-    run("train", folder, "--length", 100, "--noise-snr", 0, "--epochs", 2, "--out", out)
-    assert load_classifier(out).settings.noise_snr == 0.0
-    told = one_line(run("train", folder, "--length", 100, "--noise-snr", 0, "--normalization", "recording", code=3))
-    assert "take another normalization" in told
+    texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
+    run("train", folder, "--window", 100, *settings(*texts), "--out", out)
+    trained = load_classifier(out).settings
+    assert (trained.noise_snr, trained.gain, trained.stretch) == (0.0, 3.0, 0.02)
 
 
-def test_train_learns_from_other_gains_and_speeds_where_told(folder: Path, tmp_path: Path) -> None:
-    out = tmp_path / "m.safetensors"
-    run("train", folder, "--length", 100, "--gain", 3, "--stretch", 0.02, "--epochs", 2, "--out", out)
-    settings = load_classifier(out).settings
-    assert (settings.gain, settings.stretch) == (3.0, 0.02)
-    assert "must be between 0 and 0.2" in one_line(run("train", folder, "--length", 100, "--stretch", 2, code=3))
+def test_resume_needs_a_checkpoint() -> None:
+    assert "--checkpoint" in run("train", "nowhere", "--resume", code=2).stderr

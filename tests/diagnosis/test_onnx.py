@@ -95,7 +95,7 @@ def test_recurrent_layers_are_onnxs_own(exported) -> None:
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
     saved = save_classifier(fitted("wdcnn"), tmp_path / "model.safetensors")
-    told = run_json("export", saved, "--out", tmp_path / "model.onnx")
+    told = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
     assert (told["network"], told["classes"], told["scaled"]) == ("wdcnn", ["normal", "piston"], True)
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
@@ -103,7 +103,7 @@ def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Pat
     assert facts["classes"] == ["normal", "piston"]
     assert facts["layout"] == {"sample_rate": 1000.0, "channels": ["x", "y"], "unit": "m/s^2", "length": 97}
     assert facts["manifest"] == ["0", "1", "2", "3"]
-    assert "must end in .onnx" in one_line(run("export", saved, "--out", tmp_path / "model.pt", code=3))
+    assert "must end in .onnx" in one_line(run("model", "export", saved, "--out", tmp_path / "model.pt", code=3))
 
 
 def test_without_the_packages_nothing_is_written_and_the_extra_is_named(

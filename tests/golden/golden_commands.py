@@ -13,9 +13,9 @@ from golden_rig import rig_at_15, write_workspace
 from swashtwin.recordings import Recording
 
 AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
-RECESS = "--fault swash_plate --length '30 mm' --width '24 mm' --depth '0.07 mm'"
-GAUSS_NEWTON = "--method gauss-newton --starts 1"
-NETWORK = "--epochs 12 --batch-size 16 --channels 8,8 --dilations 1,2 --setting hidden=16"
+RECESS = "--fault swash_plate:length=30mm,width=24mm,depth=0.07mm"
+GAUSS_NEWTON = "--method gauss-newton --set starts=1 --nuisances none --no-phases"
+NETWORK = "--set epochs=12 --set batch_size=16 --set channels=8,8 --set dilations=1,2 --set hidden=16"
 WORN = "recordings/A_swash_plate_15MPa_1.h5"
 
 
@@ -41,42 +41,44 @@ LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
 COMMANDS: dict[str, Command] = {
     "index": Command("index csv --sample-rate '25.6 kHz' --unit m/s^2"),
     "inspect": Command("inspect pair.toml"),
-    "split": Command("split pair.toml --out split --test-fraction 0.5"),
-    "split_folds": Command("split plant.toml --out folds --folds 2 --group specimen"),
-    "convert": Command("convert pair.toml --out store.h5"),
-    "convert_by_angle": Command(f"convert {WORN} --out angle.h5 --readings-per-turn 512 --played-at '860 rpm'"),
-    "guard": Command("guard pair.toml"),
-    "audit": Command("audit split", after=("split",)),
-    "features": Command(f"features {WORN} --pistons 7 --out features.csv", atol=1e-12),
-    "spectrum": Command(f"spectrum {WORN} --pistons 7 --out amplitude.svg"),
-    "spectrum_envelope": Command(f"spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),
-    "spectrum_order": Command(f"spectrum {WORN} --kind order --pistons 7 --out order.svg"),
-    "trend": Command("trend specimen.toml --healthy 'A_[npv]*' --out trend.svg"),
-    "simulate": Command(f"simulate --duration '0.3 s' --out worn.h5 {AT_15} {RECESS}"),
-    "simulate_run_up": Command(f"simulate --duration '0.3 s' --to-speed '900 rpm' --out run-up.h5 {AT_15}"),
-    "simulate_series": Command(f"simulate --duration '0.2 s' --n 2 --out series {AT_15}"),
-    "pump_show": Command("pump show 25scy14-1b"),
-    "pump_new": Command("pump new mine --folder ."),
-    "rig": Command("rig rig --seed 0 --format csv"),
+    "split": Command("data split pair.toml --out split --test-fraction 0.5"),
+    "split_folds": Command("data split plant.toml --out folds --folds 2 --group specimen"),
+    "convert": Command("data convert pair.toml --out store.h5"),
+    "convert_by_angle": Command(
+        f"data convert {WORN} --out angle.h5 --samples-per-turn 512 --playback-speed '860 rpm'"
+    ),
+    "guard": Command("data guard pair.toml"),
+    "audit": Command("data audit split", after=("split",)),
+    "features": Command(f"signal features {WORN} --pistons 7 --out features.csv", atol=1e-12),
+    "spectrum": Command(f"signal spectrum {WORN} --pistons 7 --out amplitude.svg"),
+    "spectrum_envelope": Command(f"signal spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),
+    "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
+    "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
+    "simulate": Command(f"twin simulate --duration '0.3 s' --out worn.h5 {AT_15} {RECESS}"),
+    "simulate_run_up": Command(f"twin simulate --duration '0.3 s' --to-speed '900 rpm' --out run-up.h5 {AT_15}"),
+    "simulate_series": Command(f"twin simulate --duration '0.2 s' --count 2 --out series {AT_15}"),
+    "pump_show": Command("twin pump show 25scy14-1b"),
+    "pump_new": Command("twin pump new mine --out ."),
+    "rig": Command("bench rig rig --seed 0 --format csv"),
     "inspect_rig": Command("inspect rig", after=("rig",)),
     "calibrate": Command(
         f"calibrate split/train.toml {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json", after=("split",), **SEARCHED
     ),
     "calibrate_healthy": Command(
-        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0 Hz' '1 kHz' --out healthy.json", **SEARCHED
+        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json", **SEARCHED
     ),
     "calibrate_ipinn": Command(
-        f"calibrate split/train.toml {AT_15} {RECESS} --method ipinn --epochs 1 --out ipinn.json",
+        f"calibrate split/train.toml {AT_15} {RECESS} --preset paper --set epochs=1 --out ipinn.json",
         after=("split",),
         **SEARCHED,
     ),
-    "compare": Command("compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
-    "severity": Command(f"severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
+    "compare": Command("twin compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
+    "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
     "synthesize": Command(
         "synthesize worn.json --like split/train.toml --count 3 --out synthetic.safetensors", after=("calibrate",)
     ),
     "augment": Command(
-        "augment split/train.toml --method jitter --label swash_plate --pressure '15 MPa' --count 8 "
+        "bench augment split/train.toml --filler jitter --label swash_plate --pressure '15 MPa' --count 8 "
         "--out jitter.safetensors",
         after=("split",),
     ),
@@ -87,9 +89,11 @@ COMMANDS: dict[str, Command] = {
     ),
     "evaluate": Command("evaluate model.safetensors pair.toml --level L2", after=("train",), **LEARNED),
     "diagnose": Command(f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED),
-    "export": Command("export model.safetensors --out model.onnx", after=("train",)),
-    "study_leakage": Command("study leakage pair.toml --seeds 0 --folds 2 --trees 5"),
-    "study_case1": Command("study case1 plant.toml --models extra_trees --training-sets measured --jobs 1 --out runs"),
+    "export": Command("model export model.safetensors --out model.onnx", after=("train",)),
+    "study_leakage": Command("bench leakage pair.toml --seeds 0 --folds 2 --trees 5"),
+    "study_case1": Command(
+        "bench case1 plant.toml --classifiers extra_trees --training-sets measured --jobs 1 --out runs"
+    ),
     "report": Command("report runs --out page", after=("study_case1",)),
 }
 """Commands by a name that stays, whatever they are called: that of their golden file."""

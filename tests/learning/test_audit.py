@@ -35,10 +35,10 @@ def kinds(told: dict) -> dict[str, str]:
 
 
 def test_a_clean_table_has_no_finding_and_strict_ends_with_0(tmp_path):
-    told = run_json("audit", table(tmp_path, CLEAN), "--strict")
+    told = run_json("data", "audit", table(tmp_path, CLEAN), "--strict")
     assert told["findings"] == []
     assert told["roles"] == {"train": 4, "test": 3}
-    assert "No leak was found" in run("audit", table(tmp_path, CLEAN)).stdout
+    assert "No leak was found" in run("data", "audit", table(tmp_path, CLEAN)).stdout
 
 
 @pytest.mark.parametrize(
@@ -57,38 +57,38 @@ def test_a_clean_table_has_no_finding_and_strict_ends_with_0(tmp_path):
 )
 def test_each_fault_of_a_table_is_found(tmp_path, row, kind, severity):
     path = table(tmp_path, CLEAN + row + "\n")
-    assert kinds(run_json("audit", path))[kind] == severity
-    run("audit", path, "--strict", code=3 if severity == "leak" else 0)
+    assert kinds(run_json("data", "audit", path))[kind] == severity
+    run("data", "audit", path, "--strict", code=3 if severity == "leak" else 0)
 
 
 def test_windows_that_only_touch_do_not_overlap(tmp_path):
-    told = run_json("audit", table(tmp_path, CLEAN + "x,a,p1,test,100,200,normal,h9\n"))
+    told = run_json("data", "audit", table(tmp_path, CLEAN + "x,a,p1,test,100,200,normal,h9\n"))
     assert "overlap" not in kinds(told)
 
 
 def test_synthetic_windows_in_a_test_are_a_leak(tmp_path):
     head, *rows = CLEAN.splitlines()
     text = "\n".join([f"{head},synthetic", *(f"{row},{'yes' if 'w4' in row else 'no'}" for row in rows)])
-    assert kinds(run_json("audit", table(tmp_path, text)))["synthetic"] == "leak"
+    assert kinds(run_json("data", "audit", table(tmp_path, text)))["synthetic"] == "leak"
 
 
 def test_quoted_names_may_hold_commas_and_breaks(tmp_path):
-    told = run_json("audit", table(tmp_path, 'recording,role\n"a, first\nday",train\n"a, first\nday",test\n'))
+    told = run_json("data", "audit", table(tmp_path, 'recording,role\n"a, first\nday",train\n"a, first\nday",test\n'))
     assert told["findings"][0]["examples"] == ["a, first\nday"]
 
 
 def test_what_must_stay_whole_is_named_by_the_reader(tmp_path):
     path = table(tmp_path, CLEAN + "x,z,p1,test,0,100,normal,h9\n")
-    run("audit", path, "--whole", "specimen", "--strict", code=3)
+    run("data", "audit", path, "--group", "specimen", "--strict", code=3)
     days = "file_no;fold;day\n1;1;mon\n2;2;mon\n3;2;tue\n"
-    told = run_json("audit", table(tmp_path, days), "--columns", "recording=file_no", "--whole", "day")
+    told = run_json("data", "audit", table(tmp_path, days), "--column", "recording=file_no", "--group", "day")
     assert kinds(told) == {"shared_day": "leak"}
     assert told["facts"] == ["recording", "day"]
 
 
 def test_other_names_of_columns_and_roles_are_understood(tmp_path):
     text = "file_id\tsplit\tlabel\tmachine\n1\tTraining\tx\tA\n2\tval\tx\tB\n1\tVALID\tx\tA\n"
-    told = run_json("audit", table(tmp_path, text))
+    told = run_json("data", "audit", table(tmp_path, text))
     assert told["roles"] == {"train": 1, "validation": 2}
     assert {"shared_recording", "shared_specimen"} <= set(kinds(told))
 
@@ -97,26 +97,26 @@ def test_other_names_of_columns_and_roles_are_understood(tmp_path):
     ("text", "words", "said"),
     [
         ("a,b\n1,2\n", (), r"no column 'recording'; it has a, b. Say which one it is: --columns recording=COLUMN"),
-        (CLEAN, ("--columns", "recording=recordin"), "did you mean 'recording'?"),
-        (CLEAN, ("--columns", "recordin=window"), "'recordin' is no fact of a window; did you mean 'recording'?"),
-        (CLEAN, ("--whole", "day"), "no column 'day'"),
+        (CLEAN, ("--column", "recording=recordin"), "did you mean 'recording'?"),
+        (CLEAN, ("--column", "recordin=window"), "'recordin' is no fact of a window; did you mean 'recording'?"),
+        (CLEAN, ("--group", "day"), "no column 'day'"),
         ("recording,role\n", (), "no row below its heading"),
         ("", (), "no column 'recording'; it has none"),
         ("recording,role\na,\n", (), "line 2: role is empty"),
         ("recording,role,start,stop\na,x,5,5\n", (), "stop (5) must exceed start (5)"),
         ("recording,role,start\na,x,5s\n", (), "'5s' is no number"),
         ("recording,role,synthetic\na,x,maybe\n", (), "neither true nor false"),
-        ("recording,role\na,x\n", ("--whole", "specimen"), "does not tell the specimen"),
+        ("recording,role\na,x\n", ("--group", "specimen"), "does not tell the specimen"),
     ],
 )
 def test_a_table_that_cannot_be_read_ends_in_one_line_that_says_what_would_be_right(tmp_path, text, words, said):
-    assert said in one_line(run("audit", table(tmp_path, text), *words, code=3))
+    assert said in one_line(run("data", "audit", table(tmp_path, text), *words, code=3))
 
 
 def test_a_missing_or_binary_file_ends_in_one_line(tmp_path):
-    assert "does not exist" in one_line(run("audit", tmp_path / "none.csv", code=3))
+    assert "does not exist" in one_line(run("data", "audit", tmp_path / "none.csv", code=3))
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00recording")
-    assert "no text in UTF-8" in one_line(run("audit", tmp_path / "x.csv", code=3))
+    assert "no text in UTF-8" in one_line(run("data", "audit", tmp_path / "x.csv", code=3))
 
 
 @given(
@@ -156,12 +156,14 @@ def test_a_folder_that_split_wrote_is_audited_by_its_readings(tmp_path):
     recordings.append(one("copy", "x1", "x", "p1"))
     files = [write_recording(each, tmp_path / f"{each.recording_id}.h5") for each in recordings]
     index = write_index(recordings, files, tmp_path)
-    run("split", index, "--group", "specimen", "--out", tmp_path / "by_specimen", "--test-fraction", "0.25")
-    assert "duplicate" not in kinds(run_json("audit", tmp_path / "by_specimen", "--whole", "specimen", "--strict"))
+    run("data", "split", index, "--group", "specimen", "--out", tmp_path / "by_specimen", "--test-fraction", "0.25")
+    assert "duplicate" not in kinds(
+        run_json("data", "audit", tmp_path / "by_specimen", "--group", "specimen", "--strict")
+    )
     (tmp_path / "copied").mkdir()
     for role, ids in (("train", ["x1", "y1", "x2"]), ("test", ["copy", "y2", "y3"])):
         kept = [place for place, each in enumerate(recordings) if each.recording_id in ids]
         write_index([recordings[at] for at in kept], [files[at] for at in kept], tmp_path / "copied" / f"{role}.toml")
-    told = run_json("audit", tmp_path / "copied")
+    told = run_json("data", "audit", tmp_path / "copied")
     assert kinds(told)["duplicate"] == "leak"
     assert json.dumps(told)

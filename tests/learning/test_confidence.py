@@ -234,28 +234,16 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     folder = tmp_path / "rig"
     files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
     write_index(recordings, files, folder)
-    shape = (
-        "--network",
-        "bitcn",
-        "--epochs",
-        12,
-        "--length",
-        80,
-        "--stride",
-        2,
-        "--channels",
-        "8,12",
-        "--kernel-size",
-        3,
-    )
-    options = ("--validation-fraction", 0.5, "--learning-rate", 3e-3, "--out", tmp_path / "m.safetensors", *shape)
+    settings = ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3", "learning_rate=3e-3")
+    shape = ("--network", "bitcn", "--window", 80, *(word for text in settings for word in ("--set", text)))
+    options = ("--validation-fraction", 0.5, "--out", tmp_path / "m.safetensors", *shape)
     told = run_json("train", folder, *options)
     assert not set(told["validation"]) & set(told["held_out"])
     assert told["temperature"] > 0
     scored = run_json("evaluate", told["model"], folder)["confidence"]
     assert scored["n_recordings"] == len(told["held_out"])
     assert scored["unknown_auroc"] is None
-    assert "Trust in itself" in run("evaluate", told["model"], folder).stdout
+    assert "Confidence, by recording" in run("evaluate", told["model"], folder).stdout
     (one,) = run_json("diagnose", told["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert one["trust"]["error_rate"] == 0.2
     shown = run("diagnose", told["model"], folder, "--report", tmp_path / "page").stdout

@@ -8,8 +8,9 @@ from typer.testing import CliRunner, Result
 from swashtwin.cli import app
 
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
-TINY = ("--network", "bitcn", "--epochs", "1", "--stride", "32", "--channels", "8,8")
-DEFECT = ("--fault", "swash_plate", "--depth", "0.08 mm")
+TINY = ("--network", "bitcn", "--set", "epochs=1", "--set", "stride=32", "--set", "channels=8,8")
+DEFECT = ("--fault", "swash_plate:depth=0.08mm")
+QUICK = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
 
 
 def run(*words: object, code: int = 0) -> Result:
@@ -21,9 +22,9 @@ def run(*words: object, code: int = 0) -> Result:
 
 def run_json(*words: object, code: int = 0) -> dict[str, Any]:
     """The one JSON object that a command printed."""
-    told = json.loads(run(*words, "--json", code=code).stdout)
-    assert isinstance(told, dict)
-    return told
+    answer = json.loads(run(*words, "--json", code=code).stdout)
+    assert isinstance(answer, dict)
+    return answer
 
 
 def one_line(result: Result) -> str:

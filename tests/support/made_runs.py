@@ -67,7 +67,7 @@ def run(
         cpu_s=1.0,
         device="cpu",
         version="0.1",
-        command="swashtwin study case1 --seeds 0,1",
+        command="swashtwin bench case1 --seeds 0,1",
         embedding=embedding(factors) if classifier == "spectral_bitcn" else None,
     )
 

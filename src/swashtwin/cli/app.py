@@ -1,38 +1,71 @@
 """The application: every command by name, and what is the same for all of them."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated
 
 import typer
 
-from swashtwin.cli import (
-    augmenting,
-    calibrating,
-    calibration_studies,
-    comparing,
-    condition_studies,
-    confidence_study,
-    diagnosing,
-    exporting,
-    fleets,
-    guarding,
-    indicating,
-    inspecting,
-    learning,
-    paper_studies,
-    physics,
-    pumps,
-    real_data,
-    recordings,
-    reporting,
-    severities,
-    simulating,
-    studying,
-    tuning,
-    zero_shot,
-)
+from swashtwin.cli import calibrating, data, diagnosing, recordings, signal, simulating, synthesizing, training, twin
+from swashtwin.cli.bench import plans, questions, rig
 from swashtwin.cli.exits import GuardedGroup
+
+FIRST: Mapping[str, Callable[..., None]] = {
+    "demo": rig.demo,
+    "index": recordings.index,
+    "inspect": recordings.inspect,
+    "train": training.train,
+    "evaluate": training.evaluate,
+    "diagnose": diagnosing.diagnose,
+    "calibrate": calibrating.calibrate,
+    "synthesize": synthesizing.synthesize,
+    "report": diagnosing.report,
+}
+"""Commands of the first screen, in the order of a user's work."""
+
+GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
+    "data": (
+        "Convert, split and check recordings.",
+        {"convert": data.convert, "split": data.split, "guard": data.guard, "audit": data.audit},
+    ),
+    "signal": (
+        "Indicators, spectra and trends, without a classifier.",
+        {"features": signal.features, "spectrum": signal.spectrum, "trend": signal.trend},
+    ),
+    "twin": (
+        "Simulate, compare and use twins of pumps.",
+        {
+            "simulate": simulating.simulate,
+            "compare": twin.compare,
+            "calibrate-fleet": calibrating.calibrate_fleet,
+            "severity": twin.severity,
+        },
+    ),
+    "model": ("Use a trained model in other programs.", {"export": training.export}),
+    "bench": (
+        "Ask whether the methods work: virtual rig, fillers, studies.",
+        {
+            "rig": rig.rig,
+            "augment": rig.augment,
+            **{name: plans.plan_command(name) for name in plans.STUDIES},
+            "calibration": questions.calibration,
+            "conditions": questions.conditions,
+            "confidence": questions.confidence,
+            "fault-map": questions.fault_map,
+            "leakage": questions.leakage,
+            "misspecification": questions.misspecification,
+            "public": questions.public,
+            "scarce": questions.scarce,
+            "severity": questions.severity,
+            "tune": plans.tune,
+            "zero-shot": questions.zero_shot,
+        },
+    ),
+}
+"""Help and commands of each group."""
+
+PUMPS: Mapping[str, Callable[..., None]] = {"list": twin.list_pumps, "show": twin.show_pump, "new": twin.new_pump}
+"""Commands of ``swashtwin twin pump``."""
 
 app = typer.Typer(
     name="swashtwin",
@@ -40,79 +73,49 @@ app = typer.Typer(
     help="Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it.",
     epilog="Exit codes: 0 done, 1 a bug, 2 wrong command line, 3 bad data or value, 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
-studies = typer.Typer(no_args_is_help=True, help="Run one of the studies, on your recordings or on the virtual rig.")
 
-_DEMO, _DATA, _PHYSICS, _LEARNING = "The whole way", "Recordings", "Pump and twin", "Windows and classifiers"
-app.command("demo", rich_help_panel=_DEMO)(studying.demo)
-_STUDIES: dict[str, Callable[..., None]] = {
-    **{name: paper_studies.command_of(name) for name in paper_studies.STUDIES},
-    "calibration": calibration_studies.calibration,
-    "conditions": condition_studies.conditions,
-    "confidence": confidence_study.confidence,
-    "fault-map": severities.study_fault_map,
-    "leakage": guarding.leakage,
-    "misspecification": studying.misspecification,
-    "public": real_data.public,
-    "scarce": real_data.scarce,
-    "severity": severities.study_severity,
-    "tune": tuning.tune,
-    "zero-shot": zero_shot.zero_shot,
-}
-for _name, _study in _STUDIES.items():
-    studies.command(_name)(_study)
-app.add_typer(studies, name="study", rich_help_panel=_DEMO)
-app.command("report", rich_help_panel=_DEMO)(reporting.report)
-app.command("rig", rich_help_panel=_DATA)(recordings.rig)
-app.command("index", rich_help_panel=_DATA)(recordings.index)
-app.command("convert", rich_help_panel=_DATA)(recordings.convert)
-app.command("inspect", rich_help_panel=_DATA)(inspecting.inspect)
-app.command("split", rich_help_panel=_DATA)(recordings.split)
-app.command("guard", rich_help_panel=_DATA)(guarding.guard)
-app.command("audit", rich_help_panel=_DATA)(guarding.audit)
-app.command("features", rich_help_panel=_DATA)(indicating.features)
-app.command("spectrum", rich_help_panel=_DATA)(indicating.spectrum)
-app.command("trend", rich_help_panel=_DATA)(indicating.trend)
-app.add_typer(pumps.pumps, name="pump", rich_help_panel=_PHYSICS)
-app.command("simulate", rich_help_panel=_PHYSICS)(simulating.simulate)
-app.command("calibrate", rich_help_panel=_PHYSICS)(calibrating.calibrate)
-app.command("compare", rich_help_panel=_PHYSICS)(comparing.compare)
-app.command("calibrate-fleet", rich_help_panel=_PHYSICS)(fleets.calibrate_fleet)
-app.command("severity", rich_help_panel=_PHYSICS)(severities.severity)
-app.command("synthesize", rich_help_panel=_PHYSICS)(physics.synthesize)
-app.command("augment", rich_help_panel=_LEARNING)(augmenting.augment)
-app.command("train", rich_help_panel=_LEARNING)(learning.train)
-app.command("evaluate", rich_help_panel=_LEARNING)(diagnosing.evaluate)
-app.command("diagnose", rich_help_panel=_LEARNING)(diagnosing.diagnose)
-app.command("export", rich_help_panel=_LEARNING)(exporting.export)
+def _group(words: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
+    group = typer.Typer(no_args_is_help=True, help=words)
+    for name, function in commands.items():
+        group.command(name)(function)
+    return group
 
 
-def _print_version(wanted: bool) -> bool:
-    if wanted:
+for _name, _function in FIRST.items():
+    app.command(_name, rich_help_panel="Commands")(_function)
+for _name, (_words, _commands) in GROUPS.items():
+    _members = _group(_words, _commands)
+    if _name == "twin":
+        _members.add_typer(_group("List, show and write the parameter files of pumps.", PUMPS), name="pump")
+    app.add_typer(_members, name=_name, rich_help_panel="More commands")
+
+
+def _print_version(is_wanted: bool) -> bool:
+    if is_wanted:
         from swashtwin.foundation import VERSION
 
         typer.echo(VERSION)
         raise typer.Exit
-    return wanted
+    return is_wanted
 
 
 @app.callback()
 def _options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and leave.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it."""
 
 
 def main() -> None:
-    """Run the command line and leave with its exit code."""
-    # Before torch loads: its kernels are small here, and threads that spin between them slow everything down. Who wants
-    # more threads sets OMP_NUM_THREADS.
+    """Run the command line and exit with its code."""
+    # Before torch loads: its kernels are small here, and threads that spin between them slow everything down. To use
+    # more threads, set OMP_NUM_THREADS.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     app()

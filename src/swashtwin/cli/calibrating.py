@@ -1,4 +1,4 @@
-"""The command that teaches a twin: calibrate."""
+"""Commands that fit a twin to recordings: calibrate, twin calibrate-fleet."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -8,56 +8,55 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
+from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import (
-    Dimensions,
-    FaultDepth,
-    FaultLength,
-    FaultName,
-    FaultWidth,
-    Freed,
-    FreedName,
+    FaultText,
     Index,
     Json,
-    Pressures,
+    Preset,
+    PresetName,
     PumpName,
+    ReportFolder,
     Seed,
+    Settings,
     Solver,
     SolverName,
-    Speed,
+    Specimen,
     Step,
-    Temperature,
-    as_folder,
-    condition_of,
-    fault_of,
-    given,
-    nuisances_of,
-    solver_of,
+    band_from,
+    condition_from,
+    defaults_of,
+    fault_from,
+    read_list,
+    read_settings,
+    solver_from,
 )
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, Calibrator, Estimate, LearningRates, Objective
+    from swashtwin.calibration import (
+        Calibration,
+        Calibrator,
+        Estimate,
+        FleetCalibration,
+        LearningRates,
+        Nuisances,
+        Objective,
+    )
     from swashtwin.physics import SteadySolver, Twin
+    from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording
 
 
 class Method(StrEnum):
-    """How the six values are searched."""
+    """How the six interface values are searched."""
 
-    ipinn = "ipinn"
     gauss_newton = "gauss-newton"
+    ipinn = "ipinn"
+    ipinn_improved = "ipinn-improved"
     lbfgs = "lbfgs"
     cmaes = "cmaes"
     direct_adam = "direct-adam"
-
-
-class SpectrumLoss(StrEnum):
-    """How IPINN measures the distance of two spectra."""
-
-    linear = "linear"
-    weighted = "weighted"
-    logarithmic = "logarithmic"
 
 
 class LineSet(StrEnum):
@@ -67,92 +66,106 @@ class LineSet(StrEnum):
     shaft = "shaft"
 
 
-_TAKES = {
-    Method.ipinn: {"epochs", "learning_rate", "learning_rates", "improved", "spectrum"},
-    Method.direct_adam: {"epochs", "learning_rate", "learning_rates", "starts"},
-    Method.gauss_newton: {"starts"},
-    Method.lbfgs: {"starts"},
-    Method.cmaes: set[str](),
-}
-"""Options that belong to some methods only."""
+class Freed(StrEnum):
+    """Which constants are searched beside the six values."""
+
+    none = "none"
+    usual = "usual"
+    housing = "housing"
+
+
+Speeds = Annotated[
+    str | None, typer.Option("--speed", help='Use recordings at this shaft speed only, such as "860 rpm".')
+]
+Pressures = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--pressure", help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'
+    ),
+]
+OptionalTemperature = Annotated[
+    str | None,
+    typer.Option("--temperature", help='Oil temperature where --speed and --pressure are given, such as "45 degC".'),
+]
+FreedName = Annotated[
+    Freed | None,
+    typer.Option(
+        "--nuisances",
+        help="Unmeasured constants, searched as well: usual (mounting, bearings, excitation, sensors), housing (those, "
+        "each channel's gain, and two modes of the housing; the default), or none (the paper's).",
+    ),
+]
+Bounds = Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")]
 
 
 def calibrate(
     source: Index,
-    speed: Speed,
-    pressure: Pressures,
     pump: PumpName = "25scy14-1b",
-    temperature: Temperature = None,
-    fault: FaultName = "normal",
-    length: FaultLength = None,
-    width: FaultWidth = None,
-    depth: FaultDepth = None,
-    dimensions: Dimensions = None,
-    specimen: Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")] = None,
+    fault: FaultText = "normal",
+    speed: Speeds = None,
+    pressure: Pressures = None,
+    temperature: OptionalTemperature = None,
+    specimen: Specimen = None,
     method: Annotated[
-        Method, typer.Option(help="ipinn is the paper's; gauss-newton takes a tenth of the time.")
-    ] = Method.ipinn,
-    improved: Annotated[bool, typer.Option("--improved", help="ipinn as we would set it, not as the paper.")] = False,
-    epochs: Annotated[int | None, typer.Option(min=1, help="Epochs of ipinn and direct-adam; 500 by default.")] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Step size of ipinn and direct-adam.")] = None,
+        Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
+    ] = None,
+    settings: Settings = None,
+    preset: PresetName = Preset.recommended,
     learning_rates: Annotated[
         str | None, typer.Option(help='Try these first and take the best: "0.01,0.001", or "paper" for its four.')
     ] = None,
-    spectrum: Annotated[
-        SpectrumLoss | None, typer.Option(help="Spectrum loss of ipinn: linear amplitudes are the paper's.")
-    ] = None,
-    starts: Annotated[int | None, typer.Option(min=1, help="Starts of gauss-newton, lbfgs, direct-adam.")] = None,
-    band: Annotated[
-        tuple[str, str] | None, typer.Option(help='Frequencies whose lines are compared: "0 Hz" "1 kHz".')
-    ] = None,
+    band: Annotated[str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')] = None,
     lines: Annotated[
         LineSet, typer.Option(help="piston-pass lines, or all shaft orders where one piston differs.")
     ] = LineSet.piston,
-    phases: Annotated[bool, typer.Option("--phases", help="Compare the lines' phases too.")] = False,
-    nuisances: FreedName = Freed.none,
+    phases: Annotated[
+        bool | None,
+        typer.Option("--phases/--no-phases", help="Compare the lines' phases too; the default, but not the paper's."),
+    ] = None,
+    nuisances: FreedName = None,
     prior: Annotated[
-        Path | None, typer.Option(help="What is known of such pumps: population.json of calibrate-fleet.")
+        Path | None, typer.Option(help="Population of such pumps: population.json of calibrate-fleet.")
     ] = None,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
-    bounds: Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")] = None,
+    bounds: Bounds = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue a calibration that was interrupted.")] = False,
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for a page with figures, and what the recordings can tell at all.", callback=as_folder
-        ),
-    ] = None,
+    report: ReportFolder = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Find a twin's six interface values from recordings of its class at its condition, and how far to trust them.
+    """Find a twin's six interface values from recordings, and how uncertain they are.
 
-    Several --pressure are fitted together, with one set of values. Calibrating is training: the recordings used must
-    not test a classifier later (swashtwin split).
-    """  # fmt: skip
+    Speed and pressure are those that the recordings state; several operating points are fitted together, with one set
+    of values. Calibrating is training: the recordings used must not test a classifier later (swashtwin data split).
+    """
     from swashtwin.calibration import load_population
-    from swashtwin.foundation import parse
-    from swashtwin.physics import Twin
     from swashtwin.pump import load_pump
     from swashtwin.recordings import load_recordings
 
     require_target(out, ".json")
-    own = given(epochs=epochs, learning_rate=learning_rate, spectrum=spectrum and spectrum.value, starts=starts)
-    searched = _method(method, improved, own, solver_of(solver, step), learning_rates)
-    defect, drawing = fault_of(fault, length, width, depth, dimensions), load_pump(pump)
+    require_files([prior])
+    is_paper = preset is Preset.paper
+    method = method or (Method.ipinn if is_paper else Method.gauss_newton)
+    rates = _rates(learning_rates)
+    searcher = _method(method, settings, solver_from(solver, step), has_rates=rates is not None)
+    edges = None if band is None else band_from(band)
+    points = _OperatingPoints(speed, pressure or [], temperature)
+    drawing, defect = load_pump(pump), fault_from(fault)
+    recordings = points.select(load_recordings(source).where(specimen=specimen))
     job = _Job(
-        twins=[Twin(drawing, condition_of(speed, one, temperature), defect) for one in pressure],
-        recordings=load_recordings(source).where(specimen=specimen),
-        told={
+        start=points.twins(drawing, defect),
+        recordings=recordings,
+        options={
+            "fault": None if points.is_complete else defect,
             "bounds": bounds,
-            "band": None if band is None else tuple(parse(one, "Hz", name="band") for one in band),
+            "band": edges,
             "lines": lines.value,
-            "phases": phases,
-            "nuisances": nuisances_of(nuisances),
+            "phases": not is_paper if phases is None else phases,
+            "nuisances": _nuisances(nuisances or (Freed.none if is_paper else Freed.housing)),
             "prior": None if prior is None else load_population(prior),
         },
         seed=seed,
@@ -160,42 +173,91 @@ def calibrate(
     )
     if not resume:
         job.clear()
-    tried = None if learning_rates is None else job.tried(searched, _rates(learning_rates))
-    found = job.searched(searched if tried is None else tried.method)
-    page = None if report is None else job.reported(found, report)
-    found.save(out)
-    values = found.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
+    trials = None if rates is None else job.try_rates(searcher, rates)
+    result = job.search(searcher if trials is None else trials.method)
+    page = None if report is None else job.write_page(result, report)
+    result.save(out)
+    values = result.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
     job.clear()
-    kept = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
-    facts = found.to_dict()
-    result = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*kept, "left_out", "notes")}}
-    result |= {"simulations": found.simulations, "wall_s": found.wall_s, "report": page}
-    result["learning_rates"] = tried and {"rates": tried.rates, "weighted_losses": tried.weighted_losses}
-    tell(result, as_json, lambda: _show(found, tried, out))
+    names = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
+    facts = result.to_dict()
+    answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*names, "left_out", "notes")}}
+    answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
+    answer["learning_rates"] = trials and {"rates": trials.rates, "weighted_losses": trials.weighted_losses}
+    tell(answer, as_json, lambda: _show(result, trials, out))
+
+
+@dataclass(frozen=True)
+class _OperatingPoints:
+    """Operating points that the options name: all, those of one speed or of some pressures, or complete ones."""
+
+    speed: str | None
+    pressures: Sequence[str]
+    temperature: str | None
+
+    def __post_init__(self) -> None:
+        if self.temperature is not None and not self.is_complete:
+            raise typer.BadParameter("needs --speed and --pressure.", param_hint="--temperature")
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether speed and pressure are named, so that no recording has to state them."""
+        return self.speed is not None and bool(self.pressures)
+
+    def twins(self, pump: "Pump", fault: "Fault | None") -> "Pump | list[Twin]":
+        """A twin at each operating point; the pump itself where the recordings state the points."""
+        from swashtwin.physics import Twin
+
+        if self.speed is None or not self.pressures:
+            return pump
+        conditions = [condition_from(self.speed, text, self.temperature) for text in self.pressures]
+        return [Twin(pump, condition, fault) for condition in conditions]
+
+    def select(self, recordings: "Sequence[Recording]") -> "Sequence[Recording]":
+        """The recordings within 1 % of the speed or 6 % of a pressure, where only one of both is named."""
+        from swashtwin.foundation import DataError, parse
+
+        if self.is_complete or (self.speed is None and not self.pressures):
+            return recordings
+        speeds = [] if self.speed is None else [parse(self.speed, "rad/s", name="--speed")]
+        pressures = [parse(text, "Pa", name="--pressure") for text in self.pressures]
+        chosen = [
+            recording
+            for recording in recordings
+            if (condition := recording.condition) is not None
+            and all(abs(condition.speed / speed - 1) <= 0.01 for speed in speeds)
+            and (not pressures or any(abs(condition.discharge_pressure / limit - 1) <= 0.06 for limit in pressures))
+        ]
+        if not chosen:
+            words = ", ".join(self.pressures) or self.speed
+            raise DataError(
+                f"no recording states an operating point at {words}; swashtwin inspect shows what there is."
+            )
+        return chosen
 
 
 @dataclass(frozen=True)
 class _Job:
-    """What is calibrated on what."""
+    """A calibration, with the files that hold it until it is done."""
 
-    twins: Sequence["Twin"]
+    start: "Pump | Sequence[Twin]"
     recordings: Sequence["Recording"]
-    told: Mapping[str, Any]
+    options: Mapping[str, Any]
     seed: int
     out: Path
 
     @property
     def checkpoint(self) -> Path:
-        """Where a search is kept until it is done."""
+        """File of the search, until it is done."""
         return self.out.with_name(f"{self.out.name}.checkpoint")
 
     @property
     def study(self) -> Path:
-        """Where the learning rates tried are kept until all is done."""
+        """File of the learning rates that were tried, until all is done."""
         return self.out.with_name(f"{self.out.name}.rates")
 
     def clear(self) -> None:
-        """Remove what is kept only until all is done."""
+        """Remove both files."""
         self.checkpoint.unlink(missing_ok=True)
         self.study.unlink(missing_ok=True)
 
@@ -203,13 +265,13 @@ class _Job:
         """The objective of the search."""
         from swashtwin.calibration import build_objective
 
-        return build_objective(self.twins, self.recordings, **self.told)
+        return build_objective(self.start, self.recordings, **self.options)
 
-    def tried(self, method: Any, rates: Sequence[float]) -> "LearningRates":
-        """What each learning rate leads to."""
+    def try_rates(self, method: Any, rates: Sequence[float]) -> "LearningRates":
+        """Loss that each learning rate leads to."""
         from swashtwin.calibration import choose_learning_rate
 
-        hint = f"{self.study} holds the rates tried so far: the same command with --resume goes on"
+        hint = f"{self.study} holds the rates tried so far: the same command with --resume continues"
         self.out.parent.mkdir(parents=True, exist_ok=True)
         with resumable(hint), progress("trying learning rates") as bar:
             return choose_learning_rate(
@@ -221,93 +283,152 @@ class _Job:
                 progress=lambda done, total, loss: bar(done, total, f"trying learning rates, loss {loss:.4g}"),
             )
 
-    def searched(self, method: "Calibrator") -> "Calibration":
-        """What the search finds; one in epochs goes on where an interrupted one was."""
+    def search(self, method: "Calibrator") -> "Calibration":
+        """Calibration; a search in epochs continues where an interrupted one ended."""
         from swashtwin.calibration import ResumableCalibrator, calibrate
 
-        hint = "it keeps no checkpoint: the same command again ends at the same result"
-        kept: dict[str, Any] = {}
+        hint = "it writes no checkpoint: the same command again ends at the same result"
+        storage: dict[str, Any] = {}
         if isinstance(method, ResumableCalibrator):
-            kept = {"checkpoint": self.checkpoint, "resume": True}
-            hint = f"{self.checkpoint} holds every 25th epoch: the same command with --resume goes on"
+            storage = {"checkpoint": self.checkpoint, "resume": True}
+            hint = f"{self.checkpoint} holds every 25th epoch: the same command with --resume continues"
         with resumable(hint), progress("calibrating") as bar:
             return calibrate(
-                self.twins,
+                self.start,
                 self.recordings,
                 method=method,
                 seed=self.seed,
                 progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
-                **self.told,
-                **kept,
+                **self.options,
+                **storage,
             )
 
-    def reported(self, found: "Calibration", folder: Path) -> Path:
-        """Page of the calibration and of what the recordings can tell."""
+    def write_page(self, result: "Calibration", folder: Path) -> Path:
+        """Page of the calibration and of what the recordings can determine."""
         from swashtwin.calibration import identifiability
         from swashtwin.report import write_report
 
-        return write_report(found, identifiability(self.objective(), found.posterior.point), folder=folder)
+        return write_report(result, identifiability(self.objective(), result.posterior.point), folder=folder)
 
 
-def _method(
-    name: Method, improved: bool, own: dict[str, Any], solver: "SteadySolver", learning_rates: str | None
-) -> "Calibrator":
-    """The method with its `own` settings; one that it does not have is a wrong command line."""
+def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, has_rates: bool) -> "Calibrator":
+    """The method with its settings; one that it does not have is a wrong command line."""
     from swashtwin.calibration import CMAES, IPINN, LBFGS, DirectAdam, GaussNewton
 
-    for setting in (*own, *given(improved=improved or None, learning_rates=learning_rates)):
-        takers = [one.value for one, takes in _TAKES.items() if setting in takes]
-        if name.value not in takers:
-            hint = f"--{setting.replace('_', '-')}"
-            raise typer.BadParameter(f"belongs to --method {' or '.join(takers)}.", param_hint=hint)
-    if learning_rates is not None and "learning_rate" in own:
-        raise typer.BadParameter("is what --learning-rates is to find; give one of them.", param_hint="--learning-rate")
-    if name is Method.ipinn:
-        return (IPINN.improved if improved else IPINN)(solver=solver, **own)
     kinds: dict[Method, Any] = {
         Method.gauss_newton: GaussNewton,
+        Method.ipinn: IPINN,
+        Method.ipinn_improved: IPINN.improved,
         Method.lbfgs: LBFGS,
         Method.cmaes: CMAES,
         Method.direct_adam: DirectAdam,
     }
-    made: Calibrator = kinds[name](solver=solver, **own)
-    return made
+    defaults = defaults_of(kinds[name]())
+    settings = read_settings(texts, defaults, f"--method {name.value}")
+    if has_rates and "learning_rate" not in defaults:
+        reason = f"belongs to --method ipinn, ipinn-improved or direct-adam; {name.value} has no learning rate."
+        raise typer.BadParameter(reason, param_hint="--learning-rates")
+    if has_rates and "learning_rate" in settings:
+        reason = "finds the learning rate; leave out --set learning_rate."
+        raise typer.BadParameter(reason, param_hint="--learning-rates")
+    calibrator: Calibrator = kinds[name](solver=solver, **settings)
+    return calibrator
 
 
-def _rates(text: str) -> Sequence[float]:
+def _rates(text: str | None) -> Sequence[float] | None:
     from swashtwin.calibration import PAPER_RATES
 
-    if text == "paper":
-        return PAPER_RATES
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        wanted = f'{text!r} must be numbers with commas between them, or "paper".'
-        raise typer.BadParameter(wanted, param_hint="--learning-rates") from None
+    return PAPER_RATES if text == "paper" else read_list(text, float, "--learning-rates")
 
 
-def _interval(one: "Estimate") -> str:
-    """The interval; an end that only the bound sets is said to be none."""
-    low, high = (f"{end:.3g}" for end in one.interval)
-    open_below, open_above = one.open_sides
+def _nuisances(name: Freed) -> "Nuisances":
+    """Constants to be searched, with their priors."""
+    from swashtwin.calibration import Nuisances
+
+    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
+
+
+def _interval(estimate: "Estimate") -> str:
+    """The interval in words; an end that only the bound sets is left out."""
+    low, high = (f"{end:.3g}" for end in estimate.interval)
+    open_below, open_above = estimate.open_sides
     if open_below and open_above:
         return "no limits"
     return f"at most {high}" if open_below else f"at least {low}" if open_above else f"{low} ... {high}"
 
 
-def _show(found: "Calibration", tried: "LearningRates | None", out: Path) -> None:
-    if tried is not None:
-        losses = list(zip(tried.rates, tried.weighted_losses, strict=True))
-        table(f"Learning rates; {tried.best:g} is taken", ("rate", "loss over the expected"), losses)
+def _show(result: "Calibration", trials: "LearningRates | None", out: Path) -> None:
+    if trials is not None:
+        losses = list(zip(trials.rates, trials.weighted_losses, strict=True))
+        table(f"Learning rates; {trials.best:g} is taken", ("rate", "loss over the expected"), losses)
     rows = [
-        (one.letter, one.name, one.nominal, one.value, _interval(one), one.unit,
-         one.verdict)
-        for one in found.estimates
+        (estimate.letter, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
+         estimate.verdict)
+        for estimate in result.estimates
     ]  # fmt: skip
     header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
-    table(f"{found.method} on {len(found.recording_ids)} recordings", header, rows)
-    before, after = asdict(found.fit_before), asdict(found.fit_after)
-    table("Against the measurement", ("figure", "nominal", "calibrated"), [(n, before[n], after[n]) for n in before])
-    for text in found.notes:
+    table(f"{result.method} on {len(result.recording_ids)} recordings", header, rows)
+    before, after = asdict(result.fit_before), asdict(result.fit_after)
+    fits = [(name, before[name], after[name]) for name in before]
+    table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
+    for text in result.notes:
+        note(f"note: {text}")
+    say(str(out))
+
+
+def calibrate_fleet(
+    source: Index,
+    pump: PumpName = "25scy14-1b",
+    fault: FaultText = "normal",
+    speed: Speeds = None,
+    pressure: Pressures = None,
+    temperature: OptionalTemperature = None,
+    nuisances: FreedName = Freed.none,
+    bounds: Bounds = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder to write: population.json, and SPECIMEN.json for each specimen.")
+    ] = Path("fleet"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Calibrate several pumps of one type together: each pump's uncertain values are informed by the others.
+
+    The index names each recording's specimen. Calibrating is training: the recordings used must not test a classifier.
+    """
+    import swashtwin.calibration as calibration
+    from swashtwin.pump import load_pump
+    from swashtwin.recordings import load_recordings
+
+    points = _OperatingPoints(speed, pressure or [], temperature)
+    drawing, defect = load_pump(pump), fault_from(fault)
+    with progress("calibrating the fleet"):
+        fleet = calibration.calibrate_fleet(
+            points.twins(drawing, defect),
+            points.select(load_recordings(source)),
+            fault=None if points.is_complete else defect,
+            seed=seed,
+            bounds=bounds,
+            nuisances=_nuisances(nuisances or Freed.none),
+        )
+    files = fleet.save(out)
+    tell({**fleet.to_dict(), "files": files}, as_json, lambda: _show_fleet(fleet, out))
+
+
+def _show_fleet(fleet: "FleetCalibration", out: Path) -> None:
+    population = fleet.population
+    rows = []
+    for index, name in enumerate(population.names):
+        low, high = population.spread_interval[index]
+        figures = (population.mean[index], population.mean_std[index], population.spread[index])
+        rows.append((name, *map(float, figures), f"{low:.3g} ... {high:.3g}"))
+    header = ("coordinate", "mean of ln", "its uncertainty", "spread", "90 % interval of the spread")
+    table(f"Population of {len(population.specimens)} pumps", header, rows)
+    for name, calibration in fleet.calibrations.items():
+        pairs = zip(fleet.alone[name], calibration.estimates, strict=True)
+        values = [(a.letter, a.value, a.log_std, b.value, b.log_std, b.unit, b.verdict) for a, b in pairs]
+        columns = ("", "alone", "± of ln", "with the others", "± of ln", "unit", "verdict")
+        table(f"{name}: {len(calibration.recording_ids)} recordings", columns, values)
+    note_left_out(fleet.left_out)
+    for text in fleet.notes:
         note(f"note: {text}")
     say(str(out))

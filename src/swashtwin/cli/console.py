@@ -6,12 +6,16 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from threading import Timer
+from typing import Any, TypeVar
 
 import typer
 
-_UNLIMITED = 200  # columns where nobody's window limits a table
+T = TypeVar("T")
+
+_UNLIMITED = 200  # columns where no terminal limits a table
 _WORD = 20  # characters of a single word that a column is not broken within
+_PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
 
 
 def tell(result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
@@ -34,16 +38,16 @@ def note(text: str) -> None:
 
 def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:
     """Print why recordings were left out, one line for each reason, to standard error."""
-    found: dict[str, list[str]] = {}
+    names_by_reason: dict[str, list[str]] = {}
     for name, reason in left_out:
-        found.setdefault(reason, []).append(name)
-    for reason, names in found.items():
+        names_by_reason.setdefault(reason, []).append(name)
+    for reason, names in names_by_reason.items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         note(f"left out: {names[0]}{more}: {reason}")
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output, numbers to the right; it is wide where nobody's window limits it."""
+    """Print a table to standard output, numbers to the right; it is wide where no terminal limits it."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -51,9 +55,9 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
 
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
     grid = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD)
-    for place, name in enumerate(header):
-        numeric = bool(rows) and all(isinstance(row[place], (int, float)) for row in rows)
-        whole = numeric or all(_is_word(row[place]) for row in rows)
+    for column, name in enumerate(header):
+        numeric = bool(rows) and all(isinstance(row[column], (int, float)) for row in rows)
+        whole = numeric or all(_is_word(row[column]) for row in rows)
         grid.add_column(Text(name), justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
     for row in rows:
         grid.add_row(*(Text(_word(value)) for value in row))
@@ -66,19 +70,51 @@ def _is_word(value: object) -> bool:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[..., None]]:
-    """Bar on standard error while the block runs; call what it yields with (done, total, optional words)."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+def progress(title: str) -> Iterator[Callable[..., None]]:
+    """Bar on standard error while the block runs; call what it yields with (done, total, optional words).
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task(what, total=None)
+    The bar appears after a second, so a quick command prints none.
+    """
+    state: dict[str, Any] = {"total": None, "completed": 0, "description": title}
+    bars: list[Any] = []
 
-        def update(done: int, total: int, words: str = what) -> None:
-            bars.update(task, completed=done, total=total, description=words)
+    def show() -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        bars.append(Progress(*columns, console=Console(stderr=True)))
+        bars[0].add_task(**state)
+        bars[0].start()
+
+    def refresh() -> None:
+        for bar in bars:
+            for task in bar.task_ids:
+                bar.update(task, **state)
+
+    def update(done: int, total: int, words: str = title) -> None:
+        state.update(completed=done, total=total, description=words)
+        refresh()
+
+    timer = Timer(_PATIENCE, show)
+    timer.daemon = True
+    timer.start()
+    try:
         yield update
+    finally:
+        timer.cancel()
+        timer.join()
+        refresh()
+        for bar in bars:
+            bar.stop()
+
+
+def with_bar(items: Sequence[T], title: str) -> Iterator[T]:
+    """The items one after the other, with a bar that says how many are done."""
+    with progress(title) as bar:
+        for number, item in enumerate(items):
+            bar(number, len(items))
+            yield item
 
 
 def _word(value: object) -> str:

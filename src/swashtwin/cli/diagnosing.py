@@ -1,4 +1,4 @@
-"""Commands that use a classifier: evaluate, diagnose."""
+"""Commands that end a user's work: diagnose, report."""
 
 from itertools import zip_longest
 from pathlib import Path
@@ -7,60 +7,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, say, table, tell
-from swashtwin.cli.exits import require_target
-from swashtwin.cli.options import CalibrationFactor, Channels, Index, Json, Names, SampleRate, Seed, Unit, given
-from swashtwin.cli.recordings import load_all
+from swashtwin.cli.console import note, say, table, tell, with_bar
+from swashtwin.cli.exits import require_files, require_target
+from swashtwin.cli.options import (
+    CalibrationFactor,
+    Channels,
+    Json,
+    ModelFile,
+    Names,
+    SampleRate,
+    Sources,
+    Unit,
+    as_folder,
+    present,
+)
+from swashtwin.cli.sources import load_sources
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from swashtwin.diagnosis import Diagnosis, Evidence
-    from swashtwin.learning import ConfidenceScores, Scores
 
 EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
 
-Model = Annotated[Path, typer.Argument(help="Model file that train wrote.")]
-
-
-def evaluate(
-    model: Model,
-    source: Index,
-    level: Annotated[str | None, typer.Option(help="How far the test lies from the training: L0 to L5.")] = None,
-    ids: Annotated[
-        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
-    ] = None,
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """Score a classifier on the recordings of an index that had no part in it."""
-    from swashtwin.diagnosis import load_classifier
-    from swashtwin.learning import cut_windows, score_confidence, unseen_recordings
-    from swashtwin.learning import evaluate as evaluation_of
-    from swashtwin.recordings import load_recordings
-
-    classifier = load_classifier(model)
-    recordings = load_recordings(source)
-    chosen = recordings.where(ids=ids) if ids else unseen_recordings(classifier, recordings)
-    test = cut_windows(chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
-    scores = evaluation_of(classifier, test, level=level, seed=seed)
-    trusted = score_confidence(classifier, test) if classifier.confidence is not None else None
-    names = [one.recording_id for one in chosen]
-    if not ids and len(names) < len(recordings):
-        note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
-    result = {"model": model, "recordings": names, **scores.to_dict()}
-    result["confidence"] = None if trusted is None else trusted.to_dict()
-
-    def show() -> None:
-        _show_scores(scores)
-        if trusted is not None:
-            _show_confidence(trusted)
-
-    tell(result, as_json, show)
-
 
 def diagnose(
-    model: Model,
-    paths: Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")],
+    model: ModelFile,
+    paths: Sources,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
@@ -72,48 +46,52 @@ def diagnose(
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="Folder for report.html with its data, or one .html file: what each verdict rests on."),
+        typer.Option(help="Folder for report.html with its data, or one .html file: the evidence of each verdict."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Name the class of each recording, and what a reader should know before trusting it."""
-    from swashtwin.diagnosis import Evidence, explain, load_classifier
-    from swashtwin.diagnosis import diagnose as diagnosis_of
+    import swashtwin.diagnosis as diagnosis
 
-    classifier = load_classifier(model)
-    facts = given(
+    if report is not None and report.suffix == ".html":
+        require_target(report)
+    elif report is not None:
+        as_folder(report)
+    classifier = diagnosis.load_classifier(model)
+    facts = present(
         sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
     )
-    recordings = load_all(paths, **facts)
-    verdicts = [diagnosis_of(classifier, recording, error_rate=error_rate) for recording in recordings]
-    page = None
-    evidence: list[Evidence] = []
+    recordings = load_sources(paths, **facts)
+    verdicts = [
+        diagnosis.diagnose(classifier, recording, error_rate=error_rate)
+        for recording in with_bar(recordings, "diagnosing")
+    ]
+    page, evidence = None, []
     if report is not None:
-        if report.suffix == ".html":
-            require_target(report)
+        pairs = list(zip(recordings[:EXPLAINED], verdicts, strict=False))
         evidence = [
-            explain(classifier, recording, verdict, pistons=pistons)
-            for recording, verdict in zip(recordings[:EXPLAINED], verdicts, strict=False)
+            diagnosis.explain(classifier, recording, verdict, pistons=pistons)
+            for recording, verdict in with_bar(pairs, "collecting evidence")
         ]
-        pairs = zip_longest(verdicts, evidence)
-        page = _page([one for pair in pairs for one in pair if one is not None], report)
+        items = [item for pair in zip_longest(verdicts, evidence) for item in pair if item is not None]
+        page = _write_page(items, report)
 
     def show() -> None:
         _show_verdicts(verdicts)
         if report is not None and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
-        for one in verdicts:
-            for text in one.notes:
-                note(f"note: {one.recording_id}: {text}")
+        for verdict in verdicts:
+            for text in verdict.notes:
+                note(f"note: {verdict.recording_id}: {text}")
         if page is not None:
             say(str(page))
 
-    result = {"model": model, "diagnoses": [one.to_dict() for one in verdicts], "report": page}
-    tell({**result, "evidence": [one.to_dict() for one in evidence]}, as_json, show)
+    result = {"model": model, "diagnoses": [verdict.to_dict() for verdict in verdicts], "report": page}
+    tell({**result, "evidence": [item.to_dict() for item in evidence]}, as_json, show)
 
 
-def _page(items: "list[Diagnosis | Evidence]", target: Path) -> Path:
-    """Where the page was written: `target` itself where it is an HTML file, which needs no other."""
+def _write_page(items: "Sequence[Diagnosis | Evidence]", target: Path) -> Path:
+    """Path of the page: `target` itself where it is an HTML file, which needs no other."""
     from swashtwin.foundation import write_text
     from swashtwin.report import write_report
 
@@ -123,31 +101,66 @@ def _page(items: "list[Diagnosis | Evidence]", target: Path) -> Path:
         return write_text(target, write_report(*items, folder=folder).read_text(encoding="utf-8"))
 
 
-def _show_verdicts(verdicts: "list[Diagnosis]") -> None:
+def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
     rows: list[tuple[object, ...]] = []
-    for one in verdicts:
-        trust = one.trust
+    for verdict in verdicts:
+        trust = verdict.trust
         could_be = "" if trust is None else "unknown" if trust.unknown else ", ".join(trust.prediction_set)
-        rows.append((one.recording_id, one.label, max(one.probabilities.values()), one.agreement, could_be))
-    told = all(one.trust is not None for one in verdicts)
+        rows.append(
+            (verdict.recording_id, verdict.label, max(verdict.probabilities.values()), verdict.agreement, could_be)
+        )
+    calibrated = all(verdict.trust is not None for verdict in verdicts)
     header = ("recording", "class", "probability", "windows that agree", "could be")
-    table(f"{len(rows)} recordings", header if told else header[:-1], rows if told else [row[:-1] for row in rows])
-    if not told:
-        note("note: the model was not taught how far to trust itself (train --validation-fraction 0.2).")
+    columns = len(header) if calibrated else len(header) - 1
+    table(f"{len(rows)} recordings", header[:columns], [row[:columns] for row in rows])
+    if not calibrated:
+        note("note: the model's confidence is not calibrated (train --validation-fraction 0.2 does that).")
 
 
-def _show_confidence(trusted: "ConfidenceScores") -> None:
-    rows = [(name, value) for name, value in trusted.to_dict().items() if isinstance(value, int | float)]
-    table("Trust in itself, by recording", ("figure", "value"), rows)
+def report(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="CALIBRATION|FOLDER...", help="Calibration files, and folders of bench studies' runs."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.", callback=as_folder)],
+    as_json: Json = False,
+) -> None:
+    """Write one page of saved results: of calibrations, or of the finished runs of studies.
 
+    The page of a diagnosis comes from swashtwin diagnose --report.
+    """
+    from swashtwin.bench import collect_studies, write_study_report
+    from swashtwin.calibration import load_calibration
+    from swashtwin.report import write_report
 
-def _show_scores(scores: "Scores") -> None:
-    names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
-             "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
-    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
-    title = f"{scores.n_windows} windows of {scores.n_recordings} recordings, level {scores.level or 'not stated'}"
-    table(title, ("score", "value", ""), rows)
-    low, high = scores.accuracy_interval
-    say(f"95 % interval of the accuracy, by bootstrap over the recordings: {low:.3f} to {high:.3f}")
-    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
-    table("Windows of each class (row) given each class (column)", ("", *scores.classes), counts)
+    require_files(sources)
+    folders = [path for path in sources if path.is_dir()]
+    if folders and len(folders) < len(sources):
+        raise typer.BadParameter("give either calibration files or folders of studies.", param_hint="SOURCES")
+    studies = [study for path in folders for study in collect_studies(path)]
+    if folders:
+        page = write_study_report(*studies, folder=out)
+    else:
+        page = write_report(*map(load_calibration, sources), folder=out)
+    result = {
+        "report": page,
+        "calibrations": [] if folders else sources,
+        "studies": [
+            {
+                "study": study.study,
+                "size": study.size,
+                "seeds": list(study.seeds),
+                "runs": len(study.runs),
+                "answer": list(study.answer),
+            }
+            for study in studies
+        ],
+    }
+
+    def show() -> None:
+        rows = [(study.study, study.size, ", ".join(map(str, study.seeds)), len(study.runs)) for study in studies]
+        if rows:
+            table("Studies", ("study", "size", "seeds", "runs"), rows)
+        say(f"Report: {page}")
+
+    tell(result, as_json, show)

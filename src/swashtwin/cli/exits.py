@@ -1,9 +1,9 @@
-"""How a command ends: its exit code, and one line for whoever waits."""
+"""How a command ends: its exit code, and one line for the person who waits."""
 
 import errno
 import os
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,30 +11,31 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from swashtwin.cli.advice import in_options
 from swashtwin.foundation import InputError, SwashTwinError
 
 BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
-"""Exit codes; 0 is done and 2 a wrong command line."""
+"""Exit codes; 0 is success and 2 a wrong command line."""
 
 _CLICK_ERROR = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C where there is something to say about going on."""
+    """Ctrl-C, with a hint at how to resume."""
 
 
 class GuardedGroup(TyperGroup):
     """Commands whose errors become one line on standard error and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
-        """What the command gives; errors that are not the command line's end it here."""
+        """Result of the command; an error that is not the command line's ends it here."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as cause:
             hint = str(cause) or "nothing is half-written"
             raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
         except SwashTwinError as cause:
-            raise self._exit(f"error: {_line(cause)}", BAD_DATA) from cause
+            raise self._exit(f"error: {in_options(_line(cause))}", BAD_DATA) from cause
         except MemoryError as cause:
             raise self._exit("error: not enough memory; ask for less at a time.", BAD_DATA) from cause
         except OSError as cause:
@@ -46,7 +47,7 @@ class GuardedGroup(TyperGroup):
         except Exception as cause:
             if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
                 raise
-            if type(cause).__name__ == "SafetensorError":  # how safetensors tells of a full disk
+            if type(cause).__name__ == "SafetensorError":  # what safetensors raises on a full disk
                 raise self._exit(f"error: {_line(cause)}; nothing is half-written.", BAD_DATA) from cause
             if ctx.params.get("debug"):
                 typer.echo(traceback.format_exc(), err=True)
@@ -64,18 +65,36 @@ def _line(cause: object) -> str:
 
 
 def require_target(path: Path, *suffixes: str) -> None:
-    """Refuse a file that cannot be written, before the work that it is to hold is done."""
+    """Refuse a file that cannot be written, before the work whose result it is to hold."""
     if path.is_dir():
         raise InputError(f"{path} is a folder; name a file, such as {path / ('result' + (suffixes or ('',))[0])}.")
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"{path} must end in {' or '.join(suffixes)}.")
-    if path.parent.exists() and not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path.parent} cannot be written to; name a file elsewhere.")
+    existing = next(parent for parent in path.absolute().parents if parent.exists())
+    if not existing.is_dir():
+        raise InputError(f"{existing} is a file; name a file in a folder.")
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"{existing} cannot be written to; name a file elsewhere.")
+
+
+def require_files(paths: Sequence[Path | None]) -> None:
+    """Refuse a file that is not there, before anything slow begins."""
+    from swashtwin.foundation import MissingFileError
+
+    for path in paths:
+        if path is not None and not path.exists():
+            raise MissingFileError(f"{path} does not exist.")
+
+
+def refuse_existing(path: Path, overwrite: bool) -> None:
+    """Refuse a target that exists, unless it may be replaced."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists and may have been edited; replace it with --overwrite, or name another --out.")
 
 
 @contextmanager
 def resumable(hint: str) -> Iterator[None]:
-    """Within it, Ctrl-C says how to go on."""
+    """Within it, Ctrl-C says how to resume."""
     try:
         yield
     except KeyboardInterrupt as cause:

@@ -1,20 +1,16 @@
-"""Options that several commands share."""
+"""Options that several commands share, and what their texts mean."""
 
 import json
 import os
-import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from swashtwin.foundation import SwashTwinError
-
 if TYPE_CHECKING:
-    from swashtwin.calibration import Nuisances
     from swashtwin.physics import SteadySolver
     from swashtwin.pump import Fault, OperatingCondition
 
@@ -24,117 +20,80 @@ T = TypeVar("T")
 def as_folder(path: Path | None) -> Path | None:
     """The same path, refused before any work where no folder can be there or nothing can be written into it."""
     if path is not None:
-        there = next(one for one in (path.absolute(), *path.absolute().parents) if one.exists())
-        if not there.is_dir():
-            raise typer.BadParameter(f"{there} is a file; name a folder.")
-        if not os.access(there, os.W_OK):
-            raise typer.BadParameter(f"{there} cannot be written to; name a folder elsewhere.")
+        existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
+        if not existing.is_dir():
+            raise typer.BadParameter(f"{existing} is a file; name a folder.")
+        if not os.access(existing, os.W_OK):
+            raise typer.BadParameter(f"{existing} cannot be written to; name a folder elsewhere.")
     return path
 
 
-ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
-Seed = Annotated[int, typer.Option(help="Addresses every random draw.")]
-Jobs = Annotated[int, typer.Option(min=1, help="Processes that work side by side.")]
-Index = Annotated[Path, typer.Argument(help="Index file, the folder that holds recordings.toml, or a store.")]
+Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
+Index = Annotated[
+    Path, typer.Argument(metavar="INDEX", help="Index file, the folder that holds recordings.toml, or a store.")
+]
+Sources = Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")]
+ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 GroupName = Annotated[
-    str, typer.Option("--group", help="What stays whole: recording, specimen, condition, or an attribute (pump_run).")
+    str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
 ]
-Length = Annotated[int, typer.Option(help="Readings per window; 2048 are 80 ms at 25.6 kHz.")]
+Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
+Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.")]
+CalibrationFile = Annotated[Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")]
 
-PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin pump show).")]
-Speed = Annotated[str, typer.Option(help='Speed of the shaft, such as "860 rpm".')]
-Pressure = Annotated[str, typer.Option(help='Absolute pressure at the outlet, such as "15 MPa".')]
-Pressures = Annotated[
-    list[str],
-    typer.Option("--pressure", help='Absolute pressure at the outlet, "15 MPa"; repeat it for several at once.'),
-]
+PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
+Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
+Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
 Temperature = Annotated[str | None, typer.Option(help='Oil temperature, such as "45 degC".')]
-FaultName = Annotated[
-    str, typer.Option("--fault", help="Kind of fault, such as swash_plate; normal is a healthy pump.")
+_FAULT = 'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
+FaultText = Annotated[
+    str, typer.Option("--fault", metavar="KIND[:NAME=QUANTITY,...]", help=f"{_FAULT} normal is a healthy pump.")
 ]
-FaultLength = Annotated[str | None, typer.Option("--length", help='Length of a swash plate defect, such as "30 mm".')]
-FaultWidth = Annotated[str | None, typer.Option("--width", help='Width of a swash plate defect, such as "24 mm".')]
-FaultDepth = Annotated[str | None, typer.Option("--depth", help='Depth of the defect, such as "0.6 mm".')]
-Dimensions = Annotated[
+OptionalFault = Annotated[
+    str | None,
+    typer.Option("--fault", metavar="KIND[:NAME=QUANTITY,...]", help=f"{_FAULT} By default the calibration's."),
+]
+Settings = Annotated[
     list[str] | None,
-    typer.Option("--dimension", metavar="NAME=QUANTITY", help='Any dimension of the fault: "clearance=60 um".'),
+    typer.Option("--set", metavar="NAME=VALUE", help="Any other setting, such as epochs=60; repeatable."),
 ]
+
+
+class Preset(StrEnum):
+    """Recipes: what we recommend, and the paper's."""
+
+    recommended = "recommended"
+    paper = "paper"
+
+
+PresetName = Annotated[Preset, typer.Option(help="What every option and setting defaults to.")]
 
 
 class Solver(StrEnum):
-    """What solves the equations of motion."""
+    """Method that solves the equations of motion."""
 
     harmonic_balance = "harmonic-balance"
     rk4 = "rk4"
 
 
-SolverName = Annotated[Solver, typer.Option(help="What solves the equations; rk4 is the paper's.")]
+SolverName = Annotated[Solver, typer.Option(help="Method that solves the equations; rk4 is the paper's.")]
 Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
 
-
-class Freed(StrEnum):
-    """Which constants are searched beside the six values."""
-
-    none = "none"
-    usual = "usual"
-    housing = "housing"
-
-
-FreedName = Annotated[
-    Freed,
-    typer.Option(
-        help="Constants nobody measured, searched as well: usual (mounting, bearings, excitation, sensors), or "
-        "housing (those, each channel's gain, and two modes of the housing)."
-    ),
-]
-
-SampleRate = Annotated[str | None, typer.Option(help='Readings per second where files do not say: "25.6 kHz".')]
-Unit = Annotated[str | None, typer.Option(help='Unit of the readings where files do not say: "g", "m/s^2", "1".')]
+SampleRate = Annotated[str | None, typer.Option(help='Sample rate where files do not state it: "25.6 kHz".')]
+Unit = Annotated[str | None, typer.Option(help='Unit of the samples where files do not state it: "g", "m/s^2", "1".')]
 CalibrationFactor = Annotated[
-    str | None, typer.Option(help='What one unit in the file stands for (full scale of an integer WAV): "50 m/s^2".')
+    str | None,
+    typer.Option(help='Quantity of one unit in the file (full scale of an integer WAV): "50 m/s^2".'),
 ]
-Channels = Annotated[list[str] | None, typer.Option(help="Column or variable to read, by name or pattern; repeatable.")]
-Names = Annotated[list[str] | None, typer.Option(help="What to call each of the channels; repeatable.")]
+Channels = Annotated[list[str] | None, typer.Option(help="Recording channel to read, by name or pattern; repeatable.")]
+Names = Annotated[list[str] | None, typer.Option(help="New name of each channel, in order; repeatable.")]
 
 
-def condition_of(speed: str, pressure: str, temperature: str | None) -> "OperatingCondition":
-    """Operating condition of the options."""
-    from swashtwin.pump import read_condition
-
-    return read_condition(speed=speed, discharge_pressure=pressure, oil_temperature=temperature)
-
-
-def fault_of(
-    kind: str, length: str | None, width: str | None, depth: str | None, dimensions: list[str] | None
-) -> "Fault | None":
-    """Fault of the options."""
-    from swashtwin.pump import read_fault
-
-    named = {"length": length, "width": width, "depth": depth} | pairs_of(dimensions, "--dimension")
-    return read_fault(kind, **{name: text for name, text in named.items() if text is not None})
-
-
-def solver_of(name: Solver, step: str | None) -> "SteadySolver":
-    """Solver of the options; a step without rk4 is a wrong command line."""
-    from swashtwin.foundation import parse
-    from swashtwin.physics import RK4, HarmonicBalance
-
-    if name is Solver.rk4:
-        return RK4(step=None if step is None else parse(step, "s", name="step"))
-    if step is not None:
-        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
-    return HarmonicBalance()
-
-
-def nuisances_of(name: Freed) -> "Nuisances":
-    """Constants of the options, with their priors."""
-    from swashtwin.calibration import Nuisances
-
-    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
-
-
-def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:
+def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
     """``name=value`` texts as a dictionary; anything else is a wrong command line."""
     pairs = {}
     for text in texts or ():
@@ -145,66 +104,124 @@ def pairs_of(texts: list[str] | None, option: str) -> dict[str, str]:
     return pairs
 
 
-_OF_THE_WINDOWS = {
-    "name": "the network is named by --network",
-    "n_channels": "the recordings say how many channels there are",
-    "n_classes": "the recordings say how many classes there are",
-}
-"""What looks like a setting of a network and is none, and what says it instead."""
-
-
-def settings_of(texts: list[str] | None, option: str) -> dict[str, Any]:
-    """``name=value`` texts, each value a number, true or false, or several numbers with commas between them."""
-    settings = {}
-    for name, text in pairs_of(texts, option).items():
-        if name in _OF_THE_WINDOWS:
-            raise typer.BadParameter(f"{name} is no setting: {_OF_THE_WINDOWS[name]}.", param_hint=option)
-        try:
-            values = json.loads(f"[{text}]")
-        except ValueError:
-            values = []
-        if not values or not all(isinstance(value, (int, float)) for value in values):
-            raise typer.BadParameter(
-                f"{name}={text} must be a number, numbers with commas, true or false.", param_hint=option
-            )
-        settings[name] = tuple(values) if len(values) > 1 else values[0]
-    return settings
-
-
-def list_of(text: str | None, kind: Callable[[str], T], option: str) -> list[T] | None:
+def read_list(text: str | None, kind: Callable[[str], T], option: str) -> list[T] | None:
     """Comma-separated values; anything else is a wrong command line."""
     if text is None:
         return None
     try:
-        return [kind(part) for part in text.split(",")]
+        return [kind(part.strip()) for part in text.split(",")]
     except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} must be whole numbers with commas between them.", param_hint=option
-        ) from None
+        number = "whole numbers" if kind is int else "numbers"
+        raise typer.BadParameter(f"{text!r} must be {number} with commas between them.", param_hint=option) from None
 
 
-_SINGLE_FILE = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
-_SINGLE_FILE |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
-"""Options that say of a single file what keys of an index say of many."""
+def read_seeds(text: str) -> list[int]:
+    """Seeds of ``--seeds``."""
+    return read_list(text, int, "--seeds") or []
 
 
-@contextmanager
-def said_as_options() -> Iterator[None]:
-    """Within it, errors that would have an index mended name the options of a single file instead."""
-    try:
-        yield
-    except SwashTwinError as cause:
-        text = re.sub(r"\b([a-z_]+) = (?=[\"'\[])", _as_option, str(cause))
-        text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
-        text = text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
-        raise type(cause)(text) from cause
+def read_words(text: str | None) -> list[str]:
+    """Comma-separated words; none where there is no text."""
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
 
 
-def _as_option(match: re.Match[str]) -> str:
-    option = _SINGLE_FILE.get(match[1])
-    return match[0] if option is None else f"{option} "
-
-
-def given(**values: Any) -> dict[str, Any]:
-    """The values that are not None."""
+def present(**values: Any) -> dict[str, Any]:
+    """The values that are neither None nor an empty list."""
     return {name: value for name, value in values.items() if value is not None and value != []}
+
+
+def condition_from(speed: str, pressure: str, temperature: str | None) -> "OperatingCondition":
+    """Operating condition that the options name."""
+    from swashtwin.pump import read_condition
+
+    return read_condition(speed=speed, discharge_pressure=pressure, oil_temperature=temperature)
+
+
+def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
+    """Kind of a fault text, and its dimensions: ``("piston", {"clearance": "60um"})`` of ``piston:clearance=60um``."""
+    kind, _, dimensions = text.partition(":")
+    return kind.strip(), read_pairs(dimensions.split(",") if dimensions else None, "--fault")
+
+
+def fault_from(text: str) -> "Fault | None":
+    """Fault that the text of ``--fault`` describes; None is a healthy pump."""
+    from swashtwin.pump import read_fault
+
+    kind, dimensions = fault_dimensions(text)
+    return read_fault(kind, **dimensions)
+
+
+def solver_from(name: Solver, step: str | None) -> "SteadySolver":
+    """Solver that the options name; a step without rk4 is a wrong command line."""
+    from swashtwin.foundation import parse
+    from swashtwin.physics import RK4, HarmonicBalance
+
+    if name is Solver.rk4:
+        return RK4(step=None if step is None else parse(step, "s", name="--step"))
+    if step is not None:
+        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
+    return HarmonicBalance()
+
+
+def band_from(text: str, option: str = "--band") -> tuple[float, float]:
+    """Edges [Hz] of a band such as ``10-1000 Hz``; one in shaft orders is a wrong command line."""
+    from swashtwin.signals import Band
+
+    band = Band.parse(text)
+    if band.in_orders:
+        raise typer.BadParameter("is a band in Hz here: 2-5 kHz.", param_hint=option)
+    return band.low, band.high
+
+
+def read_settings(texts: Sequence[str] | None, defaults: dict[str, Any], owner: str) -> dict[str, Any]:
+    """Settings that ``--set NAME=VALUE`` names, each of the same kind as its default.
+
+    Parameters
+    ----------
+    defaults : each setting that can be given, with its default.
+    owner : whose settings these are, for messages.
+    """
+    from difflib import get_close_matches
+
+    settings = {}
+    for name, text in read_pairs(texts, "--set").items():
+        if name not in defaults:
+            near = get_close_matches(name, defaults, n=1)
+            hint = f" Did you mean {near[0]}?" if near else f" There are {', '.join(sorted(defaults))}."
+            raise typer.BadParameter(f"{owner} has no setting {name!r}.{hint}", param_hint="--set")
+        settings[name] = _setting(name, text, defaults[name])
+    return settings
+
+
+def _setting(name: str, text: str, default: Any) -> Any:
+    """Value of a setting: a word where the default is one, else a number, a truth value, or numbers with commas."""
+    if isinstance(default, str):
+        return text
+    try:
+        values = json.loads(f"[{text}]")
+    except ValueError:
+        values = []
+    kind, words = _kind_of(default[0] if isinstance(default, tuple) and default else default)
+    several = default is None or isinstance(default, tuple)
+    if not values or not all(type(value) in kind for value in values) or (len(values) > 1 and not several):
+        reason = f"{name}={text} must be {words}{', or several with commas' if several else ''}."
+        raise typer.BadParameter(reason, param_hint="--set")
+    if kind == (int, float) and isinstance(default, float):
+        values = [float(value) for value in values]
+    return tuple(values) if len(values) > 1 or isinstance(default, tuple) else values[0]
+
+
+def _kind_of(default: Any) -> tuple[tuple[type, ...], str]:
+    """Types that a value may have beside such a default, and these in words."""
+    if isinstance(default, bool):
+        return (bool,), "true or false"
+    if isinstance(default, int):
+        return (int,), "a whole number"
+    return (int, float), "a number"
+
+
+def defaults_of(settings: Any) -> dict[str, Any]:
+    """Settings of a dataclass instance by name, but for what no text can say."""
+    values = {item.name: getattr(settings, item.name) for item in fields(settings)}
+    kinds = (int, float, str, tuple, type(None))
+    return {name: value for name, value in values.items() if isinstance(value, kinds)}

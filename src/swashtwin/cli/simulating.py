@@ -1,4 +1,4 @@
-"""The command that lets a twin run: one recording, or a folder of them."""
+"""The command twin simulate: one synthetic recording, or a folder of them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,14 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import (
-    Dimensions,
-    FaultDepth,
-    FaultLength,
-    FaultName,
-    FaultWidth,
     Json,
+    OptionalFault,
     Pressure,
     PumpName,
     Seed,
@@ -24,9 +20,9 @@ from swashtwin.cli.options import (
     Speed,
     Step,
     Temperature,
-    condition_of,
-    fault_of,
-    solver_of,
+    condition_from,
+    fault_from,
+    solver_from,
 )
 
 if TYPE_CHECKING:
@@ -39,26 +35,22 @@ _STREAMED = (".h5", ".hdf5")
 _MOST_IN_MEMORY = 4 * 10**9
 """Bytes of a recording that is written to a file which cannot be streamed."""
 _SPARE = 1 << 15
-"""Readings' worth of room that a file takes beyond its readings, at most."""
+"""Space that a file takes beyond its samples, in samples, at most."""
 
 
 def simulate(
-    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --n a folder.")],
+    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --count a folder.")],
     speed: Speed,
     pressure: Pressure,
     pump: PumpName = "25scy14-1b",
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Take the twin and fault of this calibration, at the speed and pressure given."),
+        typer.Option(help="Use the twin and the fault of this calibration, at the speed and pressure given."),
     ] = None,
     temperature: Temperature = None,
-    fault: FaultName = "",
-    length: FaultLength = None,
-    width: FaultWidth = None,
-    depth: FaultDepth = None,
-    dimensions: Dimensions = None,
-    duration: Annotated[str, typer.Option(help="Length of a recording.")] = "4 s",
-    sample_rate: Annotated[str, typer.Option(help="Readings per second and channel.")] = "25.6 kHz",
+    fault: OptionalFault = None,
+    duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "4 s",
+    sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
     whole_revolutions: Annotated[
         bool, typer.Option("--whole-revolutions", help="Refuse a duration after which the signal does not repeat.")
     ] = False,
@@ -67,10 +59,10 @@ def simulate(
     ] = None,
     to_pressure: Annotated[str | None, typer.Option(help="Go from --pressure to this one within the duration.")] = None,
     jitter: Annotated[float, typer.Option(help="Standard deviation of the speed, relative, such as 0.005.")] = 0.0,
-    n: Annotated[int, typer.Option("--n", min=1, help="How many recordings; above 1 they go to the folder --out.")] = 1,
+    count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
     vary: Annotated[
         bool,
-        typer.Option(help="With --n, draw speed, pressure, temperature, severity and interface values anew for each."),
+        typer.Option(help="Draw speed, pressure, temperature, severity and interface values anew for each recording."),
     ] = True,
     seed: Seed = 0,
     one_sided: Annotated[
@@ -80,47 +72,47 @@ def simulate(
         float, typer.Option(min=0, max=1, help="Stiffness of a slipper on the suction side over that of a loaded one.")
     ] = 1.0,
     films: Annotated[
-        bool, typer.Option("--films", help="Let the films' values move with the oil's temperature and the pressure.")
+        bool, typer.Option("--films", help="Adapt the films to the oil's temperature and the pressure.")
     ] = False,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     as_json: Json = False,
 ) -> None:
-    """Write what the accelerometers of a twin read, as synthetic recordings.
+    """Write what the accelerometers of a twin measure, as synthetic recordings.
 
-    With --n, the shaft's phase is drawn for each recording, and a run that was interrupted goes on where it ended.
+    With --count, the shaft's phase is drawn for each recording, and the same command continues an interrupted run.
     """
     from swashtwin.foundation import parse
     from swashtwin.physics import SlipperContact
     from swashtwin.recordings import WRITABLE
 
-    if n == 1:
+    if count == 1:
         require_target(out, *WRITABLE)
     elif out.suffix in WRITABLE:
         raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
-    seconds = parse(duration, "s", name="duration")
-    profile = _profile_of(seconds, speed, pressure, to_speed, to_pressure, jitter)
+    require_files([calibration])
+    seconds = parse(duration, "s", name="--duration")
+    profile = _profile(seconds, speed, pressure, to_speed, to_pressure, jitter)
     if profile is not None and (solver is Solver.rk4 or step is not None):
-        raise typer.BadParameter("solves the steady state; a ramp is marched by its own step.", param_hint="--solver")
+        raise typer.BadParameter("solves the steady state; a profile has a step of its own.", param_hint="--solver")
+    if profile is not None and films:
+        raise typer.BadParameter("does not follow a profile: its films stay as they are.", param_hint="--films")
     fastest = speed if profile is None or profile.speed[0] >= profile.speed[-1] else str(to_speed)
-    flaw = fault_of(fault or "normal", length, width, depth, dimensions)
-    condition = condition_of(fastest, pressure, temperature)
-    twin = _twin_of(pump, calibration, condition, films=films)
-    twin = twin.with_fault(flaw) if fault or calibration is None else twin
+    defect = fault_from(fault or "normal")
+    twin = _twin(pump, calibration, condition_from(fastest, pressure, temperature), films=films)
+    twin = twin.with_fault(defect) if fault is not None or calibration is None else twin
     twin = replace(twin, contact=SlipperContact(unloaded=unloaded, one_sided=one_sided))
-    notes = _notes_of(twin, profile)
+    notes = _notes(twin, profile)
     for text in notes:
         note(f"note: {text}")
-    rate = parse(sample_rate, "Hz", name="sample_rate")
-    if films and profile is not None:
-        raise typer.BadParameter("does not follow a profile: its films stay as they are.", param_hint="--films")
-    plan = _Plan(twin, seconds, rate, solver_of(solver, step), profile, seed, films, notes)
+    rate = parse(sample_rate, "Hz", name="--sample-rate")
+    plan = _Plan(twin, seconds, rate, solver_from(solver, step), profile, seed, films, notes)
     if whole_revolutions:
-        _require_whole_revolutions(plan, varied=vary and n > 1)
-    if n == 1:
+        _require_whole_revolutions(plan, varied=vary and count > 1)
+    if count == 1:
         _write_one(plan, out, as_json)
     else:
-        _write_many(plan, out, n, _variation_of(temperature) if vary else None, as_json)
+        _write_many(plan, out, count, _variation(temperature) if vary else None, as_json)
 
 
 @dataclass(frozen=True)
@@ -143,19 +135,21 @@ class _Plan:
         return (round(self.duration * self.sample_rate) + _SPARE) * columns * 8
 
     def blocks(self, twin: "Twin", phase: float, seed: int, name: str) -> "Iterator[Recording]":
-        """One recording of `twin`, a variation of the plan's own."""
+        """One recording of `twin`, a variation of the plan's twin."""
         from swashtwin.physics import profile_blocks, steady_blocks
 
         if self.profile is None:
             return steady_blocks(
                 twin, self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name
             )
-        drawn, own = twin.condition, self.twin.condition
-        profile = self.profile.scaled(drawn.speed / own.speed, drawn.discharge_pressure / own.discharge_pressure)
+        drawn, planned = twin.condition, self.twin.condition
+        profile = self.profile.scaled(
+            drawn.speed / planned.speed, drawn.discharge_pressure / planned.discharge_pressure
+        )
         return profile_blocks(twin, profile, self.sample_rate, phase=phase, seed=seed, recording_id=name)
 
     def settings(self, variation: "Variation | None") -> dict[str, Any]:
-        """Whatever the recordings of a run depend on, but for their count."""
+        """Everything that the recordings of a run depend on, but for their count."""
         from dataclasses import asdict
 
         from swashtwin.calibration import twin_to_dict
@@ -175,8 +169,8 @@ class _Plan:
         }
 
 
-def _notes_of(twin: "Twin", profile: "OperatingProfile | None") -> list[str]:
-    """What is to be known of the twin's range, of a profile at its lowest and its highest pressure."""
+def _notes(twin: "Twin", profile: "OperatingProfile | None") -> list[str]:
+    """Where the twin leaves its range; for a profile, at its lowest and its highest pressure."""
     if profile is None:
         return list(twin.notes())
     ends = (min(profile.discharge_pressure), max(profile.discharge_pressure))
@@ -184,10 +178,10 @@ def _notes_of(twin: "Twin", profile: "OperatingProfile | None") -> list[str]:
     return list(dict.fromkeys(text for condition in conditions for text in twin.at(condition).notes()))
 
 
-def _profile_of(
+def _profile(
     duration: float, speed: str, pressure: str, to_speed: str | None, to_pressure: str | None, jitter: float
 ) -> "OperatingProfile | None":
-    """OperatingProfile of the options; None where nothing changes."""
+    """Operating profile of the options; None where nothing changes."""
     if to_speed is None and to_pressure is None and jitter == 0:
         return None
     import numpy as np
@@ -197,34 +191,34 @@ def _profile_of(
 
     ends = (("speed", "rad/s", speed, to_speed), ("pressure", "Pa", pressure, to_pressure))
     speeds, pressures = (
-        [parse(start, unit, name=name), parse(start if end is None else end, unit, name=f"to_{name}")]
+        [parse(start, unit, name=f"--{name}"), parse(start if end is None else end, unit, name=f"--to-{name}")]
         for name, unit, start, end in ends
     )
     return OperatingProfile(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
 
 
-def _twin_of(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
+def _twin(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
     """Twin of the pump, healthy, or of the calibration, with its fault; `films` moves the values with the oil."""
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin, carry_over
     from swashtwin.pump import load_pump
 
     if calibration is None:
-        known = load_pump(pump)
-        twin = Twin(known, condition.replaced(oil_temperature=known.oil.reference_temperature))
+        drawing = load_pump(pump)
+        twin = Twin(drawing, condition.replaced(oil_temperature=drawing.oil.reference_temperature))
     else:
         twin = load_calibration(calibration).twin
     return carry_over(twin, condition) if films else twin.at(condition)
 
 
-def _variation_of(temperature: str | None) -> "Variation":
-    """The usual spread; a temperature that was given is kept."""
+def _variation(temperature: str | None) -> "Variation":
+    """The usual spread; a temperature that was given does not vary."""
     from swashtwin.foundation import parse
     from swashtwin.synthesis import Variation
 
     if temperature is None:
         return Variation()
-    kelvin = parse(temperature, "K", name="temperature")
+    kelvin = parse(temperature, "K", name="--temperature")
     return Variation(temperature=(kelvin, kelvin))
 
 
@@ -243,7 +237,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     squares: list[Any] = []
     counts: list[int] = []
 
-    def measured(bar: Any) -> "Iterator[Recording]":
+    def blocks(bar: Any) -> "Iterator[Recording]":
         for block in plan.blocks(plan.twin, 0.0, plan.seed, out.stem):
             squares.append((block.signal**2).sum(axis=1))
             counts.append(block.signal.shape[1])
@@ -259,13 +253,13 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
         if streamed:
             out.parent.mkdir(parents=True, exist_ok=True)
             require_disk_space(out.parent, 1, plan.size)
-            recording = write_blocks(measured(bar), out)
+            recording = write_blocks(blocks(bar), out)
         else:
-            recording = join_blocks(measured(bar))
+            recording = join_blocks(blocks(bar))
     if not streamed:
         write_recording(recording, out)
         if recording.has_speed:
-            note(f"note: {out.suffix} has no place for the speed at each sample; write .h5 to keep it.")
+            note(f"note: {out.suffix} cannot hold the speed of each sample; write .h5 to keep it.")
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
     rms = dict(zip(recording.channels, values, strict=True))
     result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": sum(counts) / plan.sample_rate}
@@ -286,10 +280,10 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
         return plan.blocks(twin, phase, derive_seed(plan.seed, "profile", number), folder.name)
 
-    with resumable("the recordings that are whole stay; the same command goes on"), progress("simulating") as bar:
-        index, made = write_series(
+    with resumable("complete recordings stay; the same command continues"), progress("simulating") as bar:
+        index, new = write_series(
             folder, count, blocks_of, settings=plan.settings(variation), bytes_each=plan.size, progress=bar
         )
-    result = {"index": index, "recordings": count, "made": made, "label": plan.twin.label, "seed": plan.seed}
+    result = {"index": index, "recordings": count, "new": new, "label": plan.twin.label, "seed": plan.seed}
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
-    tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(made)} made now"))
+    tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(new)} new"))

@@ -1,11 +1,17 @@
-"""Many recordings in few lines: what the screen shows by class and operating condition."""
+"""Tables of recordings: each one, or many summed up by class and operating condition."""
 
 import math
 import statistics
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
+
+from swashtwin.cli.console import say, table
+
+if TYPE_CHECKING:
+    from swashtwin.recordings import InspectionReport, Recording, RecordingReport
+    from swashtwin.signals import Row, Trend
 
 T = TypeVar("T")
 
@@ -14,8 +20,16 @@ MOST_ROWS = 12
 
 All = Annotated[bool, typer.Option("--all", help="Show each recording, not a summary by class and condition.")]
 
+_STATUS = ("within", "above", "below", "no baseline")
+_FURTHEST = 3
 
-def grouped(items: Iterable[T], key: Callable[[T], Hashable]) -> list[list[T]]:
+
+def number_or_none(value: float) -> float | None:
+    """The value, or None where it is no number."""
+    return value if math.isfinite(value) else None
+
+
+def _group(items: Iterable[T], key: Callable[[T], Hashable]) -> list[list[T]]:
     """Items with equal keys together, in the order of their first."""
     groups: dict[Hashable, list[T]] = {}
     for item in items:
@@ -23,8 +37,8 @@ def grouped(items: Iterable[T], key: Callable[[T], Hashable]) -> list[list[T]]:
     return list(groups.values())
 
 
-def condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]) -> list[str]:
-    """Operating condition of each recording in words, a dash where nobody states any.
+def _condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]) -> list[str]:
+    """Operating condition of each recording in words, a dash where none is stated.
 
     Parameters
     ----------
@@ -38,23 +52,138 @@ def condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequen
 
     facts = np.array([speed, pressure], dtype=float)
     words = np.full(len(ids), "-", dtype=object)
-    for known in {tuple(column) for column in (~np.isnan(facts)).T.tolist()}:
-        if any(known):
-            own = np.flatnonzero((~np.isnan(facts) == np.array(known)[:, None]).all(axis=0))
-            words[own] = condition_names([ids[place] for place in own.tolist()], *facts[:, own])
+    for stated in {tuple(column) for column in (~np.isnan(facts)).T.tolist()}:
+        if any(stated):
+            indices = np.flatnonzero((~np.isnan(facts) == np.array(stated)[:, None]).all(axis=0))
+            words[indices] = condition_names([ids[index] for index in indices.tolist()], *facts[:, indices])
     return [str(word) for word in words]
 
 
-def spread_of(values: Iterable[float], digits: int = 4) -> str:
+def _range(values: Iterable[float], digits: int = 4) -> str:
     """Least and greatest of the values that are numbers, in so many digits, or the one they all are."""
-    known = [value for value in values if math.isfinite(value)]
-    if not known:
+    numbers = [value for value in values if math.isfinite(value)]
+    if not numbers:
         return "-"
-    least, most = f"{min(known):.{digits}g}", f"{max(known):.{digits}g}"
+    least, most = f"{min(numbers):.{digits}g}", f"{max(numbers):.{digits}g}"
     return least if least == most else f"{least} to {most}"
 
 
-def median_of(values: Iterable[float]) -> float | None:
+def _median(values: Iterable[float]) -> float | None:
     """Median of the values that are numbers, or None."""
-    known = [value for value in values if math.isfinite(value)]
-    return statistics.median(known) if known else None
+    numbers = [value for value in values if math.isfinite(value)]
+    return statistics.median(numbers) if numbers else None
+
+
+def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]", show_all: bool) -> None:
+    """Print the recordings of an inspection, and what is wrong with them."""
+    each = show_all or len(recordings) <= MOST_ROWS
+    if each:
+        _show_recordings(report.recordings)
+    else:
+        _show_recording_summary(report.recordings, recordings)
+    _show_findings(report, each)
+
+
+def _show_recordings(reports: "Sequence[RecordingReport]") -> None:
+    rows = [
+        (report.recording_id, report.label, report.sample_rate, round(report.duration, 3), channel.name,
+         channel.minimum, channel.maximum, channel.rms, report.unit)
+        for report in reports
+        for channel in report.channels
+    ]  # fmt: skip
+    header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
+    table(f"{len(reports)} recordings", header, rows)
+
+
+def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "Sequence[Recording]") -> None:
+    from swashtwin.recordings import stated_pressure, stated_speed
+
+    speeds = [stated_speed(recording) for recording in recordings]
+    words = _condition_words(
+        [recording.recording_id for recording in recordings],
+        [math.nan if speed is None else 2 * math.pi * speed for speed in speeds],
+        [stated_pressure(recording) for recording in recordings],
+    )
+    rows = []
+    for group in _group(zip(reports, words, strict=True), lambda pair: (pair[0].label, pair[1])):
+        members = [report for report, _ in group]
+        channels = [channel for report in members for channel in report.channels]
+        rows.append(
+            (
+                members[0].label, group[0][1], len(members), _range((report.sample_rate for report in members), 6),
+                _range(report.duration for report in members), min(channel.minimum for channel in channels),
+                max(channel.maximum for channel in channels), _range(channel.rms for channel in channels),
+                ", ".join(dict.fromkeys(report.unit for report in members)),
+            )
+        )  # fmt: skip
+    header = ("class", "condition", "recordings", "rate [Hz]", "length [s]", "least", "greatest", "rms", "unit")
+    table(f"{len(reports)} recordings by class and condition (--all shows each)", header, rows)
+
+
+def _show_findings(report: "InspectionReport", each: bool) -> None:
+    pairs = [(recording.recording_id, finding) for recording in report.recordings for finding in recording.findings]
+    groups = [[pair] for pair in pairs] if each else _group(pairs, lambda pair: (pair[1].severity, pair[1].kind))
+    groups += [[("all", finding)] for finding in report.findings]
+    for group in groups:
+        name, finding = group[0]
+        others = len({other for other, _ in group}) - 1
+        more = f" ({finding.kind} in {others} more recordings: --all)" if others else ""
+        say(f"{finding.severity}: {name}{', ' + finding.channel if finding.channel else ''}: {finding.message}{more}")
+    if not groups:
+        say("Nothing suspicious was found.")
+
+
+def show_medians(rows: "Sequence[Row]", values: list[list[float]], names: list[str]) -> None:
+    """Print the median of each indicator by class, condition and channel."""
+    entries = zip(rows, _words(rows), values, strict=True)
+    medians = [
+        (group[0][0].label, group[0][1], group[0][0].channel, len(group),
+         *(_median(column) for column in zip(*(numbers for _, _, numbers in group), strict=True)))
+        for group in _group(entries, lambda entry: (entry[0].label, entry[1], entry[0].channel))
+    ]  # fmt: skip
+    header = ("class", "condition", "channel", "recordings", *names)
+    table(f"{len(rows)} rows, medians by class and condition (--all shows each)", header, medians)
+
+
+def show_trend(trend: "Trend", show_all: bool) -> None:
+    """Print each recording of a trend, or how many lie within their baseline."""
+    if show_all or len(trend.points) <= MOST_ROWS:
+        _show_points(trend)
+    else:
+        _show_trend_summary(trend)
+
+
+def _show_points(trend: "Trend") -> None:
+    factor, unit = trend.indicator.shown
+    rows = []
+    for point in trend.points:
+        shown = (number_or_none(factor * value) for value in (point.value, point.median, point.spread))
+        rows.append((point.row.recording_id, point.row.label, *shown, point.count, point.status))
+    name = f"{trend.indicator.name} [{unit or '1'}]"
+    header = ("recording", "class", name, "baseline", "spread", "healthy", "status")
+    table(f"{trend.indicator.name} of {trend.channel}", header, rows)
+
+
+def _show_trend_summary(trend: "Trend") -> None:
+    factor, unit = trend.indicator.shown
+    words = _words([point.row for point in trend.points])
+    rows = []
+    for group in _group(zip(trend.points, words, strict=True), lambda pair: (pair[0].row.label, pair[1])):
+        points = [point for point, _ in group]
+        counts = [sum(point.status == status for point in points) for status in _STATUS]
+        rows.append(
+            (points[0].row.label, group[0][1], len(points), _range(factor * point.value for point in points),
+             _range(factor * point.median for point in points), *counts)
+        )  # fmt: skip
+    header = ("class", "condition", "recordings", f"{trend.indicator.name} [{unit or '1'}]", "baseline", *_STATUS)
+    table(f"{trend.indicator.name} of {trend.channel} by class and condition (--all shows each)", header, rows)
+    distances = {point.row.recording_id: abs(point.value - point.median) / point.spread for point in trend.flagged}
+    furthest = sorted(distances, key=lambda name: -distances[name])[:_FURTHEST]
+    if furthest:
+        say(f"Furthest off: {', '.join(f'{name} ({distances[name]:.3g} spreads)' for name in furthest)}")
+
+
+def _words(rows: "Sequence[Row]") -> list[str]:
+    return _condition_words(
+        [row.recording_id for row in rows], [row.speed for row in rows], [row.pressure for row in rows]
+    )

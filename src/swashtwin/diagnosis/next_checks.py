@@ -26,7 +26,7 @@ _BEFORE = Check(
 )
 _PLAUSIBLE = (
     Check(
-        "The trend of levels and orders against this machine's own healthy baseline (swashtwin trend).",
+        "The trend of levels and orders against this machine's own healthy baseline (swashtwin signal trend).",
         "A class learnt on other pumps is a comparison with them; a change of this pump at one operating point is not.",
     ),
 )

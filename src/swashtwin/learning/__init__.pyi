@@ -34,6 +34,7 @@ from .networks.registry import NETWORKS as NETWORKS
 from .networks.registry import build_network as build_network
 from .networks.registry import has_network as has_network
 from .networks.registry import register_network as register_network
+from .networks.settings import default_settings as default_settings
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.confidence import Confidence as Confidence
@@ -96,6 +97,7 @@ __all__ = [
     "confounding",
     "copied_recordings",
     "cut_windows",
+    "default_settings",
     "evaluate",
     "extract_features",
     "fit",

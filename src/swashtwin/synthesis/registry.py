@@ -19,7 +19,7 @@ FILLERS: dict[str, Filler] = {
 
 
 def register_filler(name: str, filler: Filler) -> None:
-    """Add a filler under a name by which the studies and ``swashtwin augment`` find it.
+    """Add a filler under a name by which the studies and ``swashtwin bench augment`` find it.
 
     Raises
     ------

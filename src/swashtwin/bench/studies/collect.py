@@ -29,7 +29,7 @@ def collect_studies(folder: Path) -> list[StudyResult]:
         A run is damaged.
     """
     if not Path(folder).is_dir():
-        raise DataError(f"{folder} does not exist, or is no folder; give the --out of a swashtwin study.")
+        raise DataError(f"{folder} does not exist, or is no folder; give the --out of a study of swashtwin bench.")
     paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
     runs, older = [], 0
     for path in paths:
@@ -40,7 +40,7 @@ def collect_studies(folder: Path) -> list[StudyResult]:
     if not runs:
         raise DataError(
             f"{folder} holds no finished run of a study{f' but {older} of another version' if older else ''}; give the "
-            "--out of a swashtwin study."
+            "--out of a study of swashtwin bench."
         )
     order = {name: position for position, name in enumerate(PLANS)}
     kinds = sorted({(run.task.study, run.task.size) for run in runs}, key=lambda kind: (order.get(kind[0], 99), kind))

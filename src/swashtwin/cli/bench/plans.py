@@ -1,4 +1,4 @@
-"""Commands of the studies that train classifiers: study case1, case2, and all others that run as a plan of tasks."""
+"""Commands of the studies that train classifiers as a plan of tasks: bench case1, case2, ..., bench tune."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,17 +8,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swashtwin.cli.bench.results import tell_study, typed_command
 from swashtwin.cli.console import note, progress
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Json, as_folder, list_of
-from swashtwin.cli.studying import StudySize, tell_study, this_command
+from swashtwin.cli.options import Index, Json, Seed, as_folder, read_seeds, read_words
 
 if TYPE_CHECKING:
     from swashtwin.bench import Plan, Workers
 
 
+class StudySize(StrEnum):
+    """Counts and epochs of a study."""
+
+    quick = "quick"
+    paper = "paper"
+
+
 class Backend(StrEnum):
-    """What carries tasks out."""
+    """What runs the tasks."""
 
     joblib = "joblib"
     dask = "dask"
@@ -32,7 +39,7 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
-Source = Annotated[
+OptionalIndex = Annotated[
     Path | None,
     typer.Argument(metavar="[INDEX]", help="Index file, the folder that holds recordings.toml, or a store."),
 ]
@@ -49,21 +56,19 @@ Size = Annotated[
 Seeds = Annotated[str, typer.Option(help='Seeds of split, weights and synthesis, with --rig of fleets: "0,1,2".')]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder of the runs, which a re-run takes up, and of STUDY/report.html.", callback=as_folder),
+    typer.Option(help="Folder of the runs, which a re-run continues, and of STUDY/report.html.", callback=as_folder),
 ]
-TaskJobs = Annotated[int, typer.Option("--jobs", min=1, help="Tasks that run side by side, each on one thread.")]
-BackendName = Annotated[Backend, typer.Option(help="What carries tasks out; the numbers are the same.")]
+TaskJobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of parallel tasks, each on one thread.")]
+BackendName = Annotated[Backend, typer.Option(help="What runs the tasks; the numbers are the same.")]
 Address = Annotated[
     str | None, typer.Option(help="Scheduler of a running dask or ray cluster: tcp://HOST:8786, ray://HOST:10001.")
 ]
-Models = Annotated[
+Classifiers = Annotated[
     str | None, typer.Option(help='Classifiers to train instead of the study\'s: "bitcn,tcn,bitcn_paper".')
 ]
-TrainingSets = Annotated[
-    str | None, typer.Option(help='Of the study\'s training sets only these: "measured,calibrated".')
-]
+TrainingSets = Annotated[str | None, typer.Option(help='Only these training sets: "measured,calibrated".')]
 Values = Annotated[
-    str | None, typer.Option(help='Of the values that the study varies by only these: "0,200" of augmentation.')
+    str | None, typer.Option(help='Only these values of what the study varies: "0,200" of augmentation.')
 ]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
@@ -75,20 +80,20 @@ STUDIES = {
     "ablation": "BiTCN without one of its parts, or trained otherwise, on Case I's calibrated training set.",
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
     "shaft-angle": "Case I from windows along the shaft's angle, beside those along time.",
-    "augmentation": "Whatever can fill the scarce cell of Case I, by the number of synthetic windows.",
+    "augmentation": "Every filler of the scarce cell of Case I, by the number of synthetic windows.",
     "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and what each teaches in Case I.",
     "few-shot": "From no measured window of the scarce cell to 200, with and without twins.",
     "unseen-pressure": "No fault was ever measured at the test's pressure: filled by twins, and not.",
-    "unseen-specimen": "How many pumps one has to know to tell the faults of another.",
+    "unseen-specimen": "How many pumps must be known to diagnose the faults of another.",
 }
-"""What each study asks, by its name."""
+"""Question of each study, by its name."""
 
 
-def command_of(study: str) -> Callable[..., None]:
+def plan_command(study: str) -> Callable[..., None]:
     """The command that runs a study of `STUDIES`; all have the same options."""
 
     def command(
-        source: Source = None,
+        source: OptionalIndex = None,
         rig: Rig = False,
         size: Size = StudySize.quick,
         seeds: Seeds = "0",
@@ -97,7 +102,7 @@ def command_of(study: str) -> Callable[..., None]:
         backend: BackendName = Backend.joblib,
         address: Address = None,
         device: DeviceName = Device.cpu,
-        models: Models = None,
+        classifiers: Classifiers = None,
         training_sets: TrainingSets = None,
         values: Values = None,
         as_json: Json = False,
@@ -106,29 +111,25 @@ def command_of(study: str) -> Callable[..., None]:
             raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
         if rig and out is None:
             raise typer.BadParameter("is needed by --rig: the fleets are built into it.", param_hint="--out")
+        numbers = read_seeds(seeds)
         from swashtwin.bench import Workers, models_of, plan_of
 
         plan = plan_of(study, size.value)
-        if models is not None:
-            asked = models_of(size.value, _names(models))
-            plan = replace(plan, models=asked, absent=(), rivals=tuple(asked)[1:] if plan.rivals else ())
+        if classifiers is not None:
+            models = models_of(size.value, read_words(classifiers))
+            plan = replace(plan, models=models, absent=(), rivals=tuple(models)[1:] if plan.rivals else ())
         if training_sets is not None:
-            plan = plan.of_training_sets(_names(training_sets))
+            plan = plan.of_training_sets(read_words(training_sets))
         if values is not None:
-            plan = plan.of_values(_names(values))
+            plan = plan.of_values(read_words(values))
         workers = Workers(jobs, backend.value, address)
-        numbers = list_of(seeds, int, "--seeds") or [0]
-        _carry_out(plan, source, numbers, out, workers, device.value, as_json)
+        _run_plan(plan, source, numbers, out, workers, device.value, as_json)
 
     command.__doc__ = STUDIES[study]
     return command
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",")]
-
-
-def _carry_out(
+def _run_plan(
     plan: "Plan",
     source: Path | None,
     seeds: list[int],
@@ -140,21 +141,21 @@ def _carry_out(
     from swashtwin.bench import Fleets, SameRecordings, run_plan
     from swashtwin.recordings import load_recordings
 
-    hint = (
-        "with --out, finished runs would be kept" if out is None else "finished runs are kept; the same command resumes"
-    )
+    hint = "with --out, finished runs would be kept"
+    if out is not None:
+        hint = "finished runs are kept; the same command resumes"
     with resumable(hint), progress(plan.study) as bar:
 
-        def told(what: str, done: int, total: int) -> None:
-            if what.endswith("done before"):
-                note(f"{what}, in {out}")
-            bar(done, total, f"{plan.study}: {what}")
+        def show_step(step: str, done: int, total: int) -> None:
+            if step.endswith("done before"):
+                note(f"{step}, in {out}")
+            bar(done, total, f"{plan.study}: {step}")
 
         if source is not None:
             data: SameRecordings | Fleets = SameRecordings(load_recordings(source))
         else:
             rig = {"quick": "small", "paper": "paper"}[plan.size]
-            data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: told("recording on the rig", *count))
+            data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: show_step("recording on the rig", *count))
         result = run_plan(
             plan,
             data,
@@ -162,7 +163,45 @@ def _carry_out(
             workers=workers,
             out=out,
             device=device,
-            progress=told,
-            command=this_command(),
+            progress=show_step,
+            command=typed_command(),
         )
     tell_study(result, None if out is None else out / plan.study, as_json)
+
+
+def tune(
+    source: Index,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder of the journal, which a re-run continues, and of tune/report.html.", callback=as_folder
+        ),
+    ],
+    network: Annotated[str, typer.Option(help="Network whose settings are searched.")] = "spectral_bitcn",
+    trials: Annotated[int, typer.Option(min=1, help="Settings to try in all, those of earlier runs included.")] = 20,
+    size: Size = StudySize.quick,
+    seed: Seed = 0,
+    jobs: TaskJobs = 2,
+    backend: BackendName = Backend.joblib,
+    address: Address = None,
+    device: DeviceName = Device.cpu,
+    as_json: Json = False,
+) -> None:
+    """Search a network's settings by Optuna, on validation recordings only: training pumps, each left out in turn."""
+    from swashtwin.bench import Workers, run_tuning
+    from swashtwin.recordings import load_recordings
+
+    with resumable("finished trials are kept; the same command continues"), progress("tuning") as bar:
+        result = run_tuning(
+            list(load_recordings(source)),
+            model=network,
+            size=size.value,
+            trials=trials,
+            seed=seed,
+            out=out,
+            workers=Workers(jobs, backend.value, address),
+            device=device.value,
+            progress=bar,
+            command=typed_command(),
+        )
+    tell_study(result, out / "tune", as_json)

@@ -1,0 +1,246 @@
+"""Commands of the studies that are no plan of tasks: on pumps of the virtual rig, on recordings, on public sets."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swashtwin.cli.bench.plans import OptionalIndex, Size, StudySize
+from swashtwin.cli.bench.results import tell_study, typed_command
+from swashtwin.cli.console import progress
+from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, Window, read_seeds, read_words
+from swashtwin.cli.sources import Dataset, Only, PublicSet, choose_recordings
+
+FleetSeeds = Annotated[str, typer.Option(help='Seeds, one fleet of the virtual rig each: "2,3,4".')]
+Seeds = Annotated[str, typer.Option(help='Seeds of draws, weights, trees and splits: "0,1,2".')]
+Specimens = Annotated[int, typer.Option(min=1, max=6, help="Number of pumps in each fleet.")]
+PublicData = Annotated[Path, typer.Option(help="Folder that holds the public sets, each in a folder of its own name.")]
+
+
+class Origin(StrEnum):
+    """Whose recordings wrong twins are calibrated on."""
+
+    own = "own"
+    rig = "rig"
+
+
+def calibration(
+    seeds: FleetSeeds = "0",
+    label: Annotated[str, typer.Option(help="Class calibrated on: normal or swash_plate.")] = "normal",
+    specimens: Specimens = 6,
+    repeats: Annotated[int, typer.Option(min=2, help="Recordings of each pump and pressure; one is held out.")] = 3,
+    thick_film: Annotated[
+        bool, typer.Option("--thick-film", help="Pumps whose slipper films are thick enough for K_sw to show.")
+    ] = False,
+    methods: Annotated[str | None, typer.Option(help="Ways to calibrate, with commas; all by default.")] = None,
+    out: ReportFolder = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Errors on recordings held out, coverage and cost of every way to calibrate, on pumps of the virtual rig."""
+    from swashtwin.bench import CONTENDERS, CalibrationStudySettings, run_calibration_study
+
+    numbers = read_seeds(seeds)
+    settings = CalibrationStudySettings(
+        label=label,
+        specimens=specimens,
+        repeats=repeats,
+        thick_film=thick_film,
+        contenders=tuple(read_words(methods) or CONTENDERS),
+    )
+    with progress("calibrating pumps of the virtual rig") as bar:
+        study = run_calibration_study(
+            seeds=numbers, settings=settings, jobs=jobs, progress=bar, command=typed_command()
+        )
+    tell_study(study, out, as_json)
+
+
+def conditions(
+    source: Index, seeds: Seeds = "0", out: ReportFolder = None, jobs: Jobs = 2, as_json: Json = False
+) -> None:
+    """Scores at a speed and pressure that no classifier was trained on, and what helps against the loss."""
+    from swashtwin.bench import run_conditions
+    from swashtwin.recordings import load_recordings
+
+    numbers = read_seeds(seeds)
+    with progress("training for new conditions") as bar:
+        study = run_conditions(
+            list(load_recordings(source)), seeds=numbers, jobs=jobs, progress=bar, command=typed_command()
+        )
+    tell_study(study, out, as_json)
+
+
+def confidence(
+    seeds: FleetSeeds = "2,3,4",
+    error_rate: Annotated[
+        float,
+        typer.Option(help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown."),
+    ] = 0.1,
+    out: ReportFolder = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Whether a classifier's confidence can be trusted: calibration, coverage, and faults that it never trained on."""
+    from swashtwin.bench import ConfidenceStudySettings, run_confidence
+
+    numbers = read_seeds(seeds)
+    settings = ConfidenceStudySettings(error_rate=error_rate)
+    with progress("training on pumps of the virtual rig") as bar:
+        study = run_confidence(seeds=numbers, settings=settings, jobs=jobs, progress=bar, command=typed_command())
+    tell_study(study, out, as_json)
+
+
+def misspecification(
+    seeds: FleetSeeds = "2",
+    specimens: Specimens = 4,
+    origin: Annotated[
+        list[Origin] | None,
+        typer.Option(help="own: the twin's own recordings, where all else is right; rig: the virtual rig. Repeatable."),
+    ] = None,
+    out: ReportFolder = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """What calibration makes of a twin that is wrong in one stated way, and whether it warns of it."""
+    from swashtwin.bench import BACKGROUNDS, run_misspecification
+
+    numbers = read_seeds(seeds)
+    with progress("wrong twins") as bar:
+        study = run_misspecification(
+            seeds=numbers,
+            pumps=specimens,
+            backgrounds=[item.value for item in origin] if origin else BACKGROUNDS,
+            jobs=jobs,
+            progress=bar,
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)
+
+
+def severity(seeds: FleetSeeds = "2,3", out: ReportFolder = None, jobs: Jobs = 1, as_json: Json = False) -> None:
+    """Severity by inversion on the virtual rig's trends: error against the hidden truth, by fault and dimension."""
+    from swashtwin.bench import run_severity
+
+    numbers = read_seeds(seeds)
+    with progress("severities") as bar:
+        study = run_severity(numbers, jobs=jobs, progress=bar, command=typed_command())
+    tell_study(study, out, as_json)
+
+
+def fault_map(seeds: FleetSeeds = "2,3", out: ReportFolder = None, jobs: Jobs = 1, as_json: Json = False) -> None:
+    """Which parameters move with which fault, on the virtual rig, and whether that tells faults apart."""
+    from swashtwin.bench import run_fault_map
+
+    numbers = read_seeds(seeds)
+    with progress("moves") as bar:
+        study = run_fault_map(numbers, jobs=jobs, progress=bar, command=typed_command())
+    tell_study(study, out, as_json)
+
+
+def zero_shot(
+    source: OptionalIndex = None,
+    rig: Annotated[bool, typer.Option("--rig", help="A fleet of the virtual rig for each seed.")] = False,
+    size: Size = StudySize.quick,
+    seeds: Seeds = "0",
+    out: ReportFolder = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """Zero-shot: unmeasured faults, learned from twins of healthy recordings, tested on measured faults."""
+    from swashtwin.bench import run_zero_shot
+    from swashtwin.recordings import load_recordings
+
+    if (source is None) is not rig:
+        raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
+    numbers = read_seeds(seeds)
+    with progress("zero-shot") as bar:
+        study = run_zero_shot(
+            None if source is None else list(load_recordings(source)),
+            size=size.value,
+            seeds=numbers,
+            jobs=jobs,
+            progress=lambda what, done, total: bar(done, total, f"zero-shot: {what}"),
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)
+
+
+def leakage(
+    source: Dataset,
+    public_set: PublicSet = None,
+    only: Only = None,
+    window: Window = 2048,
+    group: Annotated[
+        list[str] | None,
+        typer.Option(help="What is never split; all that the recordings allow by default; repeatable."),
+    ] = None,
+    seeds: Seeds = "0,1,2,3,4",
+    folds: Annotated[int, typer.Option(min=2, help="Number of folds, at most.")] = 5,
+    trees: Annotated[int, typer.Option(min=1, help="Number of trees.")] = 200,
+    out: ReportFolder = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """The leak premium: the score on random windows beside that on whole recordings, machines, conditions held out."""
+    from swashtwin.bench import run_leakage
+
+    numbers = read_seeds(seeds)
+    recordings = choose_recordings(source, public_set, only)
+    with progress("leakage") as bar:
+        study = run_leakage(
+            recordings,
+            length=window,
+            groups=group or None,
+            seeds=numbers,
+            n_folds=folds,
+            n_trees=trees,
+            jobs=jobs,
+            progress=bar,
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)
+
+
+def public(
+    data: PublicData,
+    seeds: Seeds = "0,1,2,3,4",
+    public_sets: Annotated[
+        str | None, typer.Option(help='Names of the sets: "cwru,pump_cavitation"; all that are there by default.')
+    ] = None,
+    out: ReportFolder = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Public sets of real recordings: the score on an honest split beside the one on a random split."""
+    from swashtwin.bench import run_public
+
+    numbers = read_seeds(seeds)
+    with progress("public sets") as bar:
+        study = run_public(
+            data,
+            seeds=numbers,
+            jobs=jobs,
+            sets=read_words(public_sets),
+            progress=lambda what, done, total: bar(done, total, what),
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)
+
+
+def scarce(
+    data: PublicData, seeds: Seeds = "0,1,2,3,4", out: ReportFolder = None, jobs: Jobs = 2, as_json: Json = False
+) -> None:
+    """A scarce cell of a real pump's recordings: filled from data alone, and left as it is."""
+    from swashtwin.bench import run_scarce
+
+    numbers = read_seeds(seeds)
+    with progress("scarce cells") as bar:
+        study = run_scarce(
+            data,
+            seeds=numbers,
+            jobs=jobs,
+            progress=lambda what, done, total: bar(done, total, what),
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)

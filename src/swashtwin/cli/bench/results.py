@@ -1,0 +1,51 @@
+"""What every study's command prints and writes."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swashtwin.cli.console import say, table, tell
+
+if TYPE_CHECKING:
+    from swashtwin.bench import StudyTable
+
+
+def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
+    """Write the report if a folder is named, and print the study as one JSON object or as a table."""
+    from swashtwin.bench import write_study_report
+
+    page = None if folder is None else write_study_report(study, folder=folder)
+    result = {**study.to_dict(), "report": page}
+    tell(result, as_json, lambda: _show(study, result))
+
+
+def _show(study: "StudyTable", result: dict[str, Any]) -> None:
+    metrics = {name: words for name, words in study.metrics.items() if not name.startswith("recall_")}
+    rows = [
+        [*(row[name] for name in study.factors), _count_seeds(row), *(_spread(row[name]) for name in metrics)]
+        for row in [*result["rows"], *result.get("rivals", ())]
+    ]
+    seeds = ", ".join(map(str, study.seeds))
+    title = f"{study.title}; seed {seeds}, {study.wall_s:.0f} s"
+    table(title, (*study.factors, "seeds", *metrics.values()), rows)
+    for text in (*study.answer, *study.notes, study.origin):
+        say(text)
+    if result["report"] is not None:
+        say(f"Report: {result['report']}")
+
+
+def _count_seeds(row: dict[str, Any]) -> int:
+    """Seeds behind a row, which need not be all of the study's."""
+    return max(len(value["values"]) for value in row.values() if isinstance(value, dict))
+
+
+def _spread(value: dict[str, Any]) -> str:
+    if value["mean"] is None:
+        return "-"
+    return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")
+
+
+def typed_command() -> str:
+    """The command line as it was typed, for a result to record."""
+    return shlex.join(["swashtwin", *sys.argv[1:]])

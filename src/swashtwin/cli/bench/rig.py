@@ -1,0 +1,177 @@
+"""Commands on the virtual rig, and the fillers that need no twin: demo, bench rig, bench augment."""
+
+import math
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.bench.results import tell_study, typed_command
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.options import Index, Jobs, Json, Seed, Window, as_folder
+from swashtwin.foundation import whole_folder
+
+if TYPE_CHECKING:
+    from swashtwin.learning import WindowSet
+
+
+class RigFormat(StrEnum):
+    """File formats that the rig writes."""
+
+    h5 = "h5"
+    mat = "mat"
+    wav = "wav"
+    csv = "csv"
+    tdms = "tdms"
+
+
+class RigSizeName(StrEnum):
+    """Number and length of the rig's recordings."""
+
+    small = "small"
+    paper = "paper"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the rig and the report.", callback=as_folder)] = Path(
+        "swashtwin-demo"
+    ),
+    seed: Seed = 0,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """Build a virtual rig, run Case I of the paper on it, and write a report, in a few minutes."""
+    from swashtwin.bench import SIZES, Workers, build_rig, require_rig, run_study
+    from swashtwin.recordings import load_recordings
+
+    folder = out / f"rig-{seed}"
+    if (folder / "recordings.toml").is_file():
+        require_rig(folder, list(load_recordings(folder)), SIZES["small"])
+        note(f"using the rig in {folder}")
+    else:
+        with whole_folder(folder), progress("recording on the virtual rig") as bar:
+            build_rig(folder, seed=seed, jobs=jobs, progress=bar)
+    hint = f"the rig in {folder} is complete, finished runs are kept, and the same command continues"
+    with resumable(hint), progress("Case I") as bar:
+        result = run_study(
+            "case1",
+            list(load_recordings(folder)),
+            seeds=[seed],
+            workers=Workers(jobs),
+            out=out / "runs",
+            progress=lambda what, done, total: bar(done, total, f"Case I: {what}"),
+            command=typed_command(),
+        )
+    tell_study(result, out / "report", as_json)
+
+
+def rig(
+    out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
+    seed: Seed = 0,
+    size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
+    file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
+    as_json: Json = False,
+) -> None:
+    """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
+    from swashtwin.bench import RIG_VERSION, build_rig
+
+    with whole_folder(out), progress("recording") as bar:
+        index_file = build_rig(out, seed=seed, size=size.value, file_format=file_format.value, progress=bar)
+    result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": RIG_VERSION}
+    tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
+
+
+def augment(
+    source: Index,
+    filler: Annotated[
+        str,
+        typer.Option(
+            help="duplicate, noisy_duplicate, jitter, smote, smote_spectrum, adasyn, adasyn_spectrum, cvae, wgan_gp, "
+            "or diffusion (docs/augmentation.md)."
+        ),
+    ],
+    label: Annotated[str, typer.Option(help="Class of the windows.")],
+    count: Annotated[int, typer.Option(help="Number of windows.")],
+    out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
+    pressure: Annotated[
+        str | None,
+        typer.Option(help='Absolute discharge pressure of the cell, "15 MPa"; leave it out where none is stated.'),
+    ] = None,
+    held_out: Annotated[
+        Path | None, typer.Option(help="Index of recordings kept from training, to compare the windows with.")
+    ] = None,
+    window: Window = 2048,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Fill a scarce class, or class and pressure, with windows made from measured ones alone, without any twin.
+
+    The recordings of the index are training data from then on: give train.toml of a split. Where the cell has no window
+    the filler uses those of its class at other pressures. docs/augmentation.md explains the figures of fidelity.
+    """
+    from swashtwin.bench import FILLERS
+    from swashtwin.foundation import DataError, InputError, parse
+    from swashtwin.learning import check_disjoint, cut_windows, save_windows
+    from swashtwin.recordings import declared_classes, load_recordings
+    from swashtwin.synthesis import in_cell
+
+    if filler not in FILLERS:
+        raise typer.BadParameter(f"{filler!r} is none of {', '.join(FILLERS)}.", param_hint="--filler")
+    require_target(out)
+    require_files([held_out])
+    pascals = math.nan if pressure is None else parse(pressure, "Pa", name="--pressure")
+    train = cut_windows(load_recordings(source), length=window, classes=declared_classes(source))
+    if pressure is None and not math.isnan(float(train.discharge_pressure.max(initial=-math.inf))):
+        raise InputError('the recordings state their pressures; say which cell is to be filled: --pressure "15 MPa".')
+    stated = train.discharge_pressure[train.label == label]
+    if pressure is not None and len(stated) and all(map(math.isnan, stated.tolist())):
+        raise InputError(
+            f"no recording of {label} states its pressure, so none is known to be at {pressure}; leave out --pressure "
+            f"or state pressures in {source}."
+        )
+    cell = in_cell(train, label, pascals)
+    compared, role = train.subset(cell), "training windows of the cell"
+    if held_out is not None:
+        other = cut_windows(load_recordings(held_out), like=train)
+        check_disjoint(train, other)
+        compared, role = other.subset(in_cell(other, label, pascals)), "held-out windows of the cell"
+        if not len(compared):
+            raise DataError(f"{held_out} has no window of {label} at that pressure to compare with.")
+    elif not cell.any():
+        compared, role = train.subset(train.label == label), "training windows of the class at other pressures"
+    with progress(f"filling by {filler}"):
+        synthetic = FILLERS[filler](train, label=label, pressure=pascals, count=count, seed=seed)
+        fidelity = _fidelity(train, compared, synthetic, seed)
+    save_windows(synthetic, out)
+    result: dict[str, Any] = {
+        "windows": out, "filler": filler, "label": label, "pressure_pa": pascals, "count": len(synthetic),
+        "length": synthetic.length, "seed": seed, "measured_in_cell": int(cell.sum()), "compared_with": role,
+        "compared_windows": len(compared), "fidelity": fidelity,
+    }  # fmt: skip
+
+    def show() -> None:
+        say(f"{out}: {len(synthetic)} windows of {label}, beside {cell.sum()} measured ones of the cell")
+        say(f"compared with {len(compared)} {role}:")
+        table("Distance of the mean spectra", ("channel", "dB"), [*fidelity["spectral_distance_db"].items()])
+        auroc = fidelity["discriminative_auroc"]
+        say(f"AUROC of telling both apart: {'-' if auroc is None else f'{auroc:.2f}'}; 0.5 is not at all")
+        say(f"nearer to a training window than its nearest neighbor: {fidelity['copied_share']:.0%}; copies are 100%")
+        say(f"Next: swashtwin train {source} --add {out} --test-fraction 0 --out model.safetensors")
+
+    if fidelity["discriminative_auroc"] is None and not as_json:
+        note("note: the measured windows are of one recording, which anything can be told from; give --held-out.")
+    tell(result, as_json, show)
+
+
+def _fidelity(train: "WindowSet", compared: "WindowSet", synthetic: "WindowSet", seed: int) -> dict[str, Any]:
+    from swashtwin.synthesis import copied_share, discriminative_score, spectral_distance
+
+    distances = dict(zip(synthetic.channels, spectral_distance(compared, synthetic).tolist(), strict=True))
+    several = len(set(compared.recording_id.tolist())) > 1 and len(synthetic) > 1
+    return {
+        "spectral_distance_db": distances,
+        "discriminative_auroc": discriminative_score(compared, synthetic, seed=seed) if several else None,
+        "copied_share": copied_share(train, synthetic),
+    }

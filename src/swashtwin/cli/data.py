@@ -1,0 +1,281 @@
+"""Commands of the group data: convert, split, guard, audit."""
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import progress, say, tell
+from swashtwin.cli.exits import BAD_DATA, refuse_existing, require_target
+from swashtwin.cli.options import (
+    CalibrationFactor,
+    Channels,
+    GroupName,
+    Index,
+    Json,
+    Names,
+    Overwrite,
+    SampleRate,
+    Seed,
+    Sources,
+    Unit,
+    present,
+    read_pairs,
+)
+from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
+from swashtwin.cli.sources import (
+    Dataset,
+    Only,
+    PublicSet,
+    choose_recordings,
+    load_sources,
+    refuse_source,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from swashtwin.recordings import Recording
+
+
+class Dealing(StrEnum):
+    """How groups are dealt into folds."""
+
+    stratified = "stratified"
+    plain = "plain"
+    each = "each"
+    shuffled = "shuffled"
+
+
+def convert(
+    paths: Sources,
+    out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is complete.")],
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    names: Names = None,
+    samples_per_turn: Annotated[
+        int | None,
+        typer.Option(help="Store even steps of the shaft angle instead of time: this many per turn, an even number."),
+    ] = None,
+    playback_speed: Annotated[
+        str | None, typer.Option(help='Speed that all turns are stored at: "860 rpm"; it sets the sample rate.')
+    ] = None,
+    tachometer: Tachometer = None,
+    pulses: Pulses = None,
+    track: Track = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Write recordings of any format to one chunked HDF5 store; they may be larger than memory."""
+    from swashtwin.recordings import write_store
+
+    require_target(out)
+    refuse_source(out, paths)
+    refuse_existing(out, overwrite)
+    facts = present(
+        sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
+    )
+    recordings = load_sources(paths, **facts)
+    if samples_per_turn is None:
+        _refuse_without_turns(playback_speed=playback_speed, tachometer=tachometer, pulses=pulses, track=track)
+    else:
+        shaft = Shaft(tachometer, pulses, track)
+        if playback_speed is None:
+            reason = 'recordings of different speeds need one speed in common, such as "860 rpm".'
+            raise typer.BadParameter(reason, param_hint="--playback-speed")
+        recordings = _resample_by_angle(recordings, samples_per_turn, playback_speed, shaft)
+    with progress("MB") as bar:
+        write_store(recordings, out, progress=bar)
+    seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size
+    result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
+
+    def show() -> None:
+        say(f"{out}: {len(recordings)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
+        say(f"Next: swashtwin inspect {out}")
+
+    tell(result, as_json, show)
+
+
+def _refuse_without_turns(**options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise typer.BadParameter("is for --samples-per-turn.", param_hint=f"--{name.replace('_', '-')}")
+
+
+def _resample_by_angle(
+    recordings: "list[Recording]", samples_per_turn: int, playback_speed: str, shaft: Shaft
+) -> "list[Recording]":
+    """The recordings at even steps of the shaft's angle, all at one speed."""
+    from swashtwin.foundation import parse
+    from swashtwin.signals import resampled_by_angle, stated_angle
+
+    speed = parse(playback_speed, "rad/s", name="--playback-speed")
+    return [
+        resampled_by_angle(
+            shaft.vibration_of(recording),
+            shaft.angle_of(recording) or stated_angle(recording),
+            samples_per_turn,
+            played_at=speed,
+        )
+        for recording in recordings
+    ]
+
+
+def split(
+    source: Index,
+    out: Annotated[Path | None, typer.Option(help="Folder for both files; that of the index by default.")] = None,
+    test_fraction: Annotated[
+        float | None, typer.Option(help="Share to test on, above 0 and at most 0.5; 0.2 by default.")
+    ] = None,
+    group: GroupName = "recording",
+    folds: Annotated[
+        int | None, typer.Option(min=2, help="Write this many folds, fold-1/train.toml and so on, not one split.")
+    ] = None,
+    dealing: Annotated[
+        Dealing | None,
+        typer.Option(help="Folds with equal shares of classes, of equal size, one for each group, or drawn at random."),
+    ] = None,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Split an index by recording into train.toml and test.toml, for a twin and a classifier alike.
+
+    Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
+    """
+    from swashtwin.recordings import load_recordings, narrow_index
+
+    if folds is not None and dealing is Dealing.each:
+        raise typer.BadParameter("each group is a fold with --dealing each; leave it out.", param_hint="--folds")
+    if test_fraction is not None and (folds or dealing) and dealing is not Dealing.shuffled:
+        reason = "the number of folds sets it; only --dealing shuffled draws a share."
+        raise typer.BadParameter(reason, param_hint="--test-fraction")
+    folder = out or (source if source.is_dir() else source.parent)
+    for name in ("train", "test"):
+        refuse_existing(folder / ("fold-1" if folds or dealing else "") / f"{name}.toml", overwrite)
+    recordings = load_recordings(source)
+    sides = _sides(recordings, 0.2 if test_fraction is None else test_fraction, group, folds, dealing, seed)
+    for fold, side in sides.items():
+        for name in side:
+            refuse_existing(folder / fold / f"{name}.toml", overwrite)
+    parts: list[dict[str, Any]] = []
+    for fold, side in sides.items():
+        paths = {name: folder / fold / f"{name}.toml" for name in side}
+        files = {name: narrow_index(source, recordings, side[name], path) for name, path in paths.items()}
+        parts.append({**files, **{f"{name}_recordings": ids for name, ids in side.items()}})
+    result = {"seed": seed, "group": group, **({"folds": parts} if folds or dealing else parts[0])}
+
+    def show() -> None:
+        for part in parts:
+            for name in ("train", "test"):
+                say(f"{part[name]}: {len(part[f'{name}_recordings'])} recordings")
+
+    tell(result, as_json, show)
+
+
+def _sides(
+    recordings: "Sequence[Recording]",
+    test_fraction: float,
+    group: str,
+    folds: int | None,
+    dealing: Dealing | None,
+    seed: int,
+) -> dict[str, dict[str, list[str]]]:
+    """Recording ids of each role, by the folder that they are written to."""
+    from swashtwin.learning import cut_windows, group_folds, split_by_recording
+    from swashtwin.recordings import recording_groups
+
+    shortest = min(recording.n_samples for recording in recordings)
+    windows = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
+    groups = recording_groups(recordings, group)
+    if folds is None and dealing is None:
+        pairs = {"": split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)}
+    else:
+        kind: Any = (dealing or Dealing.stratified).value
+        indices = group_folds(
+            windows, group=groups, n_folds=folds or 5, dealing=kind, test_fraction=test_fraction, seed=seed
+        )
+        pairs = {
+            f"fold-{number}": (windows.subset(train), windows.subset(test))
+            for number, (train, test) in enumerate(indices, start=1)
+        }
+    return {
+        name: {
+            role: sorted(set(part.recording_id.tolist())) for role, part in zip(("train", "test"), pair, strict=True)
+        }
+        for name, pair in pairs.items()
+    }
+
+
+def guard(
+    source: Dataset, public_set: PublicSet = None, only: Only = None, seed: Seed = 0, as_json: Json = False
+) -> None:
+    """Look for what would fool a classifier: copies, and classes that rate, gain, date or one machine give away."""
+    from swashtwin.learning import confounding, copied_recordings
+
+    with progress("looking for copies and confounded classes"):
+        recordings = choose_recordings(source, public_set, only)
+        copies, findings = copied_recordings(recordings), confounding(recordings, seed=seed)
+    result = {
+        "recordings": len(recordings),
+        "copies": [asdict(copy) for copy in copies],
+        "confounding": [asdict(finding) for finding in findings],
+    }
+
+    def show() -> None:
+        for copy in copies:
+            gain = "again" if copy.exact else f"again, {copy.gain:.4g} times as large"
+            again = f"{copy.again.recording_id}, {copy.again.channel}"
+            say(f"copy: {again} is {copy.first.recording_id} {gain}; use one of them.")
+        warnings = [finding for finding in findings if finding.is_warning]
+        for finding in warnings:
+            say(f"warning: {finding.message}")
+        counts = f"{len(copies)} copies, {len(warnings)} warnings"
+        say(f"{counts} among {len(recordings)} recordings; {len(findings)} facts and levels were looked at.")
+
+    tell(result, as_json, show)
+
+
+def audit(
+    table: Annotated[
+        Path, typer.Argument(metavar="FILE.csv|FOLDER", help="One row per window; or a folder that split wrote.")
+    ],
+    columns: Annotated[
+        list[str] | None,
+        typer.Option("--column", metavar="FACT=COLUMN", help="Column of recording, role, specimen, start; repeatable."),
+    ] = None,
+    group: Annotated[
+        list[str] | None,
+        typer.Option(help="What is never split: recording (default), specimen, or a column; repeatable."),
+    ] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where a leak is found.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Check a split of any windows for overlap between roles: recordings, machines, moments, copies, classes.
+
+    A leak that is found is the answer, not an error: the exit code is 0 unless --strict is given.
+    """
+    import swashtwin.learning as learning
+
+    groups = tuple(group or ["recording"])
+    more = tuple(name for name in groups if name not in ("recording", "specimen"))
+    facts = read_pairs(columns, "--column")
+    rows = learning.rows_of(table) if table.is_dir() else learning.read_audit_rows(table, columns=facts, groups=more)
+    report = learning.audit(rows, whole=groups)
+    result = {"table": table, "rows": len(rows), **asdict(report), "has_leak": report.has_leak}
+
+    def show() -> None:
+        roles = ", ".join(f"{count} of role {role}" for role, count in report.roles.items())
+        say(f"{len(rows)} rows: {roles}. The table states {', '.join(report.facts)}.")
+        for finding in report.findings:
+            say(f"{finding.severity}: {finding.message}")
+        if not report.has_leak:
+            say(f"No leak was found in what the table states; never split: {', '.join(groups)}.")
+
+    tell(result, as_json, show)
+    if strict and report.has_leak:
+        raise typer.Exit(BAD_DATA)

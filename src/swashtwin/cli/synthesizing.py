@@ -1,0 +1,89 @@
+"""The command that makes windows with a calibrated twin: synthesize."""
+
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swashtwin.cli.console import progress, say, tell
+from swashtwin.cli.exits import require_files, require_target
+from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, Window, fault_from
+
+
+class Background(StrEnum):
+    """What synthetic windows are laid over."""
+
+    spectrum = "spectrum"
+    residual = "residual"
+    none = "none"
+
+
+def synthesize(
+    calibration: CalibrationFile,
+    like: Annotated[Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")],
+    count: Annotated[int, typer.Option(min=1, help="Number of windows.")],
+    out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
+    fault: OptionalFault = None,
+    pressure: Annotated[
+        str | None, typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".')
+    ] = None,
+    nominal: Annotated[bool, typer.Option("--nominal", help="Use the twin as it was before calibration.")] = False,
+    draws: Annotated[
+        bool, typer.Option(help="Draw the values of each window from the posterior, or use the estimates.")
+    ] = True,
+    background: Annotated[
+        Background,
+        typer.Option(
+            help="Noise of the windows: drawn with the measured spectrum, measured windows less what turns with the "
+            "shaft, or none."
+        ),
+    ] = Background.spectrum,
+    window: Window = 2048,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
+
+    Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
+    """
+    from swashtwin.calibration import load_calibration
+    from swashtwin.foundation import parse
+    from swashtwin.learning import cut_windows, save_windows
+    from swashtwin.recordings import load_recordings
+    from swashtwin.synthesis import simulate_windows
+
+    require_target(out)
+    require_files([calibration, like])
+    result = load_calibration(calibration)
+    twin = result.nominal if nominal else result.twin
+    if pressure is not None:
+        twin = twin.at(twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="--pressure")))
+    if fault is not None:
+        twin = twin.with_fault(fault_from(fault))
+    recordings = load_recordings(like)
+    classes = sorted({recording.label for recording in recordings if recording.label is not None} | {twin.label})
+    measured = cut_windows(recordings, length=window, classes=classes)
+    is_drawn = draws and not nominal
+    with progress("synthesizing"):
+        windows = simulate_windows(
+            twin,
+            count=count,
+            like=measured,
+            seed=seed,
+            background=background.value,
+            posterior=result.posterior if is_drawn else None,
+        )
+    windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *result.recording_ids})))
+    save_windows(windows, out)
+    answer = {
+        "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,
+        "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
+    }  # fmt: skip
+
+    def show() -> None:
+        say(f"{out}: {len(windows)} windows of {twin.label}")
+        say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
+
+    tell(answer, as_json, show)

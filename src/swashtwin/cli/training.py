@@ -1,0 +1,279 @@
+"""Commands that make and test a classifier: train, evaluate, model export."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.options import (
+    GroupName,
+    Index,
+    Json,
+    ModelFile,
+    Preset,
+    PresetName,
+    Seed,
+    Window,
+    defaults_of,
+    read_settings,
+)
+
+if TYPE_CHECKING:
+    from swashtwin.learning import ConfidenceScores, FittedClassifier, Scores, TrainingSettings, WindowSet
+
+
+def train(
+    source: Index,
+    out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("model.safetensors"),
+    add: Annotated[
+        list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
+    ] = None,
+    test_fraction: Annotated[float, typer.Option(help="Share held out for evaluate; 0 trains on all.")] = 0.2,
+    validation_fraction: Annotated[
+        float, typer.Option(help="Share of the rest that calibrates the model's confidence, by --group; 0 for none.")
+    ] = 0.0,
+    error_rate: Annotated[
+        float,
+        typer.Option(help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown."),
+    ] = 0.1,
+    group: GroupName = "recording",
+    window: Window = 2048,
+    window_stride: Annotated[
+        int | None, typer.Option(help="Samples from window to window; its length by default.")
+    ] = None,
+    allow_partial_revolution: Annotated[
+        bool, typer.Option("--allow-partial-revolution", help="Accept windows shorter than one turn of the shaft.")
+    ] = False,
+    network: Annotated[
+        str | None, typer.Option(help="Name of the network; spectral_bitcn by default, the paper's is bitcn.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Any setting of the training or the network: epochs=60, noise_snr=5, hidden=256,128; repeatable.",
+        ),
+    ] = None,
+    preset: PresetName = Preset.recommended,
+    device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
+    checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
+    from swashtwin.diagnosis import save_classifier
+    from swashtwin.learning import (
+        build_network,
+        check_disjoint,
+        cut_windows,
+        fit,
+        learn_confidence,
+        load_windows,
+        require_enough,
+        split_by_recording,
+        without_overlap,
+    )
+    from swashtwin.recordings import declared_classes, load_recordings, recording_groups
+
+    if resume and checkpoint is None:
+        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
+    require_target(out)
+    require_files(add or [])
+    network, recipe, shape = _recipe(network, settings, preset, window)
+    added = [load_windows(path) for path in add or ()]
+    manifest = {name for synthetic in added for name in synthetic.manifest}
+    layout: dict[str, Any] = {"like": added[0]} if added else {"length": window}
+    recordings = load_recordings(source)
+    windows = cut_windows(
+        recordings,
+        classes=None if added else declared_classes(source),
+        stride=window_stride,
+        allow_partial_revolution=allow_partial_revolution,
+        **layout,
+    )
+    training, held_out = windows, windows.subset(windows.target < -1)
+    if test_fraction:
+        groups = recording_groups(recordings, group)
+        training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
+    validation = None
+    if validation_fraction:
+        training, validation = split_by_recording(
+            training, test_fraction=validation_fraction, seed=seed, group=recording_groups(recordings, group)
+        )
+        validation = without_overlap(validation)
+        require_enough(len(set(validation.recording_id.tolist())), error_rate)
+    _refuse_seen(held_out.recording_id.tolist(), manifest)
+    for synthetic in added:
+        training = training + synthetic
+    check_disjoint(training, held_out)
+    hint = f"{checkpoint} holds the last whole epoch: the same command with --resume continues" if checkpoint else ""
+    with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
+        with progress("training") as bar:
+            classifier = fit(
+                build_network(network, training.n_channels, len(training.classes), length=training.length, **shape),
+                training,
+                settings=recipe,
+                seed=seed,
+                validation=validation,
+                checkpoint=checkpoint,
+                resume=resume,
+                progress=lambda epoch: bar(epoch.number, recipe.epochs, f"training, loss {epoch.loss:.4f}"),
+                device=device,
+            )
+        if validation is not None:
+            classifier = learn_confidence(classifier, validation, error_rate=error_rate)
+        save_classifier(classifier, out)
+    _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
+
+
+def _recipe(
+    network: str | None, texts: list[str] | None, preset: Preset, window: int
+) -> tuple[str, "TrainingSettings", dict[str, Any]]:
+    """Network, settings of the training and those of the network; an unknown name is a wrong command line."""
+    from swashtwin import presets
+    from swashtwin.learning import NETWORKS, build_network, default_settings, has_network
+
+    recipe = presets.paper if preset is Preset.paper else presets.recommended
+    name = network or recipe.classifier["network"]
+    if not has_network(name):
+        build_network(name, 2, 2)
+    own = default_settings(NETWORKS[name])
+    chosen = read_settings(texts, {**own, **defaults_of(recipe.training)}, f"training a {name}")
+    shape = {setting: value for setting, value in chosen.items() if setting in own}
+    build_network(name, 2, 2, length=window, **shape)
+    return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in own}), shape
+
+
+def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
+    from swashtwin.foundation import LeakError
+
+    seen = sorted(manifest.intersection(held_out))
+    if seen:
+        raise LeakError(
+            f"{seen[0]} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
+            "split), then calibrate, synthesize and train with train.toml and --test-fraction 0."
+        )
+
+
+def _tell_training(
+    classifier: "FittedClassifier",
+    training: "WindowSet",
+    validation: "WindowSet | None",
+    held_out: "WindowSet",
+    source: Path,
+    out: Path,
+    seed: int,
+    as_json: bool,
+) -> None:
+    last, confidence = classifier.history[-1], classifier.confidence
+    test_ids = sorted(set(held_out.recording_id.tolist()))
+    result = {
+        "model": out, "classes": classifier.classes, "windows": len(training),
+        "synthetic_windows": int(training.synthetic.sum()), "held_out": test_ids, "epochs": last.number,
+        "loss": last.loss, "accuracy": last.accuracy, "seed": seed,
+        "validation": [] if validation is None else sorted(set(validation.recording_id.tolist())),
+        "temperature": None if confidence is None else confidence.temperature,
+    }  # fmt: skip
+
+    def show() -> None:
+        say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
+        if confidence is None:
+            note("note: its confidence is not calibrated; --validation-fraction 0.2 does that.")
+        else:
+            say(f"Temperature {confidence.temperature:.3g}, from {confidence.n_recordings} validation recordings")
+        if test_ids:
+            say(f"Next, on {len(test_ids)} recordings held out: swashtwin evaluate {out} {source}")
+        else:
+            note("note: nothing was held out; evaluate it on an index of other recordings.")
+
+    tell(result, as_json, show)
+
+
+def evaluate(
+    model: ModelFile,
+    source: Index,
+    level: Annotated[str | None, typer.Option(help="Distance of the test from the training: L0 to L5.")] = None,
+    ids: Annotated[
+        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Score a classifier on the recordings of an index that had no part in it."""
+    import swashtwin.learning as learning
+    from swashtwin.diagnosis import load_classifier
+    from swashtwin.recordings import load_recordings
+
+    if level is not None and level not in learning.LEVELS:
+        raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
+    classifier = load_classifier(model)
+    with progress("evaluating"):
+        recordings = load_recordings(source)
+        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
+        test = learning.cut_windows(
+            chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True
+        )
+        scores = learning.evaluate(classifier, test, level=level, seed=seed)
+        confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
+    names = [recording.recording_id for recording in chosen]
+    if not ids and len(names) < len(recordings):
+        note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
+    result = {"model": model, "recordings": names, **scores.to_dict()}
+    result["confidence"] = None if confidence is None else confidence.to_dict()
+
+    def show() -> None:
+        _show_scores(scores)
+        if confidence is not None:
+            _show_confidence(confidence)
+
+    tell(result, as_json, show)
+
+
+def _show_confidence(confidence: "ConfidenceScores") -> None:
+    rows = [(name, value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
+    table("Confidence, by recording", ("figure", "value"), rows)
+
+
+def _show_scores(scores: "Scores") -> None:
+    names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
+             "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
+    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
+    title = f"{scores.n_windows} windows of {scores.n_recordings} recordings, level {scores.level or 'not stated'}"
+    table(title, ("score", "value", ""), rows)
+    low, high = scores.accuracy_interval
+    say(f"95 % interval of the accuracy, by bootstrap over the recordings: {low:.3f} to {high:.3f}")
+    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
+    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes), counts)
+
+
+def export(
+    model: ModelFile,
+    out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("model.onnx"),
+    as_json: Json = False,
+) -> None:
+    """Write a model as an ONNX file, which runs without torch and without swashtwin."""
+    from swashtwin.diagnosis import export_onnx, load_classifier
+
+    require_target(out, ".onnx")
+    classifier = load_classifier(model)
+    with progress("writing ONNX"):
+        export_onnx(classifier, out)
+    layout, kind = classifier.layout, classifier.normalization.kind
+    result = {
+        "model": out, "network": classifier.network.name, "classes": classifier.classes,
+        "channels": layout.channels, "length": layout.length, "sample_rate": layout.sample_rate,
+        "unit": layout.unit, "normalization": kind, "scaled": kind != "recording",
+    }  # fmt: skip
+
+    def show() -> None:
+        shape = f"(any, {len(layout.channels)}, {layout.length})"
+        say(f"{out}: windows {shape} in {layout.unit} at {layout.sample_rate:g} Hz, to one probability per class")
+        if kind == "recording":
+            note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
+
+    tell(result, as_json, show)

@@ -1,0 +1,224 @@
+"""Commands of the group twin that use a twin or a pump file: compare, severity, pump show, pump new, pump list."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
+from swashtwin.cli.options import (
+    CalibrationFile,
+    Index,
+    Json,
+    ReportFolder,
+    Specimen,
+    as_folder,
+    fault_dimensions,
+    fault_from,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+    from swashtwin.calibration import Difference, SeverityTrend
+    from swashtwin.pump import Pump
+    from swashtwin.recordings import Recording
+
+
+def compare(
+    first: CalibrationFile,
+    second: CalibrationFile,
+    report: ReportFolder = None,
+    as_json: Json = False,
+) -> None:
+    """Say which values of two calibrations differ by more than their uncertainty, and what else differs."""
+    from swashtwin.calibration import difference, load_calibration
+
+    calibrations = [load_calibration(path) for path in (first, second)]
+    differences = difference(*calibrations)
+    page = None
+    if report is not None:
+        from swashtwin.report import write_report
+
+        page = write_report(differences, *calibrations, folder=report)
+    result = {"first": first, "second": second, **differences.to_dict(), "report": page}
+    tell(result, as_json, lambda: _show_differences(differences, first.name, second.name))
+
+
+def _show_differences(differences: "Difference", first: str, second: str) -> None:
+    rows = [
+        (value.letter, *map(float, value.values), *(f"{low:.3g} ... {high:.3g}" for low, high in value.intervals),
+         f"{value.verdicts[0]}, {value.verdicts[1]}", value.deviations, "yes" if value.overlap else "no")
+        for value in differences.values
+    ]  # fmt: skip
+    header = ("", "A", "B", "90 % of A", "90 % of B", "verdicts", "B - A in std of ln", "overlap")
+    table(f"A {first}, B {second}", header, rows)
+    if differences.constants:
+        constants = [(constant.name, *constant.coordinates, *constant.log_stds) for constant in differences.constants]
+        table("Constants searched (logarithms; residues as they are)", ("", "A", "B", "std A", "std B"), constants)
+    fits = [(name, *map(float, pair)) for name, pair in differences.fits.items()]
+    table("Against the measurement, calibrated", ("figure", "A", "B"), fits)
+    if differences.settings:
+        settings = [(name, *map(str, pair)) for name, pair in differences.settings.items()]
+        table("What differs", ("setting", "A", "B"), settings)
+    only_a, only_b = map(len, differences.alone)
+    say(f"recordings: {len(differences.shared)} shared, {only_a} of A only, {only_b} of B only")
+    for text in differences.notes:
+        note(f"note: {text}")
+
+
+def severity(
+    calibration: Annotated[Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")],
+    source: Index,
+    fault: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND[:NAME=QUANTITY,...]", help="Kind of fault; a dimension that is given is a fixed one."
+        ),
+    ],
+    free: Annotated[
+        list[str] | None,
+        typer.Option(help="Further dimension to search, such as length; repeatable. The usual ones by default."),
+    ] = None,
+    healthy: Annotated[
+        Path | None,
+        typer.Option(help="Index of further healthy recordings; those of INDEX that are labeled normal always count."),
+    ] = None,
+    specimen: Specimen = None,
+    as_json: Json = False,
+) -> None:
+    """Estimate how severe a fault is in each recording of a pump, in mm or um, with an interval: for a pump's trend.
+
+    The severity (a depth, a clearance) is always searched; one that is given is where the search starts. Of the further
+    dimensions the usual ones are searched unless they are given. Calibrate with --band "0-1 kHz", the band in which
+    severities are searched.
+    """
+    from swashtwin.calibration import estimate_severity, load_calibration, search_of
+    from swashtwin.foundation import DataError
+    from swashtwin.recordings import load_recordings
+
+    defect = fault_from(fault)
+    if defect is None:
+        raise typer.BadParameter(
+            "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
+        )
+    healthy_calibration = load_calibration(calibration)
+    recordings = load_recordings(source).where(specimen=specimen)
+    sound, worn = _by_health(recordings, healthy_calibration.recording_ids)
+    if not worn:
+        raise DataError(
+            f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
+            f"be worn, labeled {defect.label} or not at all."
+        )
+    if healthy is not None:
+        ids = {recording.recording_id for recording in sound}
+        further = load_recordings(healthy).where(label="normal", specimen=specimen)
+        sound += [recording for recording in further if recording.recording_id not in ids]
+    fixed = fault_dimensions(fault)[1]
+    usual = [name for name in search_of(defect).free if name not in fixed]
+    with progress("searching severities"):
+        trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=free or usual)
+    result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
+    tell(result, as_json, lambda: _show_severity(trend, len(sound)))
+
+
+def _by_health(
+    recordings: "Iterable[Recording]", calibrated: "Collection[str]"
+) -> "tuple[list[Recording], list[Recording]]":
+    """(healthy recordings, those that may be worn): healthy is what is labeled normal or was calibrated on."""
+    sides: tuple[list[Recording], list[Recording]] = ([], [])
+    for recording in recordings:
+        sides[recording.label != "normal" and recording.recording_id not in calibrated].append(recording)
+    return sides
+
+
+def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
+    rows = []
+    for estimate in trend.estimates:
+        limit = estimate.detection_limit
+        rows.append(
+            (
+                estimate.recording_id,
+                f"{estimate.condition.discharge_pressure / 1e6:.4g} MPa",
+                estimate.severity.words,
+                estimate.severity.verdict,
+                None if limit is None else estimate.severity.dimension.words(limit),
+                ", ".join(f"{item.dimension.name} {item.words}, {item.verdict}" for item in estimate.dimensions[1:]),
+            )
+        )
+    name = trend.estimates[0].severity.dimension.name
+    header = ("recording", "at", f"{name} (90 % interval)", "verdict", "detection limit", "further dimensions")
+    table(f"Severity of {type(trend.reference).__name__} by inversion", header, rows)
+    notes = [f"{estimate.recording_id}: {text}" for estimate in trend.estimates for text in estimate.notes]
+    for text in (*trend.notes, *notes):
+        note(f"note: {text}")
+    note_left_out(trend.left_out)
+    say(f"{len(trend.estimates)} recordings, against {healthy} healthy ones")
+
+
+def list_pumps(as_json: Json = False) -> None:
+    """Names of the pumps that come with swashtwin."""
+    from swashtwin.pump import available_pumps
+
+    names = available_pumps()
+    tell({"pumps": names}, as_json, lambda: say("\n".join(names)))
+
+
+def new_pump(
+    name: Annotated[str, typer.Argument(help="Name of the new pump.")],
+    like: Annotated[str, typer.Option(help="Pump to copy, by name or .toml file.")] = "25scy14-1b",
+    out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
+    as_json: Json = False,
+) -> None:
+    """Write a commented copy of a pump file, for you to edit."""
+    import swashtwin.pump as pump
+
+    path = pump.new_pump(name, like=like, folder=out)
+    tell({"pump": path}, as_json, lambda: say(f"{path}\nEdit it, then: swashtwin twin pump show {path}"))
+
+
+def show_pump(
+    name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
+    as_json: Json = False,
+) -> None:
+    """Every number of a pump in SI units, with its source."""
+    from swashtwin.pump import available_pumps, load_pump
+
+    pump = load_pump(name)
+    parameters = [
+        {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
+        for path, value, unit in _numbers(pump)
+    ]
+    result = {"name": pump.name, "parameters": parameters, "channels": pump.channels, "available": available_pumps()}
+
+    def show() -> None:
+        rows = [(entry["name"], _text(entry["value"]), entry["unit"], entry["source"]) for entry in parameters]
+        table(pump.name, ("parameter", "value", "unit", "source"), rows)
+
+    tell(result, as_json, show)
+
+
+def _numbers(pump: "Pump") -> Iterator[tuple[str, Any, str]]:
+    """(path, value, unit) of every number."""
+    for section in fields(pump):
+        part = getattr(pump, section.name)
+        if is_dataclass(part):
+            for item in fields(part):
+                value = getattr(part, item.name)
+                if is_dataclass(value):
+                    for inner in fields(value):
+                        yield f"{section.name}.{item.name}.{inner.name}", getattr(value, inner.name), _unit(inner)
+                else:
+                    yield f"{section.name}.{item.name}", value, _unit(item)
+    for index, sensor in enumerate(pump.sensors):
+        yield f"sensors[{index}].position", sensor.position, "m"
+
+
+def _unit(item: Any) -> str:
+    return str(item.metadata.get("unit", ""))
+
+
+def _text(value: Any) -> str:
+    return ", ".join(f"{number:.6g}" for number in value) if isinstance(value, tuple) else f"{value:.6g}"

@@ -80,7 +80,6 @@ from .learning import fit_baseline as fit_baseline
 from .learning import fit_extra_trees as fit_extra_trees
 from .learning import group_folds as group_folds
 from .learning import hold_out as hold_out
-from .learning import hold_out_specimens as hold_out_specimens
 from .learning import learn_confidence as learn_confidence
 from .learning import load_windows as load_windows
 from .learning import register_network as register_network
@@ -274,7 +273,6 @@ __all__ = [
     "group_folds",
     "hertz",
     "hold_out",
-    "hold_out_specimens",
     "identifiability",
     "indicators_of",
     "inspect_recording",

@@ -1,4 +1,4 @@
-"""Two recipes of constructor arguments: the paper's, and ours, which are the defaults everywhere.
+"""Two recipes of arguments: the paper's, and ours, which are the defaults everywhere.
 
 Examples
 --------
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from swashtwin.calibration import PAPER_CALIBRATION
 from swashtwin.learning import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSettings
 
 
@@ -21,6 +22,8 @@ class Preset:
 
     name: str
     """``"paper"`` or ``"recommended"``, as the command line calls it."""
+    calibration: Mapping[str, Any]
+    """Arguments of `calibrate`."""
     training: TrainingSettings
     """Settings of the training of a network."""
     classifier: Mapping[str, Any]
@@ -35,8 +38,10 @@ def _classifier(network: str, training: TrainingSettings) -> Mapping[str, Any]:
     return MappingProxyType({"network": network, **{name: getattr(training, name) for name in names}})
 
 
-paper = Preset("paper", PAPER_TRAINING, _classifier("bitcn", PAPER_TRAINING))
+paper = Preset("paper", PAPER_CALIBRATION, PAPER_TRAINING, _classifier("bitcn", PAPER_TRAINING))
 """The recipe of the paper (DOI 10.1177/00202940261419020)."""
 
-recommended = Preset("recommended", RECOMMENDED_TRAINING, _classifier("spectral_bitcn", RECOMMENDED_TRAINING))
-"""Ours (docs/networks.md)."""
+recommended = Preset(
+    "recommended", MappingProxyType({}), RECOMMENDED_TRAINING, _classifier("spectral_bitcn", RECOMMENDED_TRAINING)
+)
+"""Ours (docs/networks.md): the defaults of `calibrate` and `FaultClassifier`."""

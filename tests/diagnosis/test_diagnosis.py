@@ -13,7 +13,6 @@ import pytest
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
 from swashtwin.foundation import ArtifactError, DataError, MissingFileError, MPa, read_artifact, rpm, write_artifact
 from swashtwin.learning import (
-    NETWORKS,
     BiTCN,
     FittedClassifier,
     TrainingSettings,
@@ -24,6 +23,7 @@ from swashtwin.learning import (
     fit,
     save_windows,
 )
+from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 
@@ -53,7 +53,7 @@ def saved(classifier, tmp_path) -> Path:
     return save_classifier(classifier, tmp_path / "pump.safetensors")
 
 
-@pytest.mark.parametrize("name", sorted(NETWORKS))
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
 @pytest.mark.parametrize("normalization", ["window", "set"])
 def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name, normalization):
     settings = TrainingSettings(epochs=1, normalization=normalization)

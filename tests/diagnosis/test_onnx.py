@@ -14,7 +14,8 @@ from commandline import one_line, run, run_json
 
 from swashtwin.diagnosis import export_onnx, save_classifier
 from swashtwin.foundation import MissingExtraError
-from swashtwin.learning import NETWORKS, FittedClassifier, TrainingSettings, WindowSet, build_network, cut_windows, fit
+from swashtwin.learning import FittedClassifier, TrainingSettings, WindowSet, build_network, cut_windows, fit
+from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.recordings import Recording
 
 SMALLER = {"channels": (8, 12)}
@@ -56,7 +57,7 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
-@pytest.mark.parametrize("name", sorted(NETWORKS))
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_windows(exported, name: str) -> None:
     classifier, path = exported(name)
     opened = session(path)

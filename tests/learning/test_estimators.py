@@ -1,19 +1,11 @@
-"""Classifiers without a network: all of one kind, honest about their recordings, and kernels wherever aeon is."""
-
-import importlib.util
-import os
-import stat
-import sys
-from pathlib import Path
+"""Classifiers without a network: all of one kind, and honest about their recordings."""
 
 import numpy as np
 import pytest
 
-from swashtwin.foundation import DataError, InputError, LeakError, MissingExtraError
+from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     BASELINES,
-    KERNELS,
-    PYTHON,
     Classifier,
     FeatureTable,
     WindowSet,
@@ -27,19 +19,7 @@ from swashtwin.learning.estimators.decisions import DecisionSoftmax
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston", "valve_plate")
-ON_FEATURES = [name for name, baseline in BASELINES.items() if baseline.columns == "features"]
-STUB = """
-import numpy as np
-
-class MiniRocket:
-    def __init__(self, random_state):
-        self.lines = np.random.default_rng(random_state).permutation(np.arange(4, 30))
-    def fit(self, windows):
-        self.level = abs(np.fft.rfft(windows)).mean()
-        return self
-    def transform(self, windows):
-        return (abs(np.fft.rfft(windows))[:, 0][:, self.lines] > self.level).astype(np.float32)
-"""
+ON_FEATURES = [name for name, baseline in BASELINES.items() if baseline.fit_columns is None]
 
 
 def tones(tag: str, *, per_class: int = 3, classes: tuple[str, ...] = CLASSES, gain: float = 1.0) -> WindowSet:
@@ -52,19 +32,6 @@ def tones(tag: str, *, per_class: int = 3, classes: tuple[str, ...] = CLASSES, g
             signal = gain * (np.sin(phase) + 0.3 * draw.normal(size=phase.size))
             recordings.append(Recording(signal[None], 1000.0, name, label=label))
     return cut_windows(recordings, length=128)
-
-
-@pytest.fixture
-def another_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A Python in whose aeon three lines stand for MiniRocket."""
-    package = tmp_path / "aeon" / "transformations" / "collection"
-    package.mkdir(parents=True)
-    (package / "convolution_based.py").write_text(STUB)
-    python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\nshift\nPYTHONPATH="{tmp_path}" exec "{sys.executable}" "$@"\n')
-    python.chmod(python.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setenv(PYTHON, str(python))
-    return python
 
 
 @pytest.mark.parametrize("name", ON_FEATURES)
@@ -122,52 +89,9 @@ def test_the_softmax_of_decisions_decides_as_the_decisions_do() -> None:
         np.testing.assert_allclose(steps, 2 * decision[:, None] if n_classes == 2 else np.diff(decision, axis=1))
 
 
-def test_an_unknown_classifier_a_missing_class_and_features_that_nothing_reads_are_refused() -> None:
+def test_an_unknown_classifier_and_a_missing_class_are_refused() -> None:
     train = tones("train")
     with pytest.raises(InputError, match="Did you mean 'random_forest'"):
         fit_baseline("random forest", train)
     with pytest.raises(DataError, match="valve_plate has no training window"):
         fit_baseline("ridge", train.subset(train.target < 2))
-    with pytest.raises(InputError, match="reads the windows themselves"):
-        fit_baseline("minirocket", train, features=lambda windows: extract_features(windows))
-
-
-def test_kernels_without_aeon_name_both_ways_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(PYTHON, raising=False)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=rf"swashtwin\[rocket\].*{PYTHON}"):
-        fit_baseline("minirocket", tones("train"))
-
-
-def test_another_python_computes_the_kernels(another_python: Path) -> None:
-    train, test = tones("train"), tones("test", gain=50)
-    first, again, other = (fit_baseline("minirocket", train, seed=seed) for seed in (0, 0, 1))
-    table = first.features(test)
-    assert table.values.shape == (len(test), len(table.names)) == (len(test), 26)
-    assert evaluate(first, test).accuracy > 0.9  # whatever the gain
-    np.testing.assert_array_equal(first.predict_proba(test), again.predict_proba(test))
-    assert not np.array_equal(other.features(test).values, table.values)
-
-
-def test_another_python_that_fails_says_so_in_one_line(another_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(MissingExtraError, match=r"multirocket failed in .*MultiRocket"):  # the stub has none
-        fit_baseline("multirocket", tones("train"))
-    monkeypatch.setenv(PYTHON, "/nowhere/python")
-    with pytest.raises(MissingExtraError, match="/nowhere/python"):
-        fit_baseline("minirocket", tones("train"))
-
-
-def test_another_python_that_is_killed_is_said_to_want_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    python = tmp_path / "python"
-    python.write_text("#!/bin/sh\nkill -9 $$\n")
-    python.chmod(0o755)
-    monkeypatch.setenv(PYTHON, str(python))
-    with pytest.raises(MissingExtraError, match="ended by signal 9, most often for want of memory"):
-        fit_baseline("minirocket", tones("train"))
-
-
-@pytest.mark.parametrize("name", KERNELS)
-def test_real_kernels_tell_tones_of_new_recordings_apart(name: str) -> None:
-    if PYTHON not in os.environ and importlib.util.find_spec("aeon") is None:
-        pytest.skip(f"no aeon: set {PYTHON} to a Python that has it")
-    assert evaluate(fit_baseline(name, tones("train")), tones("test", gain=50)).accuracy > 0.9

@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import NETWORKS, BiTCN, Network, build_network
+from swashtwin.learning import BiTCN, Network, build_network
+from swashtwin.learning.networks.registry import BUILT_IN
 
 
 def awake(module: torch.nn.Module) -> None:
@@ -14,7 +15,7 @@ def awake(module: torch.nn.Module) -> None:
         weight.data.abs_()
 
 
-EVERY_NETWORK = pytest.mark.parametrize("name", sorted(NETWORKS))
+EVERY_NETWORK = pytest.mark.parametrize("name", sorted(BUILT_IN))
 
 
 @EVERY_NETWORK
@@ -66,7 +67,7 @@ def test_an_unknown_network_or_setting_is_refused_and_the_nearest_offered():
     with pytest.raises(InputError, match="kernels"):
         build_network("bitcn", 1, 5, kernels=3)
     with pytest.raises(InputError, match=r"no setting 'kernal_size'.*Did you mean kernel_size"):
-        build_network("bitcn_ordinary", 1, 5, kernal_size=3)
+        build_network("bitcn", 1, 5, kernal_size=3)
 
 
 @pytest.mark.parametrize(
@@ -265,7 +266,7 @@ def test_a_network_refuses_settings_that_cannot_be(name, settings, words):
         ("spectral_bitcn", {"n_bands": 2.5}, r"n_bands \(2.5\) must be a whole number"),
         ("spectral_bitcn", {"frame": 1}, r"frame \(1\) must be at least 8"),
         ("spectral_bitcn", {"noise": float("nan")}, r"noise \(nan\) must be a number"),
-        ("bitcn_forward", {"causal": 3}, r"causal \(3\) must be true or false"),
+        ("bitcn", {"causal": 3}, r"causal \(3\) must be true or false"),
         ("bitcn", {"dilations": (1, 0.5)}, r"dilations \(0.5\) must be a whole number"),
         ("lstm", {"hidden": (8, 8)}, r"hidden \(\(8, 8\)\) must be a whole number"),
         ("mlp", {"hidden": (True,)}, r"hidden \(True\) must be a whole number"),
@@ -280,26 +281,6 @@ def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():
     assert build_network("bitcn", 1, 2, channels=8, dilations=2).settings["channels"] == (8,)
     assert build_network("spectral_bitcn", 1, 2, parts="lines").settings["parts"] == ("lines",)
     assert build_network("resnet1d", 1, 2, channels=[np.int64(4)]).settings["channels"] == (4,)
-
-
-def test_each_ablation_takes_away_its_part_and_no_other():
-    settings = {"channels": (8, 8, 16), "kernel_size": 3}
-    names = ("bitcn", "bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
-    full, ordinary, no_attention, forward = (build_network(name, 2, 3, **settings) for name in names)
-    shapes = {key: value.shape for key, value in full.state_dict().items()}
-    assert {key: value.shape for key, value in ordinary.state_dict().items()} == shapes
-    assert (full.receptive_field, ordinary.receptive_field) == (15, 7)
-    assert set(no_attention.state_dict()) == {key for key in shapes if "attention" not in key}
-    assert set(forward.state_dict()) == {key for key in shapes if not key.startswith("inverse")}
-
-
-def test_an_ordinary_unit_is_centered_and_sees_as_far_ahead_as_back():
-    branch = build_network("bitcn_ordinary", 1, 2, channels=(4, 4, 4), kernel_size=3, attention=False).eval().positive
-    awake(branch)
-    windows = torch.rand(1, 1, 64, requires_grad=True)
-    branch(windows)[0, :, 30].sum().backward()
-    seen = windows.grad[0, 0].nonzero().flatten()
-    assert (seen.min(), seen.max()) == (27, 33)
 
 
 @pytest.mark.parametrize("parts", [("frames",), ("lines",), ("lines", "envelope"), ("frames", "lines", "envelope")])

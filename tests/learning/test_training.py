@@ -9,7 +9,6 @@ import torch
 
 from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError
 from swashtwin.learning import (
-    NETWORKS,
     PAPER_TRAINING,
     BiTCN,
     FittedClassifier,
@@ -21,6 +20,7 @@ from swashtwin.learning import (
     cut_windows,
     fit,
 )
+from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston")
@@ -57,7 +57,7 @@ def test_the_defaults_are_the_papers():
     assert (PAPER_TRAINING.epochs, PAPER_TRAINING.batch_size, PAPER_TRAINING.learning_rate) == (200, 30, 1e-3)
 
 
-@pytest.mark.parametrize("name", sorted(NETWORKS))
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_no_network_minds_a_single_window_left_over(name):
     """Their number must not decide whether windows can be learnt: normalization has no deviation of one window."""
     recording = np.random.default_rng(0).normal(size=(1, 513 * 9))
@@ -68,7 +68,7 @@ def test_no_network_minds_a_single_window_left_over(name):
     assert np.isfinite(classifier.history[0].loss)
 
 
-@pytest.mark.parametrize("name", sorted(NETWORKS))
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_every_network_overfits_twenty_windows(name):
     windows = tones()
     assert len(windows) == 20

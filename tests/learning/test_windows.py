@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
-from swashtwin.learning import WindowSet, check_disjoint, cut_windows, hold_out, hold_out_specimens, split_by_recording
+from swashtwin.learning import WindowSet, check_disjoint, cut_windows, hold_out, split_by_recording
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -225,18 +225,15 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
         split_by_recording(cut_windows(rig(), length=100), test_fraction=20.0)
 
 
-def test_the_recordings_and_specimens_named_are_held_out():
+def test_the_recordings_named_are_held_out():
     windows = cut_windows(rig(), length=100)
     train, test = hold_out(windows, ["piston-5-0", "normal-15-2"])
     assert ids(test) == {"piston-5-0", "normal-15-2"}
     assert not ids(train) & ids(test)
-    train, test = hold_out_specimens(windows, ["pump-1"])
-    assert set(test.specimen.tolist()) == {"pump-1"}
-    assert set(train.specimen.tolist()) == {"pump-0", "pump-2"}
     with pytest.raises(InputError, match="no window is of the recording 'gone'"):
         hold_out(windows, ["gone"])
     with pytest.raises(InputError, match="nothing is left"):
-        hold_out_specimens(windows, ["pump-0", "pump-1", "pump-2"])
+        hold_out(windows, windows.recording_id)
 
 
 def test_a_leak_is_named():

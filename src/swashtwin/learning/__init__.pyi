@@ -1,11 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
+from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
 from .estimators.fitted import FittedBaseline as FittedBaseline
 from .estimators.fitted import fit_baseline as fit_baseline
 from .estimators.fitted import fit_extra_trees as fit_extra_trees
-from .estimators.kernels import KERNELS as KERNELS
-from .estimators.kernels import PYTHON as PYTHON
 from .estimators.registry import BASELINES as BASELINES
+from .estimators.registry import RIDGE_PENALTIES as RIDGE_PENALTIES
+from .estimators.registry import Baseline as Baseline
 from .evaluation.confidence import ConfidenceScores as ConfidenceScores
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
@@ -57,24 +58,24 @@ from .windows.saving import load_windows as load_windows
 from .windows.saving import save_windows as save_windows
 from .windows.splitting import check_disjoint as check_disjoint
 from .windows.splitting import hold_out as hold_out
-from .windows.splitting import hold_out_specimens as hold_out_specimens
 from .windows.splitting import split_by_recording as split_by_recording
 from .windows.window_set import WindowLayout as WindowLayout
 from .windows.window_set import WindowSet as WindowSet
 
 __all__ = [
     "BASELINES",
-    "KERNELS",
     "LEVELS",
     "NETWORKS",
     "PAPER_TRAINING",
-    "PYTHON",
     "RANGE",
     "RECOMMENDED_TRAINING",
+    "RIDGE_PENALTIES",
+    "Baseline",
     "BiTCN",
     "Classifier",
     "Confidence",
     "ConfidenceScores",
+    "DecisionSoftmax",
     "DiagnosingClassifier",
     "Epoch",
     "FeatureTable",
@@ -107,7 +108,6 @@ __all__ = [
     "group_folds",
     "has_network",
     "hold_out",
-    "hold_out_specimens",
     "learn_confidence",
     "load_windows",
     "pooled_probabilities",

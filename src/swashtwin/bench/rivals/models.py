@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.bench.rivals.ablations import ABLATIONS
 from swashtwin.bench.rivals.composed import Ensemble, Viewed, first_sensors
+from swashtwin.bench.rivals.kernels import KERNELS, PYTHON
 from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import (
     BASELINES,
-    KERNELS,
     NETWORKS,
     PAPER_TRAINING,
-    PYTHON,
     RECOMMENDED_TRAINING,
     Classifier,
     FeatureTable,
@@ -58,8 +58,7 @@ class Model:
     @property
     def is_at_hand(self) -> bool:
         """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
-        needs_aeon = self.kind in BASELINES and BASELINES[self.kind].columns in KERNELS
-        return not needs_aeon or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
+        return self.kind not in KERNELS or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def described(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors goes without
@@ -139,7 +138,8 @@ PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 
 
 def _models(size: str) -> dict[str, Model]:
-    networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in NETWORKS}
+    names = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
+    networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in names}
     ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
     retrained = {name: Model(DEFAULT, {}, change(TRAINING[size])) for name, change in RETRAINED.items()}
     composed = {name: Model(DEFAULT, {}, TRAINING[size], **settings) for name, settings in COMPOSED.items()}

@@ -10,7 +10,6 @@ from jaxtyping import Float, Shaped
 from sklearn.ensemble import ExtraTreesClassifier
 
 from swashtwin.foundation import DataError, InputError, derive_seed
-from swashtwin.learning.estimators.kernels import KernelColumns
 from swashtwin.learning.estimators.registry import BASELINES, N_TREES
 from swashtwin.learning.features import FeatureTable, extract_features
 from swashtwin.learning.training.confidence import Confidence
@@ -84,24 +83,22 @@ def fit_baseline(
     Raises
     ------
     InputError
-        No classifier has this name (the nearest is offered), or it is one of kernels and `features` was given.
+        No classifier has this name (the nearest is offered), or it makes its own columns and `features` was given.
     DataError
         A class has no window, or a window has no label.
-    MissingExtraError
-        It is one of kernels, and aeon is not here.
     """
     if name not in BASELINES:
         near = difflib.get_close_matches(name.lower(), BASELINES, n=1, cutoff=0.3)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise InputError(f"unknown classifier {name!r}; there are {', '.join(sorted(BASELINES))}.{hint}")
     baseline = BASELINES[name]
-    own = derive_seed(seed, baseline.title) % 2**32
-    if baseline.columns != "features":
+    estimator = baseline.estimator(derive_seed(seed, baseline.title) % 2**32)
+    if baseline.fit_columns is not None:
         if features is not extract_features:
             raise InputError(f"{name} reads the windows themselves; features= belongs to the classifiers on features.")
         _require_every_class(windows)
-        features = KernelColumns.fitted(baseline.columns, windows, derive_seed(seed, name, "kernels") % 2**32)
-    return _fitted(baseline.estimator(own), windows, features, manifest)
+        features = baseline.fit_columns(windows, derive_seed(seed, name, "kernels") % 2**32)
+    return _fitted(estimator, windows, features, manifest)
 
 
 def fit_extra_trees(
@@ -114,7 +111,7 @@ def fit_extra_trees(
 ) -> FittedBaseline:
     """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1) on the features.
 
-    Trees need no scaling, no selection and hardly a setting, which makes them the first rival to any network.
+    Trees need no scaling, no selection and hardly a setting: compare a network with them first.
 
     Parameters
     ----------

@@ -8,7 +8,6 @@ from typing import Any
 from torch import nn
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.networks.ablations import BiTCNForward, BiTCNNoAttention, BiTCNOrdinary
 from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
@@ -24,14 +23,14 @@ from swashtwin.learning.networks.tcn import TCN
 from swashtwin.learning.networks.wdcnn import WDCNN
 
 _CLASSES: tuple[type[Network], ...] = (
-    SpectralBiTCN, BiTCN, BiTCNOrdinary, BiTCNNoAttention, BiTCNForward,
-    TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder, SensorGraph,
+    SpectralBiTCN, BiTCN, TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder, SensorGraph,
 )  # fmt: skip
 NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLASSES}
 """Class of each network; a saved model is built again by its name here."""
 
 
-_BUILT_IN = frozenset(NETWORKS)
+BUILT_IN = frozenset(NETWORKS)
+"""Names of the networks of this package, which no other network can take."""
 _ENTRY_POINTS = "swashtwin.networks"
 
 
@@ -61,8 +60,9 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     >>> register_network("linear", linear)
     >>> build_network("linear", 2, 5, length=64).n_classes
     5
+    >>> del NETWORKS["linear"]
     """
-    if name in _BUILT_IN or not name:
+    if name in BUILT_IN or not name:
         raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
     if isinstance(network, type) and issubclass(network, Network):
         if network.name != name:

@@ -66,14 +66,25 @@ def split_by_recording(
 def hold_out(windows: WindowSet, recording_ids: Iterable[str]) -> tuple[WindowSet, WindowSet]:
     """(training set, test set), the test set being the recordings named.
 
-    Classes may miss on either side; training and the scores then say so.
+    A class may be missing on either side; training and the scores then say so.
+
+    Raises
+    ------
+    InputError
+        No id, an id that no window has, or every id.
+    LeakError
+        A recording of the test set is synthetic.
     """
-    return _held_out(windows, windows.recording_id, recording_ids, "recording")
-
-
-def hold_out_specimens(windows: WindowSet, specimens: Iterable[str]) -> tuple[WindowSet, WindowSet]:
-    """(training set, test set), the test set being every recording of the specimens named."""
-    return _held_out(windows, windows.specimen, specimens, "specimen")
+    chosen = sorted({str(name) for name in recording_ids})
+    missing = [name for name in chosen if name not in windows.recording_id]
+    if missing or not chosen:
+        raise InputError(f"no window is of the recording {missing[0]!r}." if missing else "no recording was named.")
+    mask = np.isin(windows.recording_id, chosen)
+    if mask.all():
+        raise InputError("every recording was held out; nothing is left to train on.")
+    if windows.synthetic[mask].any():
+        raise LeakError(f"{windows.recording_id[mask & windows.synthetic][0]} is synthetic; a test set is measured.")
+    return windows.subset(~mask), windows.subset(mask)
 
 
 def check_disjoint(train: WindowSet, test: WindowSet) -> None:
@@ -103,19 +114,3 @@ def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"
                 f"class {name} has windows of {count} {group}(s), and needs 2 to stand in training and in test; record "
                 "another, or name the test side with hold_out(windows, ids)."
             )
-
-
-def _held_out(
-    windows: WindowSet, names: Shaped[np.ndarray, " window"], held: Iterable[str], kind: str
-) -> tuple[WindowSet, WindowSet]:
-    wanted = sorted({str(name) for name in held})
-    known = set(names.tolist())
-    missing = [name for name in wanted if name not in known]
-    if missing or not wanted:
-        raise InputError(f"no window is of the {kind} {missing[0]!r}." if missing else f"no {kind} was named.")
-    mask = np.isin(names, wanted)
-    if mask.all():
-        raise InputError(f"every {kind} was held out; nothing is left to train on.")
-    if windows.synthetic[mask].any():
-        raise LeakError(f"{windows.recording_id[mask & windows.synthetic][0]} is synthetic; a test set is measured.")
-    return windows.subset(~mask), windows.subset(mask)

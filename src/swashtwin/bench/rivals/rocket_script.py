@@ -13,11 +13,10 @@ _TOGETHER = 256
 """Windows that are transformed together. Each has its own columns: memory only, no result depends on it."""
 
 
-def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray) -> np.ndarray:
-    """What the kernels drawn by `seed` and fitted to the windows `known` make of `windows` (window, column).
+def kernel_columns(kind: str, seed: int, training: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    """What the kernels drawn by `seed` and fitted to the windows `training` make of `windows` (window, column).
 
-    Kernels take milliseconds to fit, and depend on nothing but `seed` and `known`: they are fitted anew each time, and
-    never saved.
+    Kernels take milliseconds to fit and depend on `seed` and `training` alone, so they are fitted anew each time.
     """
     from aeon.transformations.collection import convolution_based
 
@@ -26,7 +25,7 @@ def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray)
         "multirocket": lambda: convolution_based.MultiRocket(random_state=seed),
         "hydra": lambda: convolution_based.HydraTransformer(random_state=seed, output_type="numpy"),
     }
-    kernels = makers[kind]().fit(known)
+    kernels = makers[kind]().fit(training)
     parts = [windows[first : first + _TOGETHER] for first in range(0, max(1, len(windows)), _TOGETHER)]
     return np.concatenate([np.asarray(kernels.transform(part), dtype=np.float32) for part in parts])
 
@@ -34,4 +33,4 @@ def kernel_columns(kind: str, seed: int, known: np.ndarray, windows: np.ndarray)
 if __name__ == "__main__":
     kind, seed, source, target = sys.argv[1:]
     with np.load(source) as arrays:
-        np.save(target, kernel_columns(kind, int(seed), arrays["known"], arrays["windows"]))
+        np.save(target, kernel_columns(kind, int(seed), arrays["training"], arrays["windows"]))

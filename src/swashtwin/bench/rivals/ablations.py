@@ -2,7 +2,7 @@
 
 from typing import Any, ClassVar
 
-from swashtwin.learning.networks.bitcn import BiTCN
+from swashtwin.learning import BiTCN, register_network
 
 
 class BiTCNOrdinary(BiTCN):
@@ -62,3 +62,10 @@ class BiTCNForward(BiTCN):
 
     def __init__(self, n_channels: int, n_classes: int, **settings: Any) -> None:
         super().__init__(n_channels, n_classes, **{"bidirectional": False, **settings})
+
+
+ABLATIONS: tuple[type[BiTCN], ...] = (BiTCNOrdinary, BiTCNNoAttention, BiTCNForward)
+"""The paper's ablations A, B and C."""
+
+for _ablation in ABLATIONS:
+    register_network(_ablation.name, _ablation)

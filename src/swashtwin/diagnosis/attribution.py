@@ -11,6 +11,8 @@ import torch
 from jaxtyping import Float, Float32, Float64
 from torch import nn
 
+from swashtwin.signals import transform
+
 STEPS = 32
 """Points of the midpoint rule along the way."""
 
@@ -48,7 +50,7 @@ def mean_gradients(
 def line_shares(
     signal: Float[np.ndarray, "channel time"], gradient: Float[np.ndarray, "channel time"]
 ) -> Float64[np.ndarray, "channel line"]:
-    """What each line of the spectrum, `numpy.fft.rfft`'s, adds to the answer; their sum is Σ signal · gradient.
+    """What each line of the spectrum (`signals.transform`) adds to the answer; their sum is Σ signal · gradient.
 
     Examples
     --------
@@ -57,7 +59,7 @@ def line_shares(
     True
     """
     n = signal.shape[-1]
-    both = np.fft.rfft(signal) * np.conj(np.fft.rfft(gradient))
+    both = transform(signal) * np.conj(transform(gradient))
     weight = np.full(both.shape[-1], 2.0)
     weight[0] = 1.0
     if n % 2 == 0:

@@ -13,6 +13,7 @@ from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FittedClassifier, cut_windows
 from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import line_frequencies
 
 MOST_WINDOWS = 24
 """Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""
@@ -260,7 +261,7 @@ def _gathered(
     lines: Float64[np.ndarray, "channel line"], bands: tuple[Band, ...], sample_rate: float, readings: int
 ) -> Float64[np.ndarray, "channel band"]:
     """Sum of the lines in each band; the last holds the last line too."""
-    frequency = np.fft.rfftfreq(readings, 1 / sample_rate)
+    frequency = line_frequencies(readings, sample_rate)
     place = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
     return np.stack([np.bincount(place, weights=row, minlength=len(bands)) for row in lines])
 

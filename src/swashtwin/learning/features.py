@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.signals import TIME_STATISTICS, band_shares, time_statistics
+from swashtwin.signals import TIME_STATISTICS, band_shares, hann_taper, tapered_transform, time_statistics
 
 N_BANDS = 32
 """Logarithmic bands per spectrum."""
@@ -74,7 +74,6 @@ def band_energies(
     The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
     """
     readings = signal.shape[1]
-    taper = np.hanning(readings + 1)[:-1]
-    spectrum = np.fft.rfft((signal - signal.mean(axis=1, keepdims=True)) * taper, axis=1)[:, 1:]
-    power = 2 * np.abs(spectrum) ** 2 / (readings * np.sum(taper**2))
+    spectrum = tapered_transform(signal)[:, 1:]
+    power = 2 * np.abs(spectrum) ** 2 / (readings * np.sum(hann_taper(readings) ** 2))
     return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))

@@ -31,6 +31,7 @@ from swashtwin.pump import (
     SealingLandScratch,
     ValvePlateWear,
 )
+from swashtwin.signals import fourier_lines
 
 CRACKING_SHARE = 0.95
 """Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
@@ -409,8 +410,7 @@ def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 1
     force = case.pump.rotating_group.piston_area * (chamber - case.condition.case_pressure)
     resultants = _resultants(case.pump, force, *_turned(len(force), steps))
     to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
-    lines = (np.fft.rfft(resultants) * (2 / steps) * to_zero).T @ _shares(case.pump).T
-    lines[0] /= 2
+    lines = (fourier_lines(resultants) * to_zero).T @ _shares(case.pump).T
     unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
     lines[1, Dof.ROTOR_X] += unbalance
     lines[1, Dof.ROTOR_Y] -= 1j * unbalance

@@ -4,6 +4,13 @@ from .bearings import BEARINGS as BEARINGS
 from .bearings import SEATS as SEATS
 from .bearings import defect_prominences as defect_prominences
 from .bearings import prewhitened as prewhitened
+from .comparison import aligned as aligned
+from .comparison import peak_error as peak_error
+from .comparison import spectral_correlation as spectral_correlation
+from .comparison import spectrum_value_error as spectrum_value_error
+from .comparison import waveform_rmse as waveform_rmse
+from .filtering import add_noise as add_noise
+from .filtering import band_limited as band_limited
 from .indicators.line_spectra import LineSpectrum as LineSpectrum
 from .indicators.line_spectra import Mark as Mark
 from .indicators.line_spectra import spectrum_of as spectrum_of
@@ -27,16 +34,17 @@ from .orders.shaft_angle import stated_angle as stated_angle
 from .orders.tachometer import tachometer_speed as tachometer_speed
 from .orders.tracking import tracked_speed as tracked_speed
 from .spectra import OrderSpectrum as OrderSpectrum
-from .spectra import add_noise as add_noise
-from .spectra import aligned as aligned
-from .spectra import band_limited as band_limited
 from .spectra import band_shares as band_shares
+from .spectra import fourier_lines as fourier_lines
+from .spectra import hann_taper as hann_taper
+from .spectra import inverse_transform as inverse_transform
+from .spectra import line_frequencies as line_frequencies
 from .spectra import order_spectrum as order_spectrum
-from .spectra import peak_error as peak_error
-from .spectra import spectral_correlation as spectral_correlation
-from .spectra import spectrum_value_error as spectrum_value_error
+from .spectra import periodic_signal as periodic_signal
+from .spectra import power_density as power_density
 from .spectra import synchronous_signal as synchronous_signal
-from .spectra import waveform_rmse as waveform_rmse
+from .spectra import tapered_transform as tapered_transform
+from .spectra import transform as transform
 
 __all__ = [
     "BANDS",
@@ -59,10 +67,16 @@ __all__ = [
     "band_limited",
     "band_shares",
     "defect_prominences",
+    "fourier_lines",
+    "hann_taper",
     "indicators_of",
+    "inverse_transform",
+    "line_frequencies",
     "order_spectrum",
     "peak_error",
+    "periodic_signal",
     "piston_pass_angle",
+    "power_density",
     "prewhitened",
     "resampled_by_angle",
     "spectral_correlation",
@@ -72,8 +86,10 @@ __all__ = [
     "stated_angle",
     "synchronous_signal",
     "tachometer_speed",
+    "tapered_transform",
     "time_statistics",
     "tracked_speed",
+    "transform",
     "trend_of",
     "waveform_rmse",
 ]

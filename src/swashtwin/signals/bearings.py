@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.signals.indicators.envelope import envelope_spectrum
+from swashtwin.signals.spectra import inverse_transform, transform
 
 SEATS = ("ball", "inner_race", "outer_race")
 """Where a flaw can sit, in the order of `defect_prominences`."""
@@ -74,9 +75,9 @@ def prewhitened(signal: Float[np.ndarray, "channel time"]) -> Float[np.ndarray, 
 
     Borghesani et al. 2013, DOI 10.1016/j.ymssp.2012.11.001. Unit: none.
     """
-    spectrum = np.fft.rfft(signal - signal.mean(axis=-1, keepdims=True), axis=-1)
+    spectrum = transform(signal - signal.mean(axis=-1, keepdims=True))
     flat = spectrum / np.maximum(np.abs(spectrum), 1e-300)
-    return np.fft.irfft(flat, signal.shape[-1], axis=-1) * math.sqrt(signal.shape[-1])
+    return inverse_transform(flat, signal.shape[-1]) * math.sqrt(signal.shape[-1])
 
 
 def defect_prominences(

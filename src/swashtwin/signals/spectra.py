@@ -1,6 +1,7 @@
-"""What can be done to a sampled signal without knowing what a pump is.
+"""Tapers, transforms, power densities and lines: the one place where signals become spectra.
 
-Spectra are one-sided and give peak amplitudes: a sine of amplitude 1 reads 1.
+Spectra are one-sided and, where not called power, give peak amplitudes: a sine of amplitude 1 reads 1. Only networks
+and other code that torch differentiates call `torch.fft` themselves.
 """
 
 import math
@@ -8,9 +9,69 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float, Inexact, Int
 
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError
+
+
+def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " time"]:
+    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted mean does."""
+    return np.hanning(count) if symmetric else np.hanning(count + 1)[:-1]
+
+
+def transform(signal: Float[np.ndarray, "*batch time"], count: int | None = None) -> Complex[np.ndarray, "*batch line"]:
+    """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal with zeros."""
+    return np.fft.rfft(signal, count, axis=-1)
+
+
+def inverse_transform(lines: Inexact[np.ndarray, "*batch line"], count: int) -> Float[np.ndarray, "*batch time"]:
+    """Signal of `count` samples whose `transform` has these lines."""
+    return np.fft.irfft(lines, count, axis=-1)
+
+
+def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line"]:
+    """Frequency [Hz] of each line of the `transform` of `count` samples."""
+    return np.fft.rfftfreq(count, 1 / sample_rate)
+
+
+def tapered_transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.ndarray, "*batch line"]:
+    """`transform` of a signal without its mean, times `hann_taper`."""
+    return transform((signal - signal.mean(axis=-1, keepdims=True)) * hann_taper(signal.shape[-1]))
+
+
+def power_density(
+    signal: Float[np.ndarray, "*batch time"], sample_rate: float, length: int | None = None
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "*batch frequency"]]:
+    """Frequencies [Hz] and one-sided power density [unit^2/Hz], Hann taper, mean removed.
+
+    Parameters
+    ----------
+    length : samples of the half-overlapping segments over which it is averaged (Welch); None takes the whole signal.
+    """
+    if length is None:
+        return scipy.signal.periodogram(signal, sample_rate, "hann", detrend="constant")
+    return scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, detrend="constant")
+
+
+def fourier_lines(revolution: Float[np.ndarray, "*batch step"]) -> Complex[np.ndarray, "*batch order"]:
+    """Lines X_k of one period of x(t) = X_0 + Re sum_k X_k exp(i k theta), theta from 0 in equal steps.
+
+    Examples
+    --------
+    >>> angle = 2 * np.pi * np.arange(8) / 8
+    >>> fourier_lines(3 + np.cos(2 * angle)).round(12)[:3].real
+    array([3., 0., 1.])
+    """
+    lines = transform(revolution) * (2 / revolution.shape[-1])
+    lines[..., 0] /= 2
+    return lines
+
+
+def periodic_signal(lines: Complex[np.ndarray, "*batch order"], steps: int) -> Float[np.ndarray, "*batch step"]:
+    """One period in `steps` equal steps of the signal whose `fourier_lines` these are."""
+    spectrum = lines * (steps / 2)
+    spectrum[..., 0] *= 2
+    return inverse_transform(spectrum, steps)
 
 
 def amplitude_spectrum(
@@ -109,7 +170,7 @@ def order_spectrum(
             f"({sample_rate / 2:.0f} Hz)."
         )
     parts = signal[:, : segments * length].reshape(signal.shape[0], segments, length)
-    frequency, density = scipy.signal.periodogram(parts, sample_rate, "hann", detrend="constant")
+    frequency, density = power_density(parts, sample_rate)
     line_width = frequency[1]
     centers = orders * shaft_frequency
     spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
@@ -146,113 +207,13 @@ def synchronous_signal(
     error is below 0.5 % of the sum of the lines' magnitudes.
     """
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
-    spectrum = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
-    spectrum[:, orders] = lines * (n_grid / 2)
-    spectrum[:, 0] *= 2
-    revolution = np.fft.irfft(spectrum, n_grid, axis=-1)
+    every = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
+    every[:, orders] = lines
+    revolution = periodic_signal(every, n_grid)
     position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
     left = position.astype(np.int64) % n_grid
     weight = position - np.floor(position)
     return revolution[:, left] * (1 - weight) + revolution[:, (left + 1) % n_grid] * weight
-
-
-def add_noise(
-    signal: Float[np.ndarray, "channel time"], snr_db: float, seed: int, *purpose: object
-) -> Float[np.ndarray, "channel time"]:
-    """Signal with white Gaussian noise of a stated signal-to-noise ratio [dB] added.
-
-    The signal's power is its variance over the whole of `signal`, per channel (docs/protocol.md, "Noise").
-
-    Parameters
-    ----------
-    purpose : names the random stream, usually the recording's id and the repeat.
-    """
-    power = signal.var(axis=-1, keepdims=True)
-    scale = np.sqrt(power * 10 ** (-snr_db / 10))
-    return signal + scale * stream(seed, "noise", float(snr_db), *purpose).standard_normal(signal.shape)
-
-
-def band_limited(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, low: float, high: float
-) -> Float[np.ndarray, "channel time"]:
-    """Signal between `low` and `high` [Hz], zero-phase Butterworth of order 4 in each direction.
-
-    Raises
-    ------
-    InputError
-        No band: `low` must be positive, below `high`, and below half the sample rate.
-    """
-    nyquist = sample_rate / 2
-    if not 0 < low < min(high, nyquist):
-        raise InputError(f"a band of {low:g}...{high:g} Hz is none at {sample_rate:g} Hz; it needs 0 < low < high.")
-    if high >= 0.98 * nyquist:
-        sos = scipy.signal.butter(4, low / nyquist, "highpass", output="sos")
-    else:
-        sos = scipy.signal.butter(4, [low / nyquist, high / nyquist], "bandpass", output="sos")
-    return scipy.signal.sosfiltfilt(sos, signal, axis=-1)
-
-
-def aligned(
-    measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
-) -> Float[np.ndarray, "channel time"]:
-    """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels together.
-
-    With `simulated` one period longer than `measured`, every phase is tried.
-
-    Raises
-    ------
-    InputError
-        `simulated` is the shorter one.
-    """
-    length = measured.shape[-1]
-    if simulated.shape[-1] < length:
-        raise InputError(f"{simulated.shape[-1]} simulated readings are fewer than the {length} measured ones.")
-    score = sum(scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True))
-    start = int(np.argmax(score))
-    return simulated[:, start : start + length]
-
-
-def waveform_rmse(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
-    """Root mean square of the difference, in the signals' unit (the paper's RMSE)."""
-    return float(np.sqrt(np.mean((measured - simulated) ** 2)))
-
-
-def peak_error(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
-    """Mean over channels of the difference of the largest magnitudes, relative to the measured (the paper's PE)."""
-    peaks = np.abs(measured).max(axis=-1)
-    return float(np.mean(np.abs(np.abs(simulated).max(axis=-1) - peaks) / peaks))
-
-
-def spectrum_value_error(
-    measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
-) -> float:
-    """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE; our reading)."""
-    return float(np.abs(measured - simulated).sum() / measured.sum())
-
-
-LEVEL_RANGE = 60.0
-"""Lines further [dB] below the strongest measured one count as if they were so far below it: there is only noise."""
-
-
-def spectral_correlation(
-    measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
-) -> float:
-    """Pearson's correlation of the levels in dB, over all channels and orders; 1 is a spectrum of the same shape.
-
-    A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line (`LEVEL_RANGE`), the
-    same floor for both sides. A common gain does not change it. It is 0 where the levels of one side are all equal.
-
-    Examples
-    --------
-    >>> measured = np.array([[1.0, 0.1, 0.5]])
-    >>> round(spectral_correlation(measured, 2 * measured), 3)
-    1.0
-    """
-    floor = max(float(measured.max()) * 10 ** (-LEVEL_RANGE / 20), 1e-300)
-    first, second = (20 * np.log10(np.maximum(side, floor)).ravel() for side in (measured, simulated))
-    first, second = first - first.mean(), second - second.mean()
-    width = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(first @ second) / width if width > 0 else 0.0
 
 
 def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
+from swashtwin.signals import inverse_transform, line_frequencies, transform
 from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, remove_synchronous
 
 Background = Literal["none", "spectrum", "residual"]
@@ -39,14 +40,15 @@ class _Spectrum:
 
     def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         window = self.like.signal[rng.choice(self.windows)].astype(float)
-        taper = scipy.signal.get_window("hann", self.like.length)  # untapered, strong lines leak over all others
+        # Untapered, strong lines leak over all others. `hann_taper` differs in the last bit, and the noise with it.
+        taper = scipy.signal.get_window("hann", self.like.length)
         tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
-        spectrum = np.abs(np.fft.rfft(tapered, axis=-1))
+        spectrum = np.abs(transform(tapered))
         line, clear = np.arange(self.clear.size), self.clear
         for row in spectrum:
             row[~clear] = np.interp(line[~clear], line[clear], row[clear])
         phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
-        return np.fft.irfft(spectrum * phase, self.like.length, axis=-1)
+        return inverse_transform(spectrum * phase, self.like.length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def background_noise(like: WindowSet, twin: Twin, kind: Background, specimen: st
     quiet = _quiet_windows(like, twin.condition.discharge_pressure, specimen)
     if kind == "residual":
         return _Residual(_residuals(like.subset(quiet), twin.condition.shaft_frequency))
-    frequency = np.fft.rfftfreq(like.length, 1 / like.sample_rate)
+    frequency = line_frequencies(like.length, like.sample_rate)
     pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
     distance = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
     return _Spectrum(like, quiet, distance > 2.5 * frequency[1])

@@ -6,7 +6,6 @@ windows that the filler drew from.
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.signal import periodogram
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
@@ -15,6 +14,7 @@ from sklearn.preprocessing import normalize
 
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import Scores, WindowSet, evaluate, extract_features, fit_extra_trees
+from swashtwin.signals import power_density
 from swashtwin.synthesis.filler import Filler
 
 _FOLDS = 5
@@ -132,7 +132,7 @@ def _shape(windows: WindowSet) -> Float64[np.ndarray, "window value"]:
 
 
 def _power(windows: WindowSet) -> Float64[np.ndarray, "window channel frequency"]:
-    power: np.ndarray = periodogram(windows.signal.astype(float), windows.sample_rate, "hann")[1][..., 1:]
+    power: np.ndarray = power_density(windows.signal.astype(float), windows.sample_rate)[1][..., 1:]
     return power
 
 

@@ -12,11 +12,12 @@ from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 
 from swashtwin.foundation import derive_seed
+from swashtwin.signals import inverse_transform, transform
 
 
 def log_amplitude(signal: Float[np.ndarray, "window channel angle"]) -> Float64[np.ndarray, "window value"]:
     """Natural logarithm of the amplitudes of each window's spectrum, channel after channel in one row."""
-    amplitude = np.abs(np.fft.rfft(signal.astype(float), axis=-1)).reshape(len(signal), -1)
+    amplitude = np.abs(transform(signal.astype(float))).reshape(len(signal), -1)
     return np.log(np.maximum(amplitude, 1e-5 * amplitude.max()))
 
 
@@ -24,9 +25,9 @@ def with_amplitude(
     signal: Float[np.ndarray, "window channel angle"], amplitude: Float[np.ndarray, "window value"]
 ) -> Float[np.ndarray, "window channel angle"]:
     """`signal` with other amplitudes, whose logarithms stand as `log_amplitude` gives them, and with its own phases."""
-    phase = np.angle(np.fft.rfft(signal.astype(float), axis=-1))
+    phase = np.angle(transform(signal.astype(float)))
     spectrum = np.exp(amplitude.reshape(phase.shape) + 1j * phase)
-    return np.fft.irfft(spectrum, signal.shape[-1], axis=-1)
+    return inverse_transform(spectrum, signal.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
+from swashtwin.signals import inverse_transform, transform
+
 MINIMUM_WINDOWS = 4
 """Windows of one recording below which their average says little of their common part."""
 _PASSES = 4
@@ -54,7 +56,7 @@ def _fit(
     turns: Float[np.ndarray, "rate channel angle"], average: Float[np.ndarray, "channel angle"]
 ) -> tuple[int, int]:
     """(number of the rate, shift [angle]) at which a window's revolution is most like the average."""
-    spectrum = np.fft.rfft(turns, axis=-1).conj() * np.fft.rfft(average, axis=-1)
-    correlation = np.fft.irfft(spectrum.sum(axis=1), average.shape[-1], axis=-1)
+    spectrum = transform(turns).conj() * transform(average)
+    correlation = inverse_transform(spectrum.sum(axis=1), average.shape[-1])
     rate, shift = np.unravel_index(int(correlation.argmax()), correlation.shape)
     return int(rate), int(shift)

@@ -17,6 +17,7 @@ import scipy.ndimage
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
+from swashtwin.signals import hann_taper, transform
 
 _SUPPLY_MULTIPLES = (1, 2, 3, 6, 12)
 """Of the supply's frequency; 6 and 12 are a three-phase inverter's."""
@@ -118,8 +119,8 @@ def _levels(
 ) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, " line"]]:
     """Frequencies [Hz] up to `top`, and the logarithm of the power there over the level about it."""
     count = signal.shape[1]
-    centered = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(count)
-    power = np.abs(np.fft.rfft(centered, _PADDING * count, axis=1)) ** 2
+    centered = (signal - signal.mean(axis=1, keepdims=True)) * hann_taper(count, symmetric=True)
+    power = np.abs(transform(centered, _PADDING * count)) ** 2
     width = sample_rate / (_PADDING * count)
     power = power[:, : math.ceil(top / width) + 1]
     size = max(3, round(_NEIGHBORHOOD / width / _PADDING))

@@ -14,7 +14,7 @@ from scipy.signal import hilbert
 from swashtwin.bench.public.question import Fold, Question, Setting
 from swashtwin.bench.public.usual import units_of, usual_windows
 from swashtwin.recordings import Recording
-from swashtwin.signals import TIME_STATISTICS, band_limited, time_statistics
+from swashtwin.signals import TIME_STATISTICS, band_limited, hann_taper, line_frequencies, time_statistics, transform
 
 _PAIRS = (
     (("hA", "fA"), ("hB", "fB")),
@@ -80,8 +80,8 @@ class _Lines:
     def of(cls, signal: np.ndarray, rate: float, shaft: float | None = None) -> "_Lines":
         """Spectrum of a signal; the shaft is the highest line that a two-pole motor on 50 Hz can have."""
         count = signal.shape[1]
-        frequency = np.fft.rfftfreq(count, 1 / rate)
-        power = np.abs(np.fft.rfft(signal * np.hanning(count), axis=1)) ** 2
+        frequency = line_frequencies(count, rate)
+        power = np.abs(transform(signal * hann_taper(count, symmetric=True))) ** 2
         if shaft is None:
             possible = (frequency > _SHAFT[0]) & (frequency < _SHAFT[1])
             relative = power / signal.var(axis=1, keepdims=True)

@@ -25,7 +25,7 @@ from swashtwin.physics import (
     worn_values,
 )
 from swashtwin.pump import Fault, OperatingCondition, SwashPlateDefect
-from swashtwin.signals import synchronous_signal
+from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, synchronous_signal, transform
 
 BANDWIDTH = 6400.0
 """Highest frequency [Hz] at which the rig's pumps are excited."""
@@ -53,7 +53,7 @@ def slipper_loading(piston_count: int, unloaded: float, orders: Sequence[int]) -
     angle = 2 * np.pi * np.arange(4096) / 4096
     phi = angle + 2 * np.pi * np.arange(piston_count)[:, None] / piston_count
     weight = np.where(np.sin(phi) < 0, 1.0, unloaded).sum(axis=0)
-    return 2 * np.fft.rfft(weight / weight.mean())[list(orders)] / angle.size
+    return fourier_lines(weight / weight.mean())[list(orders)]
 
 
 def _periodic_terms(run: Run, structure: Structure, values: torch.Tensor) -> list[PeriodicTerm]:
@@ -132,10 +132,10 @@ def shaft_angle(
 
 def _flow_noise(run: Run, n: int, sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "sensor time"]:
     """Broadband noise of flow and cavitation, colored by the housing; grows with the pressure."""
-    frequency = np.fft.rfftfreq(n, 1 / sample_rate)
+    frequency = line_frequencies(n, sample_rate)
     color = np.abs(run.specimen.housing.response(frequency)) / np.sqrt(1 + (frequency / 4000) ** 2)
     color = color * np.sqrt(1 + 300 / np.maximum(frequency, 30))
-    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((3, n))) * color, n)
+    noise = inverse_transform(transform(rng.standard_normal((3, n))) * color, n)
     return noise * FLOW_NOISE * math.sqrt(run.condition.discharge_pressure / 10e6)
 
 

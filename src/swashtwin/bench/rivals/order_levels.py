@@ -16,7 +16,7 @@ from jaxtyping import Float, Float64, Shaped
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FeatureTable, WindowSet
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin.signals import band_limited
+from swashtwin.signals import band_limited, power_density
 
 Extractor = Callable[[WindowSet], FeatureTable]
 """Anything that gives features of windows."""
@@ -96,9 +96,7 @@ def _reach(order: int, piston_count: int) -> float:
 
 def _levels(windows: WindowSet, bands: list[tuple[float, float]]) -> Float64[np.ndarray, "window channel band"]:
     _require_orders(windows, max(upper for _, upper in bands))
-    frequency, density = scipy.signal.periodogram(
-        windows.signal.astype(np.float64), windows.sample_rate, "hann", detrend="constant"
-    )
+    frequency, density = power_density(windows.signal.astype(np.float64), windows.sample_rate)
     levels = np.empty((len(windows), windows.n_channels, len(bands)))
     for speed in np.unique(windows.speed):
         chosen = windows.speed == speed

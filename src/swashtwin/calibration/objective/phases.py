@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.recordings import Recording
-from swashtwin.signals import piston_pass_angle
+from swashtwin.signals import hann_taper, piston_pass_angle
 
 SEGMENTS = 4
 """The scatter of a line between so many parts of a recording gives its deviation."""
@@ -42,7 +42,7 @@ def phased_lines(
     for number in range(SEGMENTS):
         own = slice(number * length, (number + 1) * length)
         angle = shaft.angle[own]
-        taper = np.hanning(length) * np.gradient(angle)
+        taper = hann_taper(length, symmetric=True) * np.gradient(angle)
         turned = np.exp(-1j * np.outer(angle, orders)) * (2 * taper / taper.sum())[:, None]
         parts.append(recording.signal[:, own] @ turned)
     segments = np.stack(parts)
@@ -85,7 +85,7 @@ def best_position(cross: Complex[Tensor, "*batch order"], orders: Int[Tensor, " 
     with torch.no_grad():
         padded = torch.zeros(*cross.shape[:-1], points, dtype=cross.dtype, device=cross.device)
         padded[..., places] = cross
-        score = torch.fft.ifft(padded, dim=-1).real
+        score = torch.fft.ifft(padded, dim=-1).real  # on the device of the search
         angle = score.argmax(dim=-1) * (2 * math.pi / (points * step))
         for _ in range(_NEWTON_STEPS):
             slope, bend = _slopes(cross, orders, angle)

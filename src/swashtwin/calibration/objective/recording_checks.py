@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from jaxtyping import Float, Int
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording, clipped_samples
-from swashtwin.signals import OrderSpectrum, order_spectrum
+from swashtwin.signals import OrderSpectrum, order_spectrum, power_density
 
 MOST_CLIPPED = 0.01
 """Share of clipped readings from which a recording is refused: on the virtual rig its lines are then 3 % off in the sum
@@ -180,7 +179,7 @@ def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_coun
 def _levels(recording: Recording, spacing: float) -> tuple[float, Float[np.ndarray, " frequency"]]:
     """Step of the frequencies [Hz], and ln of the power over the median around, averaged over the channels."""
     rate = recording.sample_rate
-    frequency, power = scipy.signal.periodogram(recording.signal, rate, "hann", detrend="constant")
+    frequency, power = power_density(recording.signal, rate)
     power = power[:, frequency <= min(0.45 * rate, (_TEETH + 6) * spacing)]
     width = max(8, round(spacing / frequency[1]))
     blocks = np.array_split(np.arange(power.shape[1]), max(1, power.shape[1] // width))

@@ -11,6 +11,7 @@ from swashtwin.physics.contacts.settings import SlipperContact, slipper_weight
 from swashtwin.physics.contacts.slippers import distance_rows, slipper_lines
 from swashtwin.pump import Fault, OperatingCondition, Pump
 from swashtwin.pump import InterfaceValue as Value
+from swashtwin.signals import periodic_signal
 
 
 def slipper_forces(
@@ -40,18 +41,15 @@ def slipper_forces(
     film = stiffness + 1j * condition.speed * damping * np.arange(n_lines + 1)
     coordinates = motion.detach().cpu().numpy() @ distance_rows(pump, topology).T
     ways = (np.ones_like(angle), np.cos(angle), np.sin(angle))
-    strained = sum(way * _signal(film * lines, samples) for way, lines in zip(ways, coordinates.T, strict=False))
+    strained = sum(
+        way * periodic_signal(film * lines, samples) for way, lines in zip(ways, coordinates.T, strict=False)
+    )
     orders = np.arange(n_lines + 1)
     recess = excitation * film * slipper_lines(pump, condition, fault, n_lines)
     turns = np.exp(2j * math.pi * orders * np.arange(count)[:, None] / count)
-    strained = strained + np.stack([_signal(row, samples) for row in recess * turns])
+    strained = strained + np.stack([periodic_signal(row, samples) for row in recess * turns])
     force = -slipper_weight(pump, contact, angle) / count * strained
     return np.maximum(force, 0.0) if contact.one_sided else force
-
-
-def _signal(lines: np.ndarray, samples: int) -> np.ndarray:
-    half = np.concatenate([lines[:1], lines[1:] / 2])
-    return np.fft.irfft(half, n=samples) * samples
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from swashtwin.physics.excitation import FRICTION, Impact
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
 from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump
+from swashtwin.signals import fourier_lines
 
 STEPS_PER_PULSE = 100
 """Time steps of the march during one impact."""
@@ -255,6 +256,5 @@ def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _lines(loads: np.ndarray, first: float, n_lines: int) -> np.ndarray:
-    lines = np.fft.rfft(loads, axis=0)[: n_lines + 1] * (2 / len(loads))
-    lines[0] /= 2
+    lines = fourier_lines(loads.T).T[: n_lines + 1]
     return lines * np.exp(-1j * np.arange(n_lines + 1) * first)[:, None]

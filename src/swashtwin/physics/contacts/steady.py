@@ -153,7 +153,7 @@ class _Exponential(torch.autograd.Function):
 
 
 def _samples(lines: Tensor, steps: int) -> Tensor:
-    """Values at the steps between which straight lines have the given order lines."""
+    """Values at the steps between which straight lines have the given order lines; torch differentiates it."""
     order = torch.arange(lines.shape[-2], dtype=torch.float64, device=lines.device)
     sharpened = lines / torch.sinc(order / steps)[:, None] ** 2
     half = torch.where(order == 0, 1.0, 0.5).to(lines.dtype)[:, None]
@@ -161,6 +161,7 @@ def _samples(lines: Tensor, steps: int) -> Tensor:
 
 
 def _lines(samples: Tensor, count: int) -> Tensor:
+    """The first `count` order lines of a period; torch differentiates it."""
     spectrum = torch.fft.rfft(samples, dim=0)[:count] * (2 / len(samples))
     return torch.cat([spectrum[:1] / 2, spectrum[1:]])
 

@@ -17,6 +17,7 @@ from swashtwin.physics.fault_forcing import excitation_lines, fault_forces, worn
 from swashtwin.physics.loads import LoadCase, chamber_pressures, force_lines
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_profile import OperatingProfile, Shaft
+from swashtwin.signals import periodic_signal
 
 RATIO = 1.06
 """Largest ratio of neighboring speeds, or pressures, of the grid: between them the force lines are off by 0.02 %."""
@@ -75,9 +76,8 @@ class OperatingGrid:
         i, j = np.nonzero(self.place >= 0)
         speed[self.place[i, j]] = self.speeds[i]
         turned = speed[:, None] * np.arange(self.lines.shape[1]) * step / (2 * np.pi)  # periods within a step
-        spectrum = (self.lines[:, :, active] / np.sinc(turned)[:, :, None] ** 2) * (n_angles / 2)
-        spectrum[:, 0] *= 2
-        table = np.fft.irfft(spectrum, n_angles, axis=1)
+        spectrum = self.lines[:, :, active] / np.sinc(turned)[:, :, None] ** 2
+        table = np.moveaxis(periodic_signal(np.moveaxis(spectrum, 1, -1), n_angles), -1, 1)
         wrapped = np.concatenate([table[:, -1:], table, table[:, :2]], axis=1)
         return ForceTables(self, active, n_angles, np.ascontiguousarray(wrapped).reshape(-1, len(active)))
 

@@ -81,6 +81,7 @@ def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np
     from scipy.ndimage import maximum_filter1d, median_filter
     from scipy.signal import detrend, periodogram
 
+    # `signals` stands on a higher floor than recordings, so that its `power_density` cannot be called here.
     frequency, power = periodogram(detrend(row), rate, window="hann")
     low = frequency <= top
     amplitude = np.sqrt(power[low])

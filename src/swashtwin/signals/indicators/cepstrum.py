@@ -1,10 +1,10 @@
 """The real cepstrum: families of lines at one spacing, gathered into one peak."""
 
 import numpy as np
-import scipy.signal
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
+from swashtwin.signals.spectra import inverse_transform, power_density, tapered_transform
 
 _PERIODS = 10
 """Periods of the spacing in each segment of the family index: its lines then lie ten readings apart."""
@@ -21,11 +21,9 @@ def real_cepstrum(
     an echo of strength a after τ reads a/2 at τ. Quefrency 0 (the level) is left at its place.
     """
     readings = signal.shape[-1]
-    taper = np.hanning(readings + 1)[:-1]
-    spectrum = np.fft.rfft((signal - signal.mean(axis=-1, keepdims=True)) * taper, axis=-1)
-    magnitude = np.abs(spectrum)
+    magnitude = np.abs(tapered_transform(signal))
     least = 1e-12 * np.maximum(magnitude.max(axis=-1, keepdims=True), 1e-300)
-    cepstrum = np.fft.irfft(np.log(np.maximum(magnitude, least)), readings, axis=-1)
+    cepstrum = inverse_transform(np.log(np.maximum(magnitude, least)), readings)
     half = readings // 2 + 1
     return np.arange(half) / sample_rate, cepstrum[:, :half]
 
@@ -57,9 +55,9 @@ def harmonic_family_index(
             f"between {3 / duration:.3g} and {sample_rate / 20:g} Hz."
         )
     length = min(signal.shape[-1], round(_PERIODS / spacing * sample_rate))
-    _, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, detrend="constant")
+    _, power = power_density(signal, sample_rate, length)
     least = 1e-24 * np.maximum(power.max(axis=-1, keepdims=True), 1e-300)
-    cepstrum = np.fft.irfft(np.log(np.maximum(power, least)) / 2, length, axis=-1)[:, : length // 2 + 1]
+    cepstrum = inverse_transform(np.log(np.maximum(power, least)) / 2, length)[:, : length // 2 + 1]
     ratio = np.arange(cepstrum.shape[1]) / sample_rate * spacing
     near = np.abs(ratio - 1) <= max(_NEAR, 1.5 * spacing / sample_rate)
     around = (np.abs(ratio - 1) <= 0.5) & (np.abs(ratio - 1) > max(_AROUND, 3 * spacing / sample_rate))

@@ -7,8 +7,9 @@ import scipy.signal
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
+from swashtwin.signals.filtering import band_limited
 from swashtwin.signals.indicators.kurtogram import kurtogram
-from swashtwin.signals.spectra import amplitude_spectrum, band_limited
+from swashtwin.signals.spectra import amplitude_spectrum
 
 
 @dataclass(frozen=True, eq=False)

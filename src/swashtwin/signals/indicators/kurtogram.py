@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
+from swashtwin.signals.spectra import transform
 
 _LEVELS = 7
 """Halvings of the whole band, at most."""
@@ -77,7 +78,7 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
         raise InputError(f"{readings} readings, or constant ones, have no kurtogram; it takes {2 * _LEAST_VALUES}.")
     place = np.arange(readings)
     detrended = signal - np.polyval(np.polyfit(place, signal, 1), place)
-    spectrum = np.fft.rfft(detrended)
+    spectrum = transform(detrended)
     rows = []
     halves = [2**level for level in range(_LEVELS + 1)]
     for count in sorted([*halves, *(3 * half for half in halves[:-1])]):

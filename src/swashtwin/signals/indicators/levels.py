@@ -6,10 +6,10 @@ cuts is shared in proportion.
 """
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
+from swashtwin.signals.spectra import power_density
 
 SEGMENT = 2.0
 """Length of the segments [s], so that lines lie 0.5 Hz apart; the whole signal where it is shorter."""
@@ -63,7 +63,7 @@ def _level(
         raise InputError(
             f"{readings / rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record longer."
         )
-    frequency, density = scipy.signal.welch(signal, rate, "hann", nperseg=length, detrend="constant")
+    frequency, density = power_density(signal, rate, length)
     share = np.clip(np.minimum(frequency + width / 2, high) - np.maximum(frequency - width / 2, low), 0, None)
     if integrated:
         share[1:] /= (2 * np.pi * frequency[1:]) ** 2  # the first line is below the band

@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals.orders.shaft_angle import ShaftAngle, stated_angle
+from swashtwin.signals.spectra import hann_taper
 
 _RIDGE_TURNS = 8
 """Revolutions in each segment of the ridge."""
@@ -176,7 +177,7 @@ def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, "
     first = np.unique(np.linspace(0, rest, math.ceil(4 * rest / length) + 1).astype(int))
     step = 1 / (_RIDGE_FINENESS * _RIDGE_TURNS * line.order)
     tried = step * np.arange(-math.ceil(search / step), math.ceil(search / step) + 1)
-    taper = np.hanning(length)
+    taper = hann_taper(length, symmetric=True)
     power = np.empty((len(first), len(tried)))
     for row, begin in enumerate(first):
         part = slice(begin, begin + length)

@@ -81,7 +81,7 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(fo
 def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
     for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
         (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
-    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["facts"]
+    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["fact_sources"]
     (pressure,) = [text for text in told if text.startswith("discharge_pressure")]
     assert "15 MPa (1), says the flag" in pressure
     assert "the flag's 15 MPa gives way in 2 of 3 files" in pressure

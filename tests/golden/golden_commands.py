@@ -105,20 +105,8 @@ VOLATILE = frozenset(
 """Keys of what differs from machine to machine or from version to version, and of settings that are only shown."""
 
 PROSE = frozenset(
-    {
-        "notes",
-        "answer",
-        "message",
-        "sentences",
-        "facts",
-        "found",
-        "skipped",
-        "meaning",
-        "level_meaning",
-        "origin",
-        "source",
-    }
-    | {"title", "compared_with", "what", "why"}
+    {"notes", "answer", "message", "sentences", "fact_sources", "skipped", "meaning", "level_meaning", "origin"}
+    | {"source", "title", "compared_with", "what", "why"}
 )
 """Keys of sentences, whose number is compared and not their wording."""
 

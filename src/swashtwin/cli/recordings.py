@@ -78,7 +78,7 @@ def index(
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
     result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
-    result |= {"facts": list(proposal.facts), "skipped": list(proposal.skipped)}
+    result |= {"fact_sources": list(proposal.facts), "skipped": list(proposal.skipped)}
 
     def show() -> None:
         for reason in proposal.skipped:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, hertz, mm, parse, rpm, um
+from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, hertz, mm, parse, rpm, um, units
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
 
@@ -137,3 +137,13 @@ def test_an_infinite_number_is_refused() -> None:
 def test_a_bare_number_is_refused_even_where_no_unit_is_wanted(unit: str, example: str) -> None:
     with pytest.raises(UnitError, match=f"piston is the bare number 17; write it .* for example {example}"):
         parse(17, unit, name="piston")
+
+
+@given(number=NUMBERS, digits=st.integers(1, 17), symbol=st.sampled_from(sorted(set(units._COMMON) - {"1"})))
+def test_a_common_unit_means_what_pint_says(number: float, digits: int, symbol: str) -> None:
+    text = f"{number:.{digits}g} {symbol}"
+    for target in {symbol, units._COMMON[symbol][0]}:
+        value = parse(text, target)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(units, "_COMMON", {})
+            assert parse(text, target) == value

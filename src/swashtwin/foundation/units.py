@@ -66,6 +66,20 @@ def celsius(value: float) -> float:
     return value + 273.15
 
 
+_COMMON = {
+    "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3), "um": ("m", 1e-6),
+    "kg": ("kg", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3),
+    "m/s^2": ("m/s^2", 1.0), "mm/s^2": ("m/s^2", 1e-3), "g_0": ("m/s^2", 9.80665), "mg_0": ("m/s^2", 9.80665e-3),
+    "m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3),
+    "Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3),
+    "rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30),
+    "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5),
+    "N": ("N", 1.0), "V": ("V", 1.0), "K": ("K", 1.0), "1": ("1", 1.0),
+}  # fmt: skip
+"""SI unit and factor of the units in daily use. Every other unit is looked up with pint, which takes half a second to
+build its registry."""
+
+
 @cache
 def _registry() -> "UnitRegistry":
     from pint import UnitRegistry
@@ -94,12 +108,12 @@ def _dimension(unit: "Unit") -> str:
     return str(_registry().Quantity(1.0, unit).to_root_units().units)
 
 
-def _misfit(number: float, given: "Unit", unit: str) -> str:
+def _misfit(number: float, source: "Unit", unit: str) -> str:
     """What is wrong with a quantity of another dimension than `unit`, and what to write."""
     turns_per_second = {"1 / second": 1.0, "radian / second": 1 / (2 * math.pi)}
-    dimension = _dimension(given)
+    dimension = _dimension(source)
     if unit in ("rad/s", "Hz") and dimension in turns_per_second:
-        turns = turns_per_second[dimension] * float(_registry().Quantity(number, given).to_root_units().magnitude)
+        turns = turns_per_second[dimension] * float(_registry().Quantity(number, source).to_root_units().magnitude)
         if unit == "Hz":
             return f'is an angular speed; write it as "{turns:g} Hz".'
         return f'is a frequency; write it as "{turns * 60:g} rpm".'
@@ -120,7 +134,7 @@ def is_unit(text: str) -> bool:
     >>> is_unit("m/s^2"), is_unit("gg")
     (True, False)
     """
-    return text == "1" or _unit(text) is not None
+    return text in _COMMON or _unit(text) is not None
 
 
 def parse(text: object, unit: str, *, name: str = "value") -> float:
@@ -151,16 +165,29 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
     if not isinstance(text, str):
         raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text}{suffix}".')
     match = _QUANTITY.fullmatch(text)
-    given, wanted = _unit(match[2]) if match else None, _unit(suffix.strip())
-    if match is None or given is None or wanted is None:
+    if match is not None and match[2] and (value := _common_value(float(match[1]), match[2], unit)) is not None:
+        return value
+    source, target = _unit(match[2]) if match else None, _unit(suffix.strip())
+    if match is None or source is None or target is None:
         raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
     if suffix and not match[2]:
         usual = _USUAL.get(unit, unit)
         raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {usual}".')
     number = float(match[1])
-    if _dimension(given) != _dimension(wanted):
-        raise UnitError(f"{name} = {text!r} {_misfit(number, given, unit)}")
-    value = float(_registry().Quantity(number, given).to(wanted).magnitude)
+    if _dimension(source) != _dimension(target):
+        raise UnitError(f"{name} = {text!r} {_misfit(number, source, unit)}")
+    value = float(_registry().Quantity(number, source).to(target).magnitude)
     if not math.isfinite(value):
         raise UnitError(f"{name} = {text!r} is not finite.")
     return float(f"{value:.15g}")  # 1e-3 * 31 in binary is 0.031 again
+
+
+def _common_value(number: float, source: str, target: str) -> float | None:
+    """Value in `target` of a number in `source`, or None where `_COMMON` does not say it."""
+    if source not in _COMMON or target not in _COMMON:
+        return None
+    (dimension, factor), (other, divisor) = _COMMON[source], _COMMON[target]
+    value = number if source == target else number * factor
+    if dimension != other or (source != target and divisor != 1.0) or not math.isfinite(value):
+        return None
+    return float(f"{value:.15g}")

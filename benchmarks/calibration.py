@@ -155,7 +155,7 @@ def eager_states(given: Probe, step: float, n: int) -> Tensor:
 
 
 def eager_loss(target: Objective, values: Tensor, step: float, n: int) -> Tensor:
-    """Spectrum loss of the last readings that the loop gave, transformed at the measured orders."""
+    """Spectrum loss of the last samples that the loop gave, transformed at the measured orders."""
     states = eager_states(equations(target, values), step, n)
     acceleration = torch.diff(states[:, 13:], dim=0) / step @ target.twin.structure.sensor_rows.T
     angle = target.twin.condition.speed * step * torch.arange(len(acceleration), dtype=torch.float64)

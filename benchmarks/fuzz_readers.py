@@ -2,7 +2,7 @@
 
     python benchmarks/fuzz_readers.py --count 2000 --format all
 
-A file must be refused in one line by a SwashTwinError, or read. What is read may hold other readings where its format
+A file must be refused in one line by a SwashTwinError, or read. What is read may hold other samples where its format
 has no checksum of them (`CHECKED` names those that have), but never another sample rate. The only exceptions, counted
 apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, in which nothing has a checksum, so
 that changed bytes (not missing ones) that state the rate, or say where it stands, cannot be told from true ones unless

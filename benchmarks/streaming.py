@@ -28,7 +28,7 @@ BLOCK = 1 << 20
 
 
 def make(folder: Path, size: int) -> int:
-    """Write the source, a copy of its numbers without any format, and a classifier; give the readings per channel."""
+    """Write the source, a copy of its numbers without any format, and a classifier; give the samples per channel."""
     from swashtwin.diagnosis import save_classifier
     from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
     from swashtwin.recordings import Recording

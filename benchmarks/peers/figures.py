@@ -145,7 +145,7 @@ def save(drawn: tuple[Figure, list[dict[str, object]]], folder: Path, name: str 
     """Write a figure as SVG and PNG, and its data as CSV."""
     figure, data = drawn
     folder.mkdir(parents=True, exist_ok=True)
-    with styled():
+    with figure_style():
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
         figure.savefig(folder / f"{name}.png", dpi=160, metadata={"Software": None})
     with (folder / f"{name}.csv").open("w", newline="") as file:

@@ -97,7 +97,7 @@ def equations() -> Equations:
 def in_time(
     lines: np.ndarray, per_step: int, n_steps: int, per_revolution: int, orders: np.ndarray | None = None
 ) -> np.ndarray:
-    """Lines at `orders`, by default the twin's, as readings at every 1/`per_step` of a step from 0 to `n_steps`."""
+    """Lines at `orders`, by default the twin's, as samples at every 1/`per_step` of a step from 0 to `n_steps`."""
     points = per_step * per_revolution
     spectrum = np.zeros((points // 2 + 1, lines.shape[1]), dtype=complex)
     spectrum[pump_twin().orders if orders is None else orders] = lines * (points / 2)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin.bench.rivals.composed import Ensemble, Viewed
+from swashtwin.bench.rivals.composed import Ensemble, NetworkOnView
 from swashtwin.bench.rivals.models import COMPOSED, MODELS, Model, train_model
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import TrainingSettings, WindowSet, cut_windows
@@ -48,7 +48,7 @@ def test_an_ensemble_is_the_mean_of_trainings_by_seeds_of_their_own() -> None:
 def test_a_network_of_the_first_sensor_does_not_hear_the_second() -> None:
     train, test = windows(), windows(1)
     half_deaf = train_model(replace(NETWORK, sensors=1), train, seed=4)
-    assert isinstance(half_deaf, Viewed)
+    assert isinstance(half_deaf, NetworkOnView)
     changed = replace(test, signal=test.signal * np.array([1, -7], dtype=np.float32)[None, :, None])
     assert np.array_equal(half_deaf.predict_proba(test), half_deaf.predict_proba(changed))
     heard = train_model(NETWORK, train, seed=4)
@@ -63,6 +63,6 @@ def test_a_network_of_the_first_sensor_does_not_hear_the_second() -> None:
 
 @pytest.mark.parametrize(("name", "settings"), COMPOSED.items())
 def test_what_a_model_is_composed_of_stands_in_its_settings_and_only_there(name: str, settings: dict[str, Any]) -> None:
-    usual = MODELS["quick"]["spectral_bitcn"].described()
+    usual = MODELS["quick"]["spectral_bitcn"].describe()
     assert not {"trainings", "sensors"} & set(usual)
-    assert MODELS["quick"][name].described() == usual | settings
+    assert MODELS["quick"][name].describe() == usual | settings

@@ -4,7 +4,7 @@ import json
 import math
 
 from swashtwin.bench import ConfidenceStudySettings, run_confidence
-from swashtwin.bench.questions.confidence import METRICS, _recorded
+from swashtwin.bench.questions.confidence import METRICS, _record
 from swashtwin.learning import TrainingSettings
 from swashtwin.pump import CLASSES
 
@@ -20,7 +20,7 @@ TINY = ConfidenceStudySettings(
 
 
 def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
-    parts = _recorded(0, TINY)
+    parts = _record(0, TINY)
     ids = [recording.recording_id for some in parts.values() for recording in some]
     assert len(set(ids)) == len(ids)
     specimens = {role: {recording.specimen for recording in some} for role, some in parts.items()}

@@ -1,4 +1,4 @@
-"""Every filler: layout, marks, seeds, finite readings, and nothing but measured training windows to draw from."""
+"""Every filler: layout, marks, seeds, finite samples, and nothing but measured training windows to draw from."""
 
 import math
 from dataclasses import replace

@@ -78,7 +78,7 @@ def test_an_envelope_shows_the_order_that_modulates() -> None:
 
 def test_windows_of_less_than_three_revolutions_have_no_orders() -> None:
     short = cut_windows([recording("a", "normal", {})], length=1024)
-    with pytest.raises(InputError, match="2680 readings"):
+    with pytest.raises(InputError, match="2680 samples"):
         order_lines(short, 5)
 
 

@@ -194,7 +194,7 @@ def test_each_way_to_calibrate_is_contrasted_with_the_other_and_with_none() -> N
     assert all(pair[0] != pair[1] for pair in pairs)
     assert {("calibrated", "measured"), ("every_class", "measured")} <= contrasted(plan, "training_set")
     assert plan.scenario_of("ipinn") == plan_of("case1", "quick").scenario
-    assert plan.scenario_of("gauss_newton").described() != plan.scenario_of("ipinn").described()
+    assert plan.scenario_of("gauss_newton").describe() != plan.scenario_of("ipinn").describe()
 
 
 def test_fewer_pumps_train_and_the_same_are_held_out() -> None:

@@ -73,7 +73,7 @@ def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recor
     assert len(rows) == 11
     assert len(rows["none", "SMOTE"]["scarce_recall"]["values"]) == 6
     assert rows["every recording", "nothing"]["balanced_accuracy"]["mean"] > 0
-    assert "best filling" in study.answer[0]
+    assert "best filler" in study.answer[0]
 
 
 @pytest.mark.parametrize("name", ["copies", "shaken copies", "SMOTE"])

@@ -78,8 +78,8 @@ def test_roles_and_counts_are_those_along_time(two_classes: list[Recording], alo
 
 
 def test_settings_along_time_are_told_as_ever() -> None:
-    assert "along_angle" not in Scenario().described()
-    assert replace(Scenario(), along_angle=True).described() == {**Scenario().described(), "along_angle": True}
+    assert "along_angle" not in Scenario().describe()
+    assert replace(Scenario(), along_angle=True).describe() == {**Scenario().describe(), "along_angle": True}
 
 
 def test_the_study_compares_the_angle_with_time(two_classes: list[Recording]) -> None:

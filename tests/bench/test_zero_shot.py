@@ -20,7 +20,7 @@ from swashtwin.bench.questions.zero_shot_data import (
     prepare_zero_shot,
     split_zero_shot,
 )
-from swashtwin.bench.questions.zero_shot_table import chosen_zero_shot
+from swashtwin.bench.questions.zero_shot_table import choose_zero_shot
 from swashtwin.bench.studies.priors import any_fault, rig_fault, wide_fault
 from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin.cli.app import app
@@ -137,7 +137,7 @@ def test_the_rows_are_those_of_the_schema(study: StudyTable) -> None:
 
 
 def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fault(study: StudyTable) -> None:
-    training_set, classifier = chosen_zero_shot(study)
+    training_set, classifier = choose_zero_shot(study)
     assert training_set not in (ORACLE, "prior draws")
     ruled = study.values("strangers", classifier="order threshold")
     assert np.isnan(ruled).all()

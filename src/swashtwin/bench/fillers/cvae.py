@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from swashtwin.bench.fillers.generation import Batches, Draw, dense, filled_by
+from swashtwin.bench.fillers.generation import Batches, Draw, dense, fill_with_model
 from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 
@@ -34,23 +34,23 @@ class CVAE:
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell (`Filler`)."""
-        return filled_by(self, "cvae", train, label=label, pressure=pressure, count=count, seed=seed)
+        return fill_with_model(self, "cvae", train, label=label, pressure=pressure, count=count, seed=seed)
 
-    def learnt(
+    def learn(
         self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
     ) -> Draw:
         """What draws scores under conditions, after it was fitted on these."""
-        size, given = scores.shape[1], condition.shape[1]
+        size, conditions = scores.shape[1], condition.shape[1]
         hidden = (self.width, self.width)
-        encoder = dense((size + given, *hidden, 2 * self.latent), derive_seed(batches.seed, "encoder"))
-        decoder = dense((self.latent + given, *hidden, size), derive_seed(batches.seed, "decoder"))
+        encoder = dense((size + conditions, *hidden, 2 * self.latent), derive_seed(batches.seed, "encoder"))
+        decoder = dense((self.latent + conditions, *hidden, size), derive_seed(batches.seed, "decoder"))
         log_deviation = torch.zeros(size, requires_grad=True)
         weights = [*encoder.parameters(), *decoder.parameters(), log_deviation]
         adam = torch.optim.Adam(weights, self.learning_rate)
         falling = torch.optim.lr_scheduler.CosineAnnealingLR(adam, self.steps)
         random = torch.Generator().manual_seed(derive_seed(batches.seed, "noise"))
-        for chosen in batches.drawn(self.steps, self.batch):
-            x, c = scores[chosen], condition[chosen]
+        for batch in batches.draw(self.steps, self.batch):
+            x, c = scores[batch], condition[batch]
             mean, log_variance = encoder(torch.cat([x, c], dim=1)).chunk(2, dim=1)
             z = mean + torch.exp(log_variance / 2) * torch.randn(mean.shape, generator=random)
             miss = (x - decoder(torch.cat([z, c], dim=1))) / torch.exp(log_deviation)

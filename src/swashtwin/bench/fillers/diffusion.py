@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.bench.fillers.generation import Batches, Draw, dense, filled_by
+from swashtwin.bench.fillers.generation import Batches, Draw, dense, fill_with_model
 from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 
@@ -34,23 +34,23 @@ class Diffusion:
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell (`Filler`)."""
-        return filled_by(self, "diffusion", train, label=label, pressure=pressure, count=count, seed=seed)
+        return fill_with_model(self, "diffusion", train, label=label, pressure=pressure, count=count, seed=seed)
 
-    def learnt(
+    def learn(
         self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
     ) -> Draw:
         """What draws scores under conditions, after it was fitted on these."""
-        size, given = scores.shape[1], condition.shape[1]
+        size, conditions = scores.shape[1], condition.shape[1]
         network = dense(
-            (size + given + 2 * _HARMONICS, *(self.width,) * 3, size), derive_seed(batches.seed, "denoiser")
+            (size + conditions + 2 * _HARMONICS, *(self.width,) * 3, size), derive_seed(batches.seed, "denoiser")
         )
         kept_share = _kept_share(self.levels)
         least, most = scores.min(dim=0).values, scores.max(dim=0).values
         adam = torch.optim.Adam(network.parameters(), self.learning_rate)
         falling = torch.optim.lr_scheduler.CosineAnnealingLR(adam, self.steps)
         random = torch.Generator().manual_seed(derive_seed(batches.seed, "noise"))
-        for chosen in batches.drawn(self.steps, self.batch):
-            x, c = scores[chosen], condition[chosen]
+        for batch in batches.draw(self.steps, self.batch):
+            x, c = scores[batch], condition[batch]
             level = torch.randint(self.levels, (len(x),), generator=random)
             noise = torch.randn(x.shape, generator=random)
             share = kept_share[level + 1, None]

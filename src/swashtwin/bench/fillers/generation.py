@@ -36,7 +36,7 @@ class Generative(Hashable, Protocol):
     def components(self) -> int:
         """Principal components of the logarithmic spectra whose scores are modeled."""
 
-    def learnt(
+    def learn(
         self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: "Batches"
     ) -> Draw:
         """What draws scores under conditions, after it was fitted on these."""
@@ -55,13 +55,13 @@ class Conditions:
     """Its standard deviation; 1 where there is none."""
 
     @classmethod
-    def fitted(cls, windows: WindowSet) -> "Conditions":
+    def fit(cls, windows: WindowSet) -> "Conditions":
         """Those of training windows."""
         log_pressures = np.log(windows.discharge_pressure[np.isfinite(windows.discharge_pressure)])
         spread = float(log_pressures.std()) if log_pressures.size else 0.0
         return cls(len(windows.classes), float(log_pressures.mean()) if log_pressures.size else 0.0, spread or 1.0)
 
-    def encoded(
+    def encode(
         self, target: Int64[np.ndarray, " window"], pressure: Float[np.ndarray, " window"]
     ) -> Float64[np.ndarray, "window fact"]:
         """One column for each class, and the logarithm of the pressure, scaled; 0 where it is not known."""
@@ -79,14 +79,14 @@ class Batches:
     """Addresses the draws, the weights and the noise of the learning."""
 
     @classmethod
-    def fitted(cls, windows: WindowSet, seed: int) -> "Batches":
+    def fit(cls, windows: WindowSet, seed: int) -> "Batches":
         """Those of training windows."""
         cells = np.column_stack([windows.target, np.nan_to_num(windows.cell_pressure)])
         cell = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
         share = 1 / np.sqrt(np.bincount(cell)[cell])
         return cls(share / share.sum(), seed)
 
-    def drawn(self, steps: int, size: int) -> Int64[np.ndarray, "step window"]:
+    def draw(self, steps: int, size: int) -> Int64[np.ndarray, "step window"]:
         """Indices of the windows of each step."""
         rng = stream(self.seed, "batches")
         return rng.choice(len(self.share), size=(steps, size), p=self.share)
@@ -102,7 +102,7 @@ def dense(widths: tuple[int, ...], seed: int) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def filled_by(
+def fill_with_model(
     model: Generative,
     name: str,
     train: WindowSet,
@@ -120,13 +120,13 @@ def filled_by(
     require_count(count)
     sources_of(train, label, pressure)
     measured = train.subset(~train.synthetic & (train.target >= 0))
-    form, conditions, draw = _learnt(model, _HashableWindows(measured, measured.fingerprint()), derive_seed(seed, name))
+    form, conditions, draw = _learn(model, _HashableWindows(measured, measured.fingerprint()), derive_seed(seed, name))
     indices = draw_indices(np.flatnonzero(measured.label == label), label, count, seed)
-    conditions_wanted = conditions.encoded(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
+    conditions_wanted = conditions.encode(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
     random = torch.Generator().manual_seed(derive_seed(seed, name, "draw", label, pressure))
     with torch.no_grad():
         scores = draw(_tensor(conditions_wanted), random).numpy().astype(float)
-    conditions_measured = conditions.encoded(measured.target[indices], measured.discharge_pressure[indices])
+    conditions_measured = conditions.encode(measured.target[indices], measured.discharge_pressure[indices])
     extensions = form.rebuild(
         scores, conditions_wanted, periodic_extensions(measured, indices, form.length), conditions_measured
     )
@@ -136,7 +136,7 @@ def filled_by(
 
 @dataclass(frozen=True)
 class _HashableWindows:
-    """Windows that are equal where their readings and facts are."""
+    """Windows that are equal where their samples and facts are."""
 
     windows: WindowSet
     fingerprint: str
@@ -149,15 +149,15 @@ class _HashableWindows:
 
 
 @lru_cache(maxsize=1)
-def _learnt(model: Generative, data: _HashableWindows, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
+def _learn(model: Generative, data: _HashableWindows, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
     windows = data.windows
     lengths = [extension_length(windows, i) for i in range(len(windows))]
     extensions = periodic_extensions(windows, np.arange(len(windows)), max(lengths))
-    conditions = Conditions.fitted(windows)
-    condition = conditions.encoded(windows.target, windows.discharge_pressure)
+    conditions = Conditions.fit(windows)
+    condition = conditions.encode(windows.target, windows.discharge_pressure)
     form = SpectralForm.fit(extensions, condition, model.components, seed)
     scores = form.scores(extensions, condition)
-    return form, conditions, model.learnt(_tensor(scores), _tensor(condition), Batches.fitted(windows, seed))
+    return form, conditions, model.learn(_tensor(scores), _tensor(condition), Batches.fit(windows, seed))
 
 
 def _tensor(values: np.ndarray) -> Tensor:

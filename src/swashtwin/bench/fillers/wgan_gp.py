@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.bench.fillers.generation import Batches, Draw, dense, filled_by
+from swashtwin.bench.fillers.generation import Batches, Draw, dense, fill_with_model
 from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 
@@ -38,16 +38,16 @@ class WGANGP:
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell (`Filler`)."""
-        return filled_by(self, "wgan_gp", train, label=label, pressure=pressure, count=count, seed=seed)
+        return fill_with_model(self, "wgan_gp", train, label=label, pressure=pressure, count=count, seed=seed)
 
-    def learnt(
+    def learn(
         self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
     ) -> Draw:
         """What draws scores under conditions, after it was fitted on these."""
-        size, given = scores.shape[1], condition.shape[1]
+        size, conditions = scores.shape[1], condition.shape[1]
         hidden = (self.width, self.width)
-        generator = dense((self.latent + given, *hidden, size), derive_seed(batches.seed, "generator"))
-        critic = dense((size + given, *hidden, 1), derive_seed(batches.seed, "critic"))
+        generator = dense((self.latent + conditions, *hidden, size), derive_seed(batches.seed, "generator"))
+        critic = dense((size + conditions, *hidden, 1), derive_seed(batches.seed, "critic"))
         making, judging = (
             torch.optim.Adam(network.parameters(), self.learning_rate, (0.0, 0.9)) for network in (generator, critic)
         )
@@ -58,9 +58,9 @@ class WGANGP:
             z = torch.randn(len(condition), self.latent, generator=random)
             return generator(torch.cat([z, condition], dim=1))
 
-        order = batches.drawn(self.steps * (self.critic_steps + 1), self.batch)
-        for chosen in order.reshape(self.steps, self.critic_steps + 1, self.batch):
-            for batch in chosen[1:]:
+        order = batches.draw(self.steps * (self.critic_steps + 1), self.batch)
+        for step_batches in order.reshape(self.steps, self.critic_steps + 1, self.batch):
+            for batch in step_batches[1:]:
                 x, c = scores[batch], condition[batch]
                 generated = draw(c, random).detach()
                 judged = critic(torch.cat([torch.cat([generated, x]), torch.cat([c, c])], dim=1))
@@ -68,7 +68,7 @@ class WGANGP:
                 judging.zero_grad()
                 (loss + self.penalty * _penalty(critic, x, generated, c, random)).backward()
                 judging.step()
-            c = condition[chosen[0]]
+            c = condition[step_batches[0]]
             making.zero_grad()
             (-critic(torch.cat([draw(c, random), c], dim=1)).mean()).backward()
             making.step()

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from joblib import Parallel, delayed
 
-from swashtwin.bench.public.question import Fold, Question, Setting
-from swashtwin.bench.public.usual import units_of, usual_windows
+from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import BEARINGS, SEATS, defect_prominences, prewhitened
@@ -27,10 +26,10 @@ _ESTIMATORS = ("shared weights 0.01", "shared weights 0.1", "shared weights 1")
 
 def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The questions ``cwru/size`` (drive end) and ``cwru/drive_to_fan``."""
-    selected = [recording for recording in recordings if _is_asked(recording)]
+    selected = [recording for recording in recordings if _is_selected(recording)]
     if not selected:
         raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
-    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in selected)
+    described = Parallel(n_jobs=jobs)(delayed(_features_of)(recording) for recording in selected)
     features = {name: np.concatenate([table[name] for table in described]) for name in described[0]}
     units = units_of(selected, _group, lambda recording: recording.attributes["fault_size_mil"], features, _STRETCHES)
     windows = usual_windows(selected, _WINDOW, _group)
@@ -43,7 +42,7 @@ def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Questi
     ]
 
 
-def _is_asked(recording: Recording) -> bool:
+def _is_selected(recording: Recording) -> bool:
     facts = recording.attributes
     opposite = recording.label == "outer_race" and facts["end"] == "DE" and facts["or_position"] != "6"
     return (
@@ -58,7 +57,7 @@ def _group(recording: Recording) -> str:
     return f"{recording.attributes['end']} {recording.attributes['fault_size_mil']}"
 
 
-def _described(recording: Recording) -> dict[str, Float[np.ndarray, "stretch feature"]]:
+def _features_of(recording: Recording) -> dict[str, Float[np.ndarray, "stretch feature"]]:
     """For each way of taking the envelope: greatest and mean prominence over the bands, seat after seat."""
     shaft, orders = stated_speed(recording), BEARINGS[_BEARING[recording.attributes["end"]]]
     length = round(_STRETCH * recording.sample_rate)

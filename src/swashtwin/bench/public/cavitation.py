@@ -7,8 +7,7 @@ from jaxtyping import Float
 from joblib import Parallel, delayed
 
 from swashtwin.bench.public.motor_slip import motor_slip
-from swashtwin.bench.public.question import Fold, Question, Setting
-from swashtwin.bench.public.usual import units_of, usual_windows
+from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
 from swashtwin.foundation import parse
 from swashtwin.learning import band_energies
 from swashtwin.recordings import Recording
@@ -21,7 +20,7 @@ _ORDERS = np.array([1, 2, 3, 6, 12, 18])
 
 def cavitation_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The question ``pump_cavitation/speed``."""
-    described = Parallel(n_jobs=jobs)(delayed(_described)(recording) for recording in recordings)
+    described = Parallel(n_jobs=jobs)(delayed(_slip_and_shape)(recording) for recording in recordings)
     slip, shape = np.array([pair[0] for pair in described])[:, None], np.array([pair[1] for pair in described])
     features = {"load by slip": slip, "shape of spectrum": shape, "both": np.concatenate([slip, shape], axis=1)}
     units = units_of(recordings, _speed, _speed, features)
@@ -40,7 +39,7 @@ def _speed(recording: Recording) -> str:
     return recording.attributes["speed_nominal"]
 
 
-def _described(recording: Recording) -> tuple[float, Float[np.ndarray, " feature"]]:
+def _slip_and_shape(recording: Recording) -> tuple[float, Float[np.ndarray, " feature"]]:
     """(load coefficient by slip [1e-6 s/rad], lines and bands relative to each channel's whole power)."""
     slip = motor_slip(recording.signal, recording.sample_rate, parse(_speed(recording), "rad/s"))
     shaft = slip.speed / (2 * np.pi)

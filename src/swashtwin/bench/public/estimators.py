@@ -116,7 +116,7 @@ def _logistic(strength: float) -> Any:
     return make_pipeline(StandardScaler(), LogisticRegression(C=strength, class_weight="balanced", max_iter=3000))
 
 
-def _curved() -> Any:
+def _with_squares() -> Any:
     bent = PolynomialFeatures(2, include_bias=False)
     return make_pipeline(StandardScaler(), bent, StandardScaler(), Discriminant(solver="lsqr", shrinkage=1e-3))
 
@@ -129,7 +129,7 @@ def extra_trees(seed: int) -> ExtraTreesClassifier:
 ESTIMATORS: dict[str, Callable[[int], Any]] = {
     "linear discriminant": lambda seed: Discriminant(),
     "shrunk discriminant": lambda seed: make_pipeline(StandardScaler(), Discriminant(solver="lsqr", shrinkage="auto")),
-    "curved discriminant": lambda seed: _curved(),
+    "curved discriminant": lambda seed: _with_squares(),
     "logistic 0.1": lambda seed: _logistic(0.1),
     "logistic 1": lambda seed: _logistic(1.0),
     "shared weights 0.01": lambda seed: SharedWeights(0.01),

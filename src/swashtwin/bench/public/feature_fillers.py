@@ -42,18 +42,18 @@ def _between(name: str) -> FeatureFiller:
 
     def fill(windows: WindowSet, features: np.ndarray, pool: np.ndarray, count: int, seed: int) -> np.ndarray:
         sampler = oversampler(name)
-        wanted = {1: int(pool.sum()) + count}
+        counts = {1: int(pool.sum()) + count}
         scale = np.maximum(features.std(axis=0), 1e-12)
-        fitted_sampler = sampler(sampling_strategy=wanted, random_state=derive_seed(seed, name) % 2**32)
+        fitted_sampler = sampler(sampling_strategy=counts, random_state=derive_seed(seed, name) % 2**32)
         if pool.sum() <= _NEIGHBORS:
             raise NoNeighborsError(f"{pool.sum()} windows; {name} looks at {_NEIGHBORS} neighbors of each.")
         try:
-            filled, _ = fitted_sampler.fit_resample(features / scale, pool.astype(int))
+            resampled, _ = fitted_sampler.fit_resample(features / scale, pool.astype(int))
         except (ValueError, RuntimeError) as cause:
             if name != "ADASYN":
                 raise
             raise NoNeighborsError("ADASYN finds no window of another class near the pool.") from cause
-        return filled[len(features) :] * scale
+        return resampled[len(features) :] * scale
 
     return fill
 

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from sklearn.model_selection import GroupKFold
 
-from swashtwin.bench.public.question import Fold, Question, Setting, Units
-from swashtwin.bench.public.usual import units_of
+from swashtwin.bench.public.question import Fold, Question, Setting, Units, units_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording
 
@@ -66,17 +65,17 @@ def _pump_features(
         flow, pressure, power = (_median(recordings, name, phase) for name in ("FS1", "PS1", "EPS1"))
         if phase is _CLOSED:  # the meter reads nothing
             efficiency = np.log(pressure / power)
-            chosen = {"flow": [], "flow, pressure, power": [pressure, power], "efficiency": [efficiency]}
-            columns += chosen.get(kind, [pressure, power, efficiency])
+            features = {"flow": [], "flow, pressure, power": [pressure, power], "efficiency": [efficiency]}
+            columns += features.get(kind, [pressure, power, efficiency])
         else:
             passed = np.maximum(flow, 1e-3)
             efficiency = np.log(passed * pressure / power)
-            chosen = {
+            features = {
                 "flow": [flow],
                 "flow, pressure, power": [flow, pressure, power],
                 "efficiency": [np.log(passed), efficiency],
             }
-            columns += chosen.get(kind, [flow, pressure, power, efficiency])
+            columns += features.get(kind, [flow, pressure, power, efficiency])
     return np.stack([*columns, _median(recordings, "TS1", slice(0, 60))], axis=1)
 
 

@@ -96,22 +96,22 @@ def motor_slip(
     if not (-1 < search[0] < search[1] and 0 < slips[0] < slips[1] < 1):
         raise InputError(f"search {search} and slips {slips} must be rising ranges, slips within 0 and 1.")
     frequency, level = _levels(signal, sample_rate, top + _NEIGHBORHOOD)
-    tried = shaft * np.arange(1 + search[0] - slips[1], 1 + search[1], _STEP)
+    candidates = shaft * np.arange(1 + search[0] - slips[1], 1 + search[1], _STEP)
     orders = [pole_pairs * multiple for multiple in _SUPPLY_MULTIPLES]
-    field = np.sum([np.interp(order * tried, frequency, level) for order in orders], axis=0)
-    field[tried < shaft * (1 + search[0])] = -np.inf
-    lag = tried[:, None] - tried[None, :]
-    possible = (lag >= slips[0] * tried[:, None]) & (lag <= slips[1] * tried[:, None])
+    field = np.sum([np.interp(order * candidates, frequency, level) for order in orders], axis=0)
+    field[candidates < shaft * (1 + search[0])] = -np.inf
+    lag = candidates[:, None] - candidates[None, :]
+    possible = (lag >= slips[0] * candidates[:, None]) & (lag <= slips[1] * candidates[:, None])
     resolved = _RESOLVED * sample_rate / signal.shape[1]
     turning, counted = np.zeros_like(lag), np.zeros_like(lag)
     for order in _SHAFT_MULTIPLES:
         is_resolved = (lag * order > resolved) if order in orders else np.ones_like(possible)
-        turning += np.where(is_resolved, np.interp(order * tried, frequency, level)[None, :], 0.0)
+        turning += np.where(is_resolved, np.interp(order * candidates, frequency, level)[None, :], 0.0)
         counted += is_resolved
     together = np.where(possible, field[:, None] / len(orders) + turning / np.maximum(counted, 1), -np.inf)
     first, second = np.unravel_index(int(together.argmax()), together.shape)
     clearness = float(together[first, second]) / 2
-    return MotorSlip(2 * math.pi * float(tried[first]), 2 * math.pi * float(tried[second]), clearness)
+    return MotorSlip(2 * math.pi * float(candidates[first]), 2 * math.pi * float(candidates[second]), clearness)
 
 
 def _levels(

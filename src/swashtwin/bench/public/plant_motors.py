@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import hilbert
 
-from swashtwin.bench.public.question import Fold, Question, Setting
-from swashtwin.bench.public.usual import units_of, usual_windows
+from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
 from swashtwin.recordings import Recording
 from swashtwin.signals import TIME_STATISTICS, band_limited, hann_taper, line_frequencies, time_statistics, transform
 

@@ -87,9 +87,9 @@ def run_public(
     for number, name in enumerate(there):
         tell(name, number, len(there))
         for question in QUESTIONS[name](read_public_set(name, Path(folder) / name), jobs):
-            rows, chosen = _score_question(question, seeds, jobs)
+            rows, settings = _score_question(question, seeds, jobs)
             trials += rows
-            details[question.split] = chosen
+            details[question.split] = settings
     tell("done", len(there), len(there))
     table = StudyTable(
         study="public",
@@ -102,10 +102,13 @@ def run_public(
         wall_s=time.perf_counter() - began,
         version=VERSION,
         command=command,
-        notes=(*_NOTES, *(f"{name} is not in {Path(folder).name} and was left out." for name in _missing(there, sets))),
+        notes=(
+            *_NOTES,
+            *(f"{name} is not in {Path(folder).name} and was left out." for name in _missing_notes(there, sets)),
+        ),
         details={"folds": details},
     )
-    return _answered(table)
+    return _answer(table)
 
 
 def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
@@ -120,7 +123,7 @@ def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
     return there
 
 
-def _missing(there: Sequence[str], sets: Sequence[str]) -> list[str]:
+def _missing_notes(there: Sequence[str], sets: Sequence[str]) -> list[str]:
     return [name for name in sets or QUESTIONS if name not in there]
 
 
@@ -167,7 +170,7 @@ def _fold_row(seed: int, score: FoldScore) -> dict:
     }
 
 
-def _answered(table: StudyTable) -> StudyTable:
+def _answer(table: StudyTable) -> StudyTable:
     """The table with its answer in sentences."""
     sentences = []
     for row in table.rows():

@@ -39,10 +39,10 @@ def score_fold(question: Question, fold: Fold, seed: int) -> FoldScore:
     """What the chosen setting, and the usual trees, score on a fold."""
     units = question.units
     train, test = fold.sides(units.group)
-    drawn = _drawn(train, units.label, seed)
-    setting, inner = choose(question, drawn, seed)
+    indices = _draw_training_units(train, units.label, seed)
+    setting, inner = choose(question, indices, seed)
     X = units.features[setting.features]
-    fitted = _maker(setting, seed).fit(X[drawn], units.label[drawn])
+    fitted = _maker(setting, seed).fit(X[indices], units.label[indices])
     score = _by_recording(fitted, X[test], units.label[test], units.recording[test])
     windows = question.windows
     train, test = fold.sides(windows.group)
@@ -52,17 +52,17 @@ def score_fold(question: Question, fold: Fold, seed: int) -> FoldScore:
     return FoldScore(fold.name, str(setting), inner, score, rival)
 
 
-def choose(question: Question, drawn: Int[np.ndarray, " drawn"], seed: int) -> tuple[Setting, float]:
+def choose(question: Question, indices: Int[np.ndarray, " drawn"], seed: int) -> tuple[Setting, float]:
     """(setting, its score) with the highest balanced accuracy over inner folds of the drawn units.
 
     Among equals the one with the highest mean log-probability of the truth.
     """
     units = question.units
-    label, recording = units.label[drawn], units.recording[drawn]
-    inner = list(_inner_folds(label, units.inner[drawn], seed))
+    label, recording = units.label[indices], units.recording[indices]
+    inner = list(_inner_folds(label, units.inner[indices], seed))
     ranked = []
     for index, setting in enumerate(question.settings):
-        X = units.features[setting.features][drawn]
+        X = units.features[setting.features][indices]
         scores = []
         for train, test in inner:
             fitted = _maker(setting, seed).fit(X[train], label[train])
@@ -100,16 +100,16 @@ def _maker(setting: Setting, seed: int) -> Any:
     return ESTIMATORS[setting.estimator](derive_seed(seed, "estimator") % 2**32)
 
 
-def _drawn(
+def _draw_training_units(
     train: Bool[np.ndarray, " unit"], label: Shaped[np.ndarray, " unit"], seed: int
 ) -> Int[np.ndarray, " drawn"]:
     """Training units of a seed: four fifths of each class, at least one."""
     random = stream(seed, "training units")
-    chosen = []
+    indices = []
     for name in np.unique(label[train]):
         of_class = np.flatnonzero(train & (label == name))
-        chosen.append(random.choice(of_class, max(1, round(_TRAIN_SHARE * len(of_class))), replace=False))
-    return np.sort(np.concatenate(chosen))
+        indices.append(random.choice(of_class, max(1, round(_TRAIN_SHARE * len(of_class))), replace=False))
+    return np.sort(np.concatenate(indices))
 
 
 def _inner_folds(

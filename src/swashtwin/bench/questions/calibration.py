@@ -170,7 +170,7 @@ def run_calibration_study(
         metrics=METRICS,
         trials=tuple(case.trial for case in cases),
         answer=(),
-        settings={**asdict(settings), "contenders": {name: _described(name) for name in settings.contenders}},
+        settings={**asdict(settings), "contenders": {name: _describe_contender(name) for name in settings.contenders}},
         origin=origin_of([pumps[0].held_out[0]]),
         wall_s=time.perf_counter() - started,
         version=VERSION,
@@ -318,7 +318,7 @@ def _errors(near: Agreement) -> dict[str, float]:
     return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
 
 
-def _described(name: str) -> dict[str, Any]:
+def _describe_contender(name: str) -> dict[str, Any]:
     contender = CONTENDERS[name]
     return {
         "method": type(contender.method).__name__,
@@ -359,10 +359,14 @@ def _other_pressures(cases: Sequence[_Case]) -> list[dict[str, Any]]:
     """Mean errors at the pressures that nothing was calibrated at."""
     rows = []
     for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
-        others = [case.others for case in cases if case.trial.factors["twin"] == name]
+        agreements_by_case = [case.others for case in cases if case.trial.factors["twin"] == name]
         rows += [
-            {"twin": name, "pressure": level, **_errors(mean_agreement([agreements[level] for agreements in others]))}
-            for level in others[0]
+            {
+                "twin": name,
+                "pressure": level,
+                **_errors(mean_agreement([agreements[level] for agreements in agreements_by_case])),
+            }
+            for level in agreements_by_case[0]
         ]
     return rows
 
@@ -389,14 +393,14 @@ _ERRORS = ("rmse", "pe", "sve")
 
 
 def _notes(table: StudyTable, settings: CalibrationStudySettings) -> tuple[str, ...]:
-    other = "; ".join(
+    errors = "; ".join(
         f"{row['twin']} at {row['pressure']}: RMSE {row['rmse']:.3f}, PE {row['pe']:.3f}, SVE {row['sve']:.3f}"
         for row in table.details["other_pressures"]
         if row["twin"] in ("nominal", *settings.contenders[:1])
     )
     return (
         f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump; elsewhere: "
-        f"{other}.",
+        f"{errors}.",
         "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
         "RMSE and PE hold the recording's own noise and the pump's being put together anew between two recordings: the "
         "rows of the rig's truth say how much no twin can explain.",

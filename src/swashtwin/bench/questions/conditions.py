@@ -105,10 +105,10 @@ def run_conditions(
         Fewer than two conditions, or one without which a class is never seen.
     """
     started, settings = time.perf_counter(), settings or ConditionStudySettings()
-    windows = _thinned(cut_windows(recordings, length=settings.length), settings.windows)
+    windows = _thin_out(cut_windows(recordings, length=settings.length), settings.windows)
     tasks = [task for seed in seeds for task in _tasks(windows, seed)]
     results: list[tuple[Trial, str]] = []
-    running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_scored)(windows, task, settings) for task in tasks)
+    running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_score)(windows, task, settings) for task in tasks)
     for result in running:
         results.append(result)
         if progress is not None:
@@ -144,7 +144,7 @@ def _rows() -> list[tuple[str, str]]:
     return [(name, level) for level in ("L3", "L2") for name in (*REMEDIES, TREES)]
 
 
-def _thinned(windows: WindowSet, count: int) -> WindowSet:
+def _thin_out(windows: WindowSet, count: int) -> WindowSet:
     """At most so many windows of each recording, evenly spaced."""
     indices = []
     for name in dict.fromkeys(windows.recording_id.tolist()):
@@ -177,13 +177,13 @@ def _tasks(windows: WindowSet, seed: int) -> list[_Task]:
     ]
 
 
-def _scored(windows: WindowSet, task: _Task, settings: ConditionStudySettings) -> tuple[Trial, str]:
-    fitted = _fitted(task, windows.subset(task.train), settings)
+def _score(windows: WindowSet, task: _Task, settings: ConditionStudySettings) -> tuple[Trial, str]:
+    fitted = _fit(task, windows.subset(task.train), settings)
     scores = evaluate(fitted, windows.subset(task.test), level=task.level)
     return Trial({"classifier": task.name, "level": task.level}, task.seed, _values(scores)), task.held_out
 
 
-def _fitted(task: _Task, train: WindowSet, settings: ConditionStudySettings) -> Classifier:
+def _fit(task: _Task, train: WindowSet, settings: ConditionStudySettings) -> Classifier:
     if task.name == TREES:
         return fit_extra_trees(train, seed=task.seed)
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)

@@ -100,7 +100,7 @@ def run_confidence(
     """
     started, settings = time.perf_counter(), settings or ConfidenceStudySettings()
     seeds, kinds = tuple(seeds), tuple(classifiers)
-    parts = {seed: _recorded(seed, settings) for seed in seeds}
+    parts = {seed: _record(seed, settings) for seed in seeds}
     tasks = [(seed, kind, left_out) for seed in seeds for kind in kinds for left_out in (None, *CLASSES)]
     running = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_task)(parts[seed], kind, left_out, seed, settings) for seed, kind, left_out in tasks
@@ -115,7 +115,7 @@ def run_confidence(
         Trial(
             {"classifier": kind, "taught_on": taught, "level": level},
             seed,
-            _averaged(values_by_key[seed, kind, taught, level]),
+            _average(values_by_key[seed, kind, taught, level]),
         )
         for kind in kinds
         for taught in TAUGHT
@@ -148,20 +148,20 @@ _NOTES = (
 )
 
 
-def _recorded(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Recording]]:
+def _record(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Recording]]:
     """Recordings by role; the rig gives the same ones whichever others are taken with them."""
     trained = RigSize(settings.trained_pumps, 3, settings.duration)
     all_pumps = RigSize(settings.trained_pumps + settings.teaching_pumps + settings.unseen_pumps, 1, settings.duration)
     of_trained = [recording for recording, _ in rig_recordings(seed, trained)]
     names = sorted({str(recording.specimen) for recording in of_trained})
-    others = [recording for recording, _ in rig_recordings(seed, all_pumps) if recording.specimen not in names]
-    teaching = sorted({str(recording.specimen) for recording in others})[: settings.teaching_pumps]
+    of_others = [recording for recording, _ in rig_recordings(seed, all_pumps) if recording.specimen not in names]
+    teaching = sorted({str(recording.specimen) for recording in of_others})[: settings.teaching_pumps]
     return {
         "train": [recording for recording in of_trained if recording.recording_id.endswith("_1")],
         "same": [recording for recording in of_trained if recording.recording_id.endswith("_2")],
-        "other": [recording for recording in others if recording.specimen in teaching],
+        "other": [recording for recording in of_others if recording.specimen in teaching],
         "L2": [recording for recording in of_trained if recording.recording_id.endswith("_3")],
-        "L4": [recording for recording in others if recording.specimen not in teaching],
+        "L4": [recording for recording in of_others if recording.specimen not in teaching],
     }
 
 
@@ -177,11 +177,13 @@ def _task(
     classes = tuple(name for name in CLASSES if name != left_out)
     cut = {
         role: cut_windows(
-            [recording for recording in some if recording.label != left_out], length=settings.length, classes=classes
+            [recording for recording in recordings if recording.label != left_out],
+            length=settings.length,
+            classes=classes,
         )
-        for role, some in parts.items()
+        for role, recordings in parts.items()
     }
-    classifier = _fitted(kind, cut["train"], seed, settings)
+    classifier = _fit(kind, cut["train"], seed, settings)
     results: dict[tuple[str, str], dict[str, float]] = {}
     for taught in TAUGHT:
         sure_classifier = learn_confidence(classifier, cut[taught], error_rate=settings.error_rate)
@@ -200,7 +202,7 @@ def _task(
     return results
 
 
-def _fitted(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> Any:
+def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> Any:
     if kind == "extra_trees":
         return fit_extra_trees(train, seed=seed, n_trees=settings.trees)
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)
@@ -224,7 +226,7 @@ def _unknown(classifier: SureClassifier, test: WindowSet, foreign: WindowSet, le
     }
 
 
-def _averaged(values: Mapping[str, float]) -> dict[str, float]:
+def _average(values: Mapping[str, float]) -> dict[str, float]:
     """The figures, and the means over the classes left out."""
     means = {
         "unknown_auroc": [values[f"auroc_{label}"] for label in CLASSES],

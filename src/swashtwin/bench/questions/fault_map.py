@@ -124,26 +124,26 @@ def _of_pump(seed: int, specimen: str) -> list[_Move]:
     assert condition is not None
     twin = Twin(load_pump("25scy14-1b"), condition)
     sound = [recording for recording, run in pairs if run.fault is None]
-    healthy_calibration = _calibrated(twin, sound[: HEALTHY // 2])
+    healthy_calibration = _calibrate(twin, sound[: HEALTHY // 2])
     moves = []
     for recording, run in pairs[HEALTHY // 2 :]:
         kinds = [name for name, fault in TRENDS.items() if type(fault) is type(run.fault)]
         kind = kinds[0] if kinds else "normal"
         for model in MODELS if kinds else MODELS[:1]:
             start = twin if model == "healthy" else twin.with_fault(TRENDS[kind])
-            calibration = _calibrated(start, [recording.replace(label=start.label)])
-            moves.append(_moved(healthy_calibration, calibration, kind, model, seed, specimen))
+            calibration = _calibrate(start, [recording.replace(label=start.label)])
+            moves.append(_move_of(healthy_calibration, calibration, kind, model, seed, specimen))
     return moves
 
 
-def _calibrated(twin: Twin, recordings: Sequence[Recording]) -> Calibration:
+def _calibrate(twin: Twin, recordings: Sequence[Recording]) -> Calibration:
     nuisances = Nuisances.usual(excitation=0.0)
     method = GaussNewton(starts=2)
     band = SeveritySettings().band
     return calibrate(twin, recordings, method=method, nuisances=nuisances, phases=False, band=band)
 
 
-def _moved(
+def _move_of(
     healthy_calibration: Calibration, calibration: Calibration, kind: str, model: str, seed: int, specimen: str
 ) -> _Move:
     variance = np.diag(calibration.posterior.covariance) + np.diag(healthy_calibration.posterior.covariance)

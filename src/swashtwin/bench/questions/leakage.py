@@ -68,7 +68,7 @@ def run_leakage(
     Parameters
     ----------
     recordings : with labels, of one rate.
-    length : readings per window.
+    length : samples per window.
     groups : what to hold out; by default recording, specimen, condition and every attribute, as far as each class
         stands in two groups or more.
     seeds : seeds of folds and trees.
@@ -157,7 +157,7 @@ def _usable(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]
 def _plans(
     recordings: Sequence[Recording],
     windows: WindowSet,
-    wanted: Sequence[str] | None,
+    names: Sequence[str] | None,
     n_folds: int,
     seeds: Sequence[int],
 ) -> tuple[list[_Plan], list[str]]:
@@ -166,13 +166,13 @@ def _plans(
     plans: list[_Plan] = []
     reasons: list[str] = []
     partitions: dict[bytes, str] = {}
-    for name in wanted or [*GROUPS, *sorted(shared - {"speed"})]:
+    for name in names or [*GROUPS, *sorted(shared - {"speed"})]:
         try:
             by_recording = recording_groups(recordings, name)
             groups = window_groups(windows, by_recording)
             plan = _Plan(name, groups, by_recording, _fold_count(windows, groups, by_recording, n_folds, seeds, name))
         except (DataError, InputError) as cause:
-            if wanted is not None:
+            if names is not None:
                 raise
             reasons += [f"Not held out: {name}. {cause}"] if name in GROUPS else []
             continue
@@ -180,7 +180,7 @@ def _plans(
         same = partitions.setdefault(mark[1][mark[2]].tobytes(), name)
         if same == name:
             plans.append(plan)
-        elif wanted is not None or name in GROUPS:
+        elif names is not None or name in GROUPS:
             reasons.append(f"{name} groups the recordings as {same} does.")
     if not plans:
         raise DataError(f"nothing can be held out. {' '.join(reasons)}")
@@ -241,11 +241,13 @@ def _trial(
     np.add.at(votes, inverse, held_out)
     truth = np.zeros(len(ids), dtype=np.int64)
     truth[inverse] = windows.target
-    honest, drawn = (_recall(windows.target, probabilities.argmax(axis=1)).mean() for probabilities in (held_out, free))
+    honest, random_window = (
+        _recall(windows.target, probabilities.argmax(axis=1)).mean() for probabilities in (held_out, free)
+    )
     values = {
         "balanced_accuracy": float(honest),
-        "random_window": float(drawn),
-        "premium": float(drawn - honest),
+        "random_window": float(random_window),
+        "premium": float(random_window - honest),
         "macro_f1": float(f1_score(windows.target, held_out.argmax(axis=1), average="macro", zero_division=0.0)),
         "recording_accuracy": float(_recall(truth, votes.argmax(axis=1)).mean()),
     }
@@ -274,8 +276,8 @@ def _intervals(
         hits = np.mean([probabilities.argmax(axis=1) == windows.target for probabilities in draws], axis=0)
         np.add.at(table, (inverse, windows.target), hits)
     random = stream(0, "leakage intervals", plan.name)
-    drawn = random.multinomial(len(names), np.full(len(names), 1 / len(names)), size=_RESAMPLES)
-    weights = np.concatenate([np.ones((1, len(names)), dtype=np.int64), drawn])
+    resamples = random.multinomial(len(names), np.full(len(names), 1 / len(names)), size=_RESAMPLES)
+    weights = np.concatenate([np.ones((1, len(names)), dtype=np.int64), resamples])
     total, honest, memory = (weights @ table for table in counts)
     with np.errstate(invalid="ignore"):
         scores = {
@@ -290,10 +292,10 @@ def _intervals(
 
 
 def _sentence(plan: _Plan, values: Mapping[str, Any]) -> str:
-    honest, drawn, premium = (values[name] for name in ("balanced_accuracy", "random_window", "premium"))
+    honest, random_window, premium = (values[name] for name in ("balanced_accuracy", "random_window", "premium"))
     coarse = f" With {values['groups']} groups the interval is coarse." if values["groups"] < _FEW else ""
     return (
         f"{plan.name} held out: {honest['mean']:.2f} ({honest['interval'][0]:.2f} to {honest['interval'][1]:.2f}), "
-        f"random windows {drawn['mean']:.2f}; the leak premium is {premium['mean']:+.2f} "
+        f"random windows {random_window['mean']:.2f}; the leak premium is {premium['mean']:+.2f} "
         f"({premium['interval'][0]:+.2f} to {premium['interval'][1]:+.2f}).{coarse}"
     )

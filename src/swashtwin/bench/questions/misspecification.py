@@ -130,7 +130,7 @@ def study_twin() -> Twin:
 
 def _cases(background: str, seed: int, pumps: int, jobs: int) -> list[_Case]:
     if background == "own":
-        return [_own_case(seed, number) for number in range(pumps)]
+        return [_case_of_own_twin(seed, number) for number in range(pumps)]
     recordings_by_pump: dict[str, list[tuple[Recording, Run]]] = {}
     size = RigSize(specimens=pumps, repeats=2)
     for recording, run in rig_recordings(seed, size, labels=("swash_plate",), jobs=jobs):
@@ -148,7 +148,7 @@ def _truth_of(run: Run) -> Float[np.ndarray, " 6"]:
     return run.specimen.values * film_factors(run.condition.discharge_pressure, viscosity)
 
 
-def _own_case(seed: int, number: int) -> _Case:
+def _case_of_own_twin(seed: int, number: int) -> _Case:
     rng = stream(seed, "misspecification", number)
     twin = study_twin()
     truth = twin.values.numpy() * np.exp(OWN_SPREAD * rng.standard_normal(6))
@@ -181,7 +181,7 @@ def _values(case: _Case, wrong: Wrong, nuisances: Nuisances) -> dict[str, float]
     try:
         calibration = calibrate(twin, [used], method=GaussNewton(starts=2), nuisances=nuisances, phases=False)
     except SwashTwinError as refusal:
-        return {"warned": 1.0, "named": _named(wrong, (str(refusal),))}
+        return {"warned": 1.0, "named": _is_named(wrong, (str(refusal),))}
     measurement = measure(twin, [held_out])
     comparison = objective_of(twin, measurement).comparisons[0]
     near, _, _ = agreement(comparison.measurement, calibration.twin, comparison.amplitude_of(calibration.twin))
@@ -197,11 +197,11 @@ def _values(case: _Case, wrong: Wrong, nuisances: Nuisances) -> dict[str, float]
         "coverage": float(is_covered[sure].mean()) if sure.any() else float("nan"),
         "identified": float(sure.mean()),
         "warned": float(bool(warnings)),
-        "named": _named(wrong, warnings),
+        "named": _is_named(wrong, warnings),
     }
 
 
-def _named(wrong: Wrong, warnings: Sequence[str]) -> float:
+def _is_named(wrong: Wrong, warnings: Sequence[str]) -> float:
     """Whether one of them names the mistake; NaN where none was made."""
     if wrong.name == "nothing":
         return float("nan")
@@ -230,7 +230,9 @@ def _means(trials: Sequence[Trial]) -> dict[tuple[str, str], dict[str, Any]]:
     keys = dict.fromkeys((trial.factors["wrong"], trial.factors["nuisances"]) for trial in trials)
     means = {}
     for key in keys:
-        some = [trial.values for trial in trials if (trial.factors["wrong"], trial.factors["nuisances"]) == key]
-        rows = {name: [values[name] for values in some if np.isfinite(values.get(name, np.nan))] for name in METRICS}
+        matching = [trial.values for trial in trials if (trial.factors["wrong"], trial.factors["nuisances"]) == key]
+        rows = {
+            name: [values[name] for values in matching if np.isfinite(values.get(name, np.nan))] for name in METRICS
+        }
         means[key] = {name: float(np.mean(values)) if values else float("nan") for name, values in rows.items()}
     return means

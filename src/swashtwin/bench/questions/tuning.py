@@ -103,7 +103,7 @@ def run_tuning(
     folds = validation_folds(windows)
     space = _space(study_model)
     decisive = json.dumps(
-        [study_model.described(), SCENARIOS[size].described(), seed, fingerprint, space], sort_keys=True
+        [study_model.describe(), SCENARIOS[size].describe(), seed, fingerprint, space], sort_keys=True
     )
     name = f"{model}-{hashlib.sha256(decisive.encode()).hexdigest()[:12]}"
     with workers.started():

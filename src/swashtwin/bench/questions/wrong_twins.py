@@ -33,8 +33,8 @@ def wrong_twins() -> tuple[Wrong, ...]:
     """Every mistake that is tried, after none."""
     return (
         Wrong("nothing"),
-        *(_scaled("mount", percent) for percent in (-50, -20, 20, 50)),
-        *(_scaled("bearing", percent) for percent in (-50, 50)),
+        *(_scale("mount", percent) for percent in (-50, -20, 20, 50)),
+        *(_scale("bearing", percent) for percent in (-50, 50)),
         Wrong("topology T2", lambda twin: replace(twin, topology="T2"), clue="topology T1"),
         Wrong("defect loads a whole film", _with_defect(contact="literal"), clue="the defect's excitation"),
         Wrong("defect half as deep", _deeper(0.5), clue="the defect's excitation"),
@@ -42,26 +42,26 @@ def wrong_twins() -> tuple[Wrong, ...]:
         Wrong("defect 20 % longer", lambda twin: _longer(twin, 1.2)),
         Wrong("defect 20 % shorter", lambda twin: _longer(twin, 0.8)),
         Wrong("defect 4 mm narrower", lambda twin: _narrower(twin, 4e-3), clue="the defect's excitation"),
-        Wrong("defect 10° further", lambda twin: _turned(twin, 10)),
+        Wrong("defect 10° further", lambda twin: _turn(twin, 10)),
         Wrong("ports open 1° later", _on_pump(_later_ports)),
         Wrong("oil 20 % softer", _on_pump(lambda pump: replace(pump, oil=_softer(pump)))),
         Wrong("oil half as viscous", _on_pump(lambda pump: replace(pump, oil=_thinner(pump)))),
         Wrong("9 pistons", _on_pump(_nine_pistons), clue="piston count"),
         Wrong("cover_z sensor 40 mm off", _on_pump(_moved_sensor)),
-        Wrong("body_x and body_y swapped", recording=_swapped, clue="have each other's name"),
+        Wrong("body_x and body_y swapped", recording=_swap, clue="have each other's name"),
         Wrong("cover_z in g", recording=lambda recording: _in_g(recording, ("cover_z",)), clue="in g?"),
         Wrong("all channels in g", recording=lambda recording: _in_g(recording, recording.channels), clue="in g?"),
         Wrong("unit stated as g", recording=lambda recording: replace(recording, unit="g"), clue="needs m/s^2"),
         Wrong("pressure stated 10 % high", _at_pressure(1.1), _stated_pressure(1.1)),
         Wrong("pressure stated 10 % low", _at_pressure(0.9), _stated_pressure(0.9)),
-        Wrong("speed stated 3 % high", _at_speed(1.03), _stated_speed(1.03), clue="rev/min"),
+        Wrong("speed stated 3 % high", _at_speed(1.03), _scale_stated_speed(1.03), clue="rev/min"),
     )
 
 
 _CONSTANTS = {"mount": ("mounting", "the mounting's stiffness"), "bearing": ("bearings", "the bearings' stiffness")}
 
 
-def _scaled(name: str, percent: int) -> Wrong:
+def _scale(name: str, percent: int) -> Wrong:
     words, clue = _CONSTANTS[name]
     scales = replace(Scales(), **{name: 1 + percent / 100})
     return Wrong(f"{words} {percent:+d} %", lambda twin: replace(twin, scales=scales), clue=clue)
@@ -88,7 +88,7 @@ def _narrower(twin: Twin, by: float) -> Twin:
     return twin.with_fault(replace(_defect(twin), width=_defect(twin).width - by))
 
 
-def _turned(twin: Twin, degrees: float) -> Twin:
+def _turn(twin: Twin, degrees: float) -> Twin:
     return twin.with_fault(replace(_defect(twin), angle=_defect(twin).angle + deg(degrees)))
 
 
@@ -127,9 +127,9 @@ def _moved_sensor(pump: Pump) -> Pump:
     return replace(pump, sensors=tuple(moved))
 
 
-def _swapped(recording: Recording) -> Recording:
-    other = {"body_x": "body_y", "body_y": "body_x"}
-    rows = [recording.channels.index(other.get(name, name)) for name in recording.channels]
+def _swap(recording: Recording) -> Recording:
+    partner = {"body_x": "body_y", "body_y": "body_x"}
+    rows = [recording.channels.index(partner.get(name, name)) for name in recording.channels]
     return recording.replace(signal=recording.signal[rows])
 
 
@@ -140,14 +140,14 @@ def _in_g(recording: Recording, channels: tuple[str, ...]) -> Recording:
 
 
 def _at_pressure(factor: float) -> Callable[[Twin], Twin]:
-    return lambda twin: twin.at(_pressed(twin.condition, factor))
+    return lambda twin: twin.at(_scale_pressure(twin.condition, factor))
 
 
 def _stated_pressure(factor: float) -> Callable[[Recording], Recording]:
-    return lambda recording: replace(recording, condition=_pressed(_condition(recording), factor))
+    return lambda recording: replace(recording, condition=_scale_pressure(_condition(recording), factor))
 
 
-def _pressed(condition: OperatingCondition, factor: float) -> OperatingCondition:
+def _scale_pressure(condition: OperatingCondition, factor: float) -> OperatingCondition:
     return condition.replaced(discharge_pressure=factor * condition.discharge_pressure)
 
 
@@ -155,7 +155,7 @@ def _at_speed(factor: float) -> Callable[[Twin], Twin]:
     return lambda twin: twin.at(twin.condition.replaced(speed=factor * twin.condition.speed))
 
 
-def _stated_speed(factor: float) -> Callable[[Recording], Recording]:
+def _scale_stated_speed(factor: float) -> Callable[[Recording], Recording]:
     return lambda recording: replace(
         recording, condition=_condition(recording).replaced(speed=factor * _condition(recording).speed)
     )

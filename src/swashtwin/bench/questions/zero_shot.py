@@ -48,12 +48,12 @@ from swashtwin.bench.questions.zero_shot_table import (
     Outcome,
     answer_of,
     confusions_of,
-    described,
+    describe_settings,
     trial_of,
 )
 from swashtwin.bench.results.table import StudyTable, origin_of
 from swashtwin.bench.rigs.writing import SIZES, rig_recordings
-from swashtwin.bench.rivals.composed import Viewed
+from swashtwin.bench.rivals.composed import NetworkOnView
 from swashtwin.bench.rivals.order_levels import (
     CachedExtractor,
     Extractor,
@@ -154,7 +154,7 @@ def run_zero_shot(
         metrics={**METRICS, **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in classes}},
         trials=trials,
         answer=(),
-        settings={**described(settings), "fleets": "one for each seed" if recordings is None else "as given"},
+        settings={**describe_settings(settings), "fleets": "one for each seed" if recordings is None else "as given"},
         origin=fleets[0].origin,
         wall_s=time.perf_counter() - started,
         version=VERSION,
@@ -178,12 +178,10 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, s
     origin = origin_of(recordings)
     data = prepare_zero_shot(recordings, settings, seed)
     views = _views(settings, data)
-    outcomes = [
-        outcome for name, train in data.sets.items() for outcome in _learned(name, train, data, views, settings)
-    ]
+    outcomes = [outcome for name, train in data.sets.items() for outcome in _learn(name, train, data, views, settings)]
     rules = _rules(data, views)
     for name, rule in rules.items():
-        outcomes += _scored(HEALTHY_ONLY, name, rule, data)
+        outcomes += _score(HEALTHY_ONLY, name, rule, data)
     roles = {
         "pumps": list(data.split.pumps),
         "healthy": sorted(data.split.healthy),
@@ -208,7 +206,7 @@ def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extracto
     return {name: CachedExtractor(view) for name, view in views.items()}
 
 
-def _learned(
+def _learn(
     name: str, train: WindowSet, data: ZeroShotData, views: Mapping[str, Extractor], settings: ZeroShotSettings
 ) -> Iterator[Outcome]:
     """Every classifier of one training set."""
@@ -221,7 +219,7 @@ def _learned(
         trees = fit_extra_trees(
             train, seed=data.seed, manifest=data.manifest_of(name), features=view, n_trees=settings.trees
         )
-        yield from _scored(
+        yield from _score(
             name,
             kind,
             trees,
@@ -231,11 +229,11 @@ def _learned(
     if name not in NETWORKS_ON:
         return
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)
-    yield from _scored(name, NET, _trained(network, train, data, name, settings), data)
+    yield from _score(name, NET, _train_network(network, train, data, name, settings), data)
     lines = against_healthy(views["lines"], references)
     on_orders = BiTCN(train.n_channels, len(train.classes), **settings.order_network)
-    fitted = _trained(on_orders, _as_orders(train, lines), data, name, settings)
-    yield from _scored(name, NET_HEALTHY, Viewed(fitted, partial(_as_orders, lines=lines)), data)
+    fitted = _train_network(on_orders, _as_orders(train, lines), data, name, settings)
+    yield from _score(name, NET_HEALTHY, NetworkOnView(fitted, partial(_as_orders, lines=lines)), data)
 
 
 def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
@@ -247,7 +245,7 @@ def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
     return synthetic if np.any(synthetic.label == "normal") else data.sets[POSTERIOR]
 
 
-def _trained(
+def _train_network(
     network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings
 ) -> FittedClassifier:
     return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.manifest_of(name))
@@ -269,7 +267,7 @@ def _rules(data: ZeroShotData, views: Mapping[str, Extractor]) -> dict[str, Orde
     return rules
 
 
-def _scored(
+def _score(
     training_set: str, kind: str, classifier: Classifier, data: ZeroShotData, discriminator: float | None = None
 ) -> Iterator[Outcome]:
     strangers = _stranger_recall(classifier, data) if training_set != HEALTHY_ONLY else float("nan")

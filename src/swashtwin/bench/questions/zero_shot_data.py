@@ -61,7 +61,7 @@ class ZeroShotSettings:
     training: TrainingSettings = field(default_factory=TrainingSettings)
     """How the networks are trained."""
     network: dict[str, Any] = field(default_factory=dict)
-    """Settings of the BiTCN on readings that differ from the paper's."""
+    """Settings of the BiTCN on samples that differ from the paper's."""
     order_network: dict[str, Any] = field(default_factory=dict)
     """The same of the one on orders."""
 
@@ -152,22 +152,22 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
     split = split_zero_shot(recordings, settings.held_out, seed)
 
     def cut(ids: Iterable[str], like: WindowSet | None = None) -> WindowSet:
-        wanted = set(ids)
-        chosen = [r for r in recordings if r.recording_id in wanted]
-        return cut_evenly(chosen, length=settings.length, count=settings.windows, like=like)
+        names = set(ids)
+        selected = [r for r in recordings if r.recording_id in names]
+        return cut_evenly(selected, length=settings.length, count=settings.windows, like=like)
 
     healthy = cut(split.healthy)
     of_twins = [r for r in recordings if r.recording_id in split.healthy and r.specimen in split.pumps]
     conditions = _conditions(of_twins)
     calibrations = {
-        pump: _calibrated(pump, [r for r in of_twins if r.specimen == pump], conditions, settings, seed)
+        pump: _calibrate(pump, [r for r in of_twins if r.specimen == pump], conditions, settings, seed)
         for pump in split.pumps
     }
     sets = _synthetic_sets(calibrations, conditions, healthy, settings, seed)
     of_pumps = healthy.subset(np.isin(healthy.specimen, split.pumps))
-    drawn = sets[POSTERIOR]
-    sets[BOTH_NORMALS] = drawn + of_pumps
-    sets[MEASURED_NORMALS] = drawn.subset(drawn.label != "normal") + of_pumps
+    posterior_windows = sets[POSTERIOR]
+    sets[BOTH_NORMALS] = posterior_windows + of_pumps
+    sets[MEASURED_NORMALS] = posterior_windows.subset(posterior_windows.label != "normal") + of_pumps
     if split.faulty:
         sets[ORACLE] = of_pumps + cut(split.faulty, like=healthy)
     return ZeroShotData(
@@ -188,7 +188,7 @@ def _conditions(recordings: Sequence[Recording]) -> list[OperatingCondition]:
     return [OperatingCondition(condition.speed, condition.discharge_pressure) for condition in conditions]
 
 
-def _calibrated(
+def _calibrate(
     pump: str,
     healthy: Sequence[Recording],
     conditions: Sequence[OperatingCondition],

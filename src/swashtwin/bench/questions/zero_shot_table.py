@@ -114,7 +114,7 @@ def confusions_of(fleets: Sequence[Fleet]) -> list[dict[str, Any]]:
     ]
 
 
-def chosen_zero_shot(study: StudyTable) -> tuple[str, str]:
+def choose_zero_shot(study: StudyTable) -> tuple[str, str]:
     """Training set and classifier with the best balanced accuracy on strangers, the only thing known beforehand."""
     rows = {
         (row["training_set"], row["classifier"]): row["strangers"]["mean"]
@@ -135,7 +135,7 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
         ]
         return f"{rows[0]['balanced_accuracy']['mean']:.3f}" if rows else "no number"
 
-    best = chosen_zero_shot(study)
+    best = choose_zero_shot(study)
     return (
         f"Chosen on synthetic strangers alone: {best[1]}, taught by {best[0]}; on measured faults it scores a balanced "
         f"accuracy of {score(*best)} on the same pumps and {score(*best, UNSEEN)} on pumps without a twin.",
@@ -148,7 +148,7 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
     )
 
 
-def described(settings: ZeroShotSettings) -> dict[str, Any]:
+def describe_settings(settings: ZeroShotSettings) -> dict[str, Any]:
     """Settings as JSON can hold them."""
     return {
         "pump": settings.pump.name,

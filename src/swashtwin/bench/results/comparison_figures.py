@@ -92,9 +92,8 @@ def _curves(study: StudyResult, rows: Sequence[dict], factor: str, name: str, *,
         for row in rows
         for metric in metrics
     )
-    caption = (
-        f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation. {_alone(series, rows, factor)}"
-    )
+    counts = _one_row_each(series, rows, factor)
+    caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation. {counts}"
     return render_drawing(name, figure, columns, title=f"{title}scores by {words(factor)}", caption=caption)
 
 
@@ -129,11 +128,11 @@ def _looks(series: Sequence[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def _series_words(pair: tuple[str, str], series: Sequence[tuple[str, str]]) -> str:
     parts = (classifier_words(pair[0]), training_set_words(pair[1]))
-    words = [part for part, i in zip(parts, (0, 1), strict=True) if len({other[i] for other in series}) > 1]
+    words = [part for part, i in zip(parts, (0, 1), strict=True) if len({each[i] for each in series}) > 1]
     return ", ".join(words) or parts[0]
 
 
-def _alone(series: Sequence[tuple[str, str]], rows: Sequence[dict], factor: str) -> str:
+def _one_row_each(series: Sequence[tuple[str, str]], rows: Sequence[dict], factor: str) -> str:
     counts = {pair: len({r[factor] for r in rows if (r["classifier"], r["training_set"]) == pair}) for pair in series}
     most = max(counts.values())
     return "Dotted: training sets that the factor does not change." if 1 in counts.values() and most > 1 else ""
@@ -156,7 +155,7 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
             )
             values = [value for value in spread["values"] if value is not None]
             panel.plot(values, [line] * len(values), "o", color="white", markeredgecolor="black", markersize=3)
-        ticks = {"yticks": range(len(names)), "yticklabels": [_counted(name, study) for name in names]}
+        ticks = {"yticks": range(len(names)), "yticklabels": [_with_count(name, study) for name in names]}
         panel.set(title=level, xlabel="accuracy [1]", xlim=(0, 1.02), ylim=(len(names) - 0.4, -0.6), **ticks)
     columns = tabulate(
         {"classifier": trial.factors["classifier"], "level": trial.factors["level"], "seed": trial.seed,
@@ -167,7 +166,7 @@ def classifier_drawing(study: StudyResult, key: str) -> Drawing:
     return render_drawing(f"{key}_classifiers", figure, columns, title="Accuracy of the classifiers", caption=caption)
 
 
-def _counted(classifier: str, study: StudyResult) -> str:
+def _with_count(classifier: str, study: StudyResult) -> str:
     """Name of a classifier, with the number of its seeds where others have more: their means are of other fleets."""
     count = len({trial.seed for trial in study.trials if trial.factors["classifier"] == classifier})
     return classifier_words(classifier) + (f" (n = {count})" if count < len(study.seeds) else "")
@@ -182,14 +181,14 @@ def time_drawing(study: StudyResult, key: str) -> Drawing:
     gap = (highest - lowest) / max(30, len(rows) / len(levels))
     figure, axes = panels(1, len(levels), 4.6, sharey=True)
     for panel, level in zip(axes[0], levels, strict=True):
-        shown = [row for row in rows if row["level"] == level]
-        points = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in shown]
+        level_rows = [row for row in rows if row["level"] == level]
+        points = [(row["wall_s"]["mean"], row["accuracy"]["mean"]) for row in level_rows]
         heights = spread_labels([accuracy for _, accuracy in points], gap, lowest, highest)
-        for row, point, height in zip(shown, points, heights, strict=True):
+        for row, point, height in zip(level_rows, points, heights, strict=True):
             color = "#0072b2" if row["classifier"] == study.main_classifier else "#5b6470"
             panel.plot(*point, "o", color=color, markersize=5)
             panel.annotate(
-                _counted(row["classifier"], study),
+                _with_count(row["classifier"], study),
                 point,
                 (1.04, height),
                 textcoords=panel.get_yaxis_transform(),

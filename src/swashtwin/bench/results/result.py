@@ -215,8 +215,8 @@ def contrasts_of(
     """
     rows = list(dict.fromkeys(_row(trial) for trial in trials))
     contrasts: list[Contrast] = []
-    for factor, wanted, others in _families(rows, compared):
-        for key in (row for row in rows if dict(row).get(factor) == wanted):
+    for factor, value, others in _families(rows, compared):
+        for key in (row for row in rows if dict(row).get(factor) == value):
             compared_rows = [
                 row for row in rows if dict(row).get(factor) in others and _alike(dict(key), dict(row), factor, bare)
             ]
@@ -236,11 +236,11 @@ def _families(
     rows: Sequence[Row], compared: Mapping[str, str | Mapping[str, Sequence[str]]]
 ) -> Iterator[tuple[str, str, Collection[str]]]:
     """Factor, value, and the values that it is compared with."""
-    for factor, wanted in compared.items():
-        if isinstance(wanted, str):
-            yield factor, wanted, {dict(row)[factor] for row in rows if factor in dict(row)} - {wanted}
+    for factor, target in compared.items():
+        if isinstance(target, str):
+            yield factor, target, {dict(row)[factor] for row in rows if factor in dict(row)} - {target}
         else:
-            yield from ((factor, value, others) for value, others in wanted.items())
+            yield from ((factor, value, others) for value, others in target.items())
 
 
 def _alike(first: Mapping[str, str], second: Mapping[str, str], factor: str, bare: str | None) -> bool:

@@ -204,7 +204,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
 def confusion_of(study: StudyResult, key: str) -> Drawing:
     """Confusion matrix of the study's network for each level and training set, all seeds added."""
     matrices: dict[tuple[str, str], np.ndarray] = {}
-    columns = _confused(study)
+    columns = _confusion_names(study)
     for outcome in sorted(study.outcomes, key=lambda outcome: outcome.level):
         column = _column_of(outcome)
         if column in columns:
@@ -219,7 +219,7 @@ def _column_of(outcome: Outcome) -> tuple[str, ...]:
     return tuple(value for name, value in outcome.factors.items() if name != "level")
 
 
-def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
+def _confusion_names(study: StudyResult) -> dict[tuple[str, ...], str]:
     """Rows whose confusions are drawn, and what they are called: all of a few, else the first one and the best."""
     names = list(dict.fromkeys(_column_of(outcome) for outcome in study.outcomes))
     if len(names) > MOST_MATRICES:
@@ -228,32 +228,34 @@ def _confused(study: StudyResult) -> dict[tuple[str, ...], str]:
             for name in names
         }
         names = list(dict.fromkeys([names[0], *sorted(names, key=lambda name: -accuracy[name])]))[:MOST_MATRICES]
-    return _told_apart(names)
+    return _distinct_titles(names)
 
 
-def _told_apart(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+def _distinct_titles(names: Sequence[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """Rows by (classifier, training set, what else is varied), in words that say only what differs between them."""
-    shown = {name: (classifier_words(name[0]), training_set_words(name[1]), *map(words, name[2:])) for name in names}
+    name_words = {
+        name: (classifier_words(name[0]), training_set_words(name[1]), *map(words, name[2:])) for name in names
+    }
     varying = [i for i in range(len(names[0])) if len({name[i] for name in names}) > 1] or [1]
-    return {name: ", ".join(values[i] for i in varying) for name, values in shown.items()}
+    return {name: ", ".join(values[i] for i in varying) for name, values in name_words.items()}
 
 
 @figure_style()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
-    titles = _told_apart([tuple(run.task.factors.values()) for run in study.embedded_runs])
+    titles = _distinct_titles([tuple(run.task.factors.values()) for run in study.embedded_runs])
     embeddings = [embedding for embedding in (run.embedding for run in study.embedded_runs) if can_embed(embedding)]
-    shown = [embeddings[i] for i in _spread_evenly(len(embeddings), MOST_PANELS)]
+    selected_embeddings = [embeddings[i] for i in _spread_evenly(len(embeddings), MOST_PANELS)]
     classes = list(study.outcomes[0].scores.classes)
     colors = class_colors(classes)
-    levels = sorted({str(level) for embedding in shown for level in embedding.level})
-    down = math.ceil(len(shown) / _ACROSS)
-    figure, axes = panels(down, min(len(shown), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
+    levels = sorted({str(level) for embedding in selected_embeddings for level in embedding.level})
+    down = math.ceil(len(selected_embeddings) / _ACROSS)
+    figure, axes = panels(down, min(len(selected_embeddings), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
     most = MOST_POINTS if down == 1 else MOST_POINTS // 3
     rows = []
-    for ax in axes.flat[len(shown) :]:
+    for ax in axes.flat[len(selected_embeddings) :]:
         ax.set_axis_off()
-    for ax, embedding in zip(axes.flat, shown, strict=False):
+    for ax, embedding in zip(axes.flat, selected_embeddings, strict=False):
         named = dict(embedding.factors)
         picked = _spread_evenly(len(embedding.label), most)
         points = _tsne(embedding.features[picked])
@@ -273,8 +275,8 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "
         "by t-SNE (fixed seed). Neighborhoods mean something; distances between groups, their sizes and axes do not."
     )
-    if len(shown) < len(titles):
-        caption += f" {len(shown)} of {len(titles)} trainings" + (
+    if len(selected_embeddings) < len(titles):
+        caption += f" {len(selected_embeddings)} of {len(titles)} trainings" + (
             "." if len(embeddings) == len(titles) else "; of the others no features were kept, or all are the same."
         )
     return render_drawing(

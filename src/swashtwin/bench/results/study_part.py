@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from swashtwin.bench.results.answers import case_answer
 from swashtwin.bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Outcome
-from swashtwin.bench.results.study_answer import study_answer
 from swashtwin.bench.results.study_figures import (
     accuracy_drawing,
     can_embed,
@@ -74,12 +74,16 @@ def paper_words(study: StudyResult, key: dict[str, str]) -> str:
     """
     if key["level"] != "L2" or key["classifier"] in study.rival_names:
         return ""
-    matches = [(wanted, text) for name, wanted, text in _PAPER if name == study.study and wanted.items() <= key.items()]
+    matches = [
+        (conditions, text)
+        for name, conditions, text in _PAPER
+        if name == study.study and conditions.items() <= key.items()
+    ]
     if not matches:
         return ""
-    wanted, text = matches[0]
+    conditions, text = matches[0]
     name = key["classifier"]
-    is_papers = name == "bitcn_paper" or ("classifier" in wanted and not name.startswith(("spectral_", "bitcn")))
+    is_papers = name == "bitcn_paper" or ("classifier" in conditions and not name.startswith(("spectral_", "bitcn")))
     return text if is_papers else f"the paper's BiTCN: {text}"
 
 
@@ -106,7 +110,7 @@ def study_part(study: StudyResult, key: str) -> Part:
     sections.append(Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
     return Part(
         title=study.title,
-        answer=study_answer(study) if study.study in ("case1", "case2") else study.answer,
+        answer=case_answer(study) if study.study in ("case1", "case2") else study.answer,
         notice=study.origin,
         sections=tuple(sections),
         results={
@@ -228,8 +232,8 @@ def _spread_cell(spread: dict[str, Any], reason: str) -> Cell:
 
 def _why(outcomes: Sequence[Outcome], name: str) -> str:
     if name == "scarce_recall":
-        missing = any(math.isnan(outcome.scarce_recall) for outcome in outcomes)
-        return "no test window in the scarce cell" if missing else ""
+        is_missing = any(math.isnan(outcome.scarce_recall) for outcome in outcomes)
+        return "no test window in the scarce cell" if is_missing else ""
     return "; ".join(
         dict.fromkeys(outcome.scores.reasons[name] for outcome in outcomes if name in outcome.scores.reasons)
     )
@@ -260,7 +264,7 @@ def _about_the_paper(study: StudyResult) -> list[Paragraph]:
 def _calibration_sections(study: StudyResult, key: str) -> tuple:
     several = len(study.calibrations) > 1
     blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
-    blocks.append(Bullets("Used away from where they were calibrated", _extrapolated(study)))
+    blocks.append(Bullets("Used away from where they were calibrated", _extrapolation_notes(study)))
     for index, calibration in enumerate(study.calibrations):
         own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
         inner = calibration_blocks(calibration, own_key, with_excitation=index == 0)
@@ -269,17 +273,17 @@ def _calibration_sections(study: StudyResult, key: str) -> tuple:
     return tuple(blocks)
 
 
-def _extrapolated(study: StudyResult) -> tuple[str, ...]:
+def _extrapolation_notes(study: StudyResult) -> tuple[str, ...]:
     """Twins whose windows were simulated at another pressure than that of their recordings."""
-    wanted = study.settings.get("pressure_Pa")
+    target = study.settings.get("pressure_Pa")
     pressures = [
         (calibration.twin.pump.name, calibration.twin.condition.discharge_pressure)
         for calibration in study.calibrations
     ]
     return tuple(
-        f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {wanted / 1e6:.3g} MPa."
+        f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {target / 1e6:.3g} MPa."
         for name, pressure in pressures
-        if isinstance(wanted, float) and not values_match(pressure, wanted, PRESSURE_TOLERANCE)
+        if isinstance(target, float) and not values_match(pressure, target, PRESSURE_TOLERANCE)
     )
 
 

@@ -6,8 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swashtwin.bench.results.fault_map_figures import fault_map_drawing
-from swashtwin.bench.results.severity_figures import severity_drawing
+from swashtwin.bench.results.question_figures import fault_map_drawing, severity_drawing
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.report import (
     CALIBRATED,
@@ -51,15 +50,15 @@ def table_part(study: StudyTable, key: str) -> Part:
 
 
 def _blocks(study: StudyTable, key: str) -> tuple:
-    drawings = (draw(study, key) for draw in OWN_DRAWINGS.get(study.study, ()))
+    drawings = (draw(study, key) for draw in QUESTION_DRAWINGS.get(study.study, ()))
     pictures = map(Picture, (*drawings, rows_drawing(study, key), *confusions(study, key)))
     return (rows_table(study), *pictures, Bullets("To be read with it", study.notes))
 
 
-OWN_DRAWINGS: Mapping[str, tuple[Callable[[StudyTable, str], Drawing], ...]] = MappingProxyType(
+QUESTION_DRAWINGS: Mapping[str, tuple[Callable[[StudyTable, str], Drawing], ...]] = MappingProxyType(
     {"severity": (severity_drawing,), "fault-map": (fault_map_drawing,)}
 )
-"""What studies have to show besides their rows, by name."""
+"""Figures of a study besides those of its rows, by the study's name."""
 
 
 def confusions(study: StudyTable, key: str) -> list[Drawing]:

@@ -33,7 +33,7 @@ HOUSING_MODES = (1717.0, 2967.0, 3600.0, 4450.0)
 
 @dataclass(frozen=True, eq=False)
 class Housing:
-    """Path from the rigid shell to the readings of three accelerometers."""
+    """Path from the rigid shell to the samples of three accelerometers."""
 
     frequency: Float[np.ndarray, " mode"]
     """Resonances [Hz]."""
@@ -75,11 +75,11 @@ class Specimen:
     """Frequency [Hz] above which they no longer do."""
     housing: Housing
 
-    def reassembled(self, seed: int, recording: str) -> "Specimen":
+    def reassemble(self, seed: int, recording: str) -> "Specimen":
         """The same pump put together anew, as it must be to change a part: films and sensors do not sit as before."""
         rng = stream(seed, "assembly", recording)
-        other = replace(self.housing, gain=self.housing.gain + _off_diagonal(rng.normal(0, 0.1, (3, 3))))
-        return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=other)
+        housing = replace(self.housing, gain=self.housing.gain + _off_diagonal(rng.normal(0, 0.1, (3, 3))))
+        return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=housing)
 
     def true_values(self) -> dict[str, float]:
         """Interface values by name, for the scoring file."""

@@ -1,4 +1,4 @@
-"""How the virtual rig turns a specimen under a condition into readings of its three accelerometers."""
+"""How the virtual rig turns a specimen under a condition into samples of its three accelerometers."""
 
 import math
 from collections.abc import Sequence

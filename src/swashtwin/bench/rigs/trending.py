@@ -46,16 +46,16 @@ def trend_recordings(
     duration : length of each recording [s].
     """
     pump = draw_specimen(load_pump("25scy14-1b"), specimen, seed)
-    wanted: list[tuple[str, Fault | None]] = [(f"{specimen}_trend_normal_{n + 1}", None) for n in range(healthy)]
+    named_faults: list[tuple[str, Fault | None]] = [(f"{specimen}_trend_normal_{n + 1}", None) for n in range(healthy)]
     for kind, typical in TRENDS.items():
-        wanted += [(f"{specimen}_trend_{kind}_{factor:g}", typical.scaled(factor)) for factor in severities]
+        named_faults += [(f"{specimen}_trend_{kind}_{factor:g}", typical.scaled(factor)) for factor in severities]
     runs = []
-    for name, fault in wanted:
+    for name, fault in named_faults:
         run = run_of(name, pump, pressure, seed, None)
         if isinstance(fault, BoreDefect):
             fault = replace(fault, half_width=deg(stream(seed, "trend", name).uniform(36, 44)))
         runs.append(replace(run, fault=fault))
-    signals = measure(runs, duration, SAMPLE_RATE, [(seed, name) for name, _ in wanted])
-    for (name, fault), run, signal in zip(wanted, runs, signals, strict=True):
+    signals = measure(runs, duration, SAMPLE_RATE, [(seed, name) for name, _ in named_faults])
+    for (name, fault), run, signal in zip(named_faults, runs, signals, strict=True):
         label = "normal" if fault is None else fault.label
         yield recording_of(name, label, pressure, run, signal), run

@@ -80,7 +80,7 @@ def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fau
         discharge_pressure=pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )
-    return Run(specimen.reassembled(seed, name), condition, fault)
+    return Run(specimen.reassemble(seed, name), condition, fault)
 
 
 def recording_of(
@@ -117,18 +117,18 @@ def rig_recordings(
     seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
     labels : classes to record.
     batch : recordings computed together.
-    jobs : processes that compute batches side by side; the readings do not depend on it.
+    jobs : processes that compute batches side by side; the samples do not depend on it.
     """
     nominal = load_pump("25scy14-1b")
     fleet = {name: draw_specimen(nominal, name, seed) for name in {slot.specimen for slot in _slots(size)}}
-    wanted = [slot for slot in _slots(size) if slot.label in labels]
-    batches = [wanted[first : first + batch] for first in range(0, len(wanted), batch)]
+    slots = [slot for slot in _slots(size) if slot.label in labels]
+    batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
     measured = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], size.duration, seed)
         for slots in batches
     )
-    for some in measured:
-        yield from some
+    for pairs in measured:
+        yield from pairs
 
 
 def _measure_batch(

@@ -36,7 +36,7 @@ class Ensemble:
 
 
 @dataclass(frozen=True, eq=False)
-class Viewed:
+class NetworkOnView:
     """A network that was trained on a view of the windows, and is asked with the windows as they are."""
 
     classifier: FittedClassifier

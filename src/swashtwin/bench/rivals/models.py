@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.rivals.ablations import ABLATIONS
-from swashtwin.bench.rivals.composed import Ensemble, Viewed, first_sensors
+from swashtwin.bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
 from swashtwin.bench.rivals.kernels import KERNELS, PYTHON
 from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
 from swashtwin.foundation import DataError, InputError, derive_seed
@@ -60,7 +60,7 @@ class Model:
         """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
         return self.kind not in KERNELS or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors goes without
         saying, so that runs from before there was a choice are found."""
         if self.kind == THRESHOLD:
@@ -89,7 +89,7 @@ DEFAULT = "spectral_bitcn"
 """The network that studies train where they do not compare networks: ours."""
 
 BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
-"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 readings, units of
+"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 samples, units of
 32 features. At full rate one training of the paper costs 8 hours of CPU (docs/networks.md)."""
 
 TRAINING: Mapping[str, TrainingSettings] = {
@@ -207,7 +207,7 @@ def train_model(
     seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
     used = tuple(manifest)
     fitted = [fit(network, heard, settings=model.training, seed=seed, manifest=used, device=device) for seed in seeds]
-    members = fitted if view is None else [Viewed(classifier, view) for classifier in fitted]
+    members = fitted if view is None else [NetworkOnView(classifier, view) for classifier in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
 
 

@@ -99,10 +99,10 @@ def _levels(windows: WindowSet, bands: list[tuple[float, float]]) -> Float64[np.
     frequency, density = power_density(windows.signal.astype(np.float64), windows.sample_rate)
     levels = np.empty((len(windows), windows.n_channels, len(bands)))
     for speed in np.unique(windows.speed):
-        chosen = windows.speed == speed
+        at_speed = windows.speed == speed
         order = frequency / (speed / (2 * np.pi))
         inside = np.stack([(order >= lower) & (order < upper) for lower, upper in bands], axis=1)
-        levels[chosen] = density[chosen] @ inside.astype(np.float64) * frequency[1]
+        levels[at_speed] = density[at_speed] @ inside.astype(np.float64) * frequency[1]
     return np.log10(np.maximum(levels, 1e-30))
 
 
@@ -112,9 +112,9 @@ def _require_orders(windows: WindowSet, highest: float) -> None:
         raise InputError(f"{windows.recording_id[np.isnan(revolutions)][0]} has no speed, so it has no shaft orders.")
     if len(windows) and revolutions.min() < LEAST_REVOLUTIONS:
         raise InputError(
-            f"a window of {windows.length} readings holds {revolutions.min():.2g} revolutions; its orders need "
+            f"a window of {windows.length} samples holds {revolutions.min():.2g} revolutions; its orders need "
             f"{LEAST_REVOLUTIONS:g}, which are {int(np.ceil(windows.length * LEAST_REVOLUTIONS / revolutions.min()))} "
-            "readings."
+            "samples."
         )
     top = windows.sample_rate / 2 / (windows.speed.max(initial=0.0) / (2 * np.pi)) if len(windows) else np.inf
     if highest > top * (1 + 1e-9):
@@ -158,8 +158,8 @@ class _Healthy:
 
     def median(self, without: str) -> Float[np.ndarray, " feature"]:
         """Median over the windows of other recordings, if there are any."""
-        others = self.recording_id != without
-        return np.median(self.values[others] if others.any() else self.values, axis=0)
+        is_other = self.recording_id != without
+        return np.median(self.values[is_other] if is_other.any() else self.values, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +206,8 @@ class AgainstHealthy:
         return FeatureTable(values, table.names)
 
     def _healthy(self, specimen: str, pressure: float) -> _Healthy | None:
-        for (other, stated), healthy in self.reference.items():
-            if other == specimen and values_match(pressure, stated, PRESSURE_TOLERANCE):
+        for (machine, stated), healthy in self.reference.items():
+            if machine == specimen and values_match(pressure, stated, PRESSURE_TOLERANCE):
                 return healthy
         return None
 

@@ -34,7 +34,7 @@ CASE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "bitcn", "e
 """Classifiers of the paper's cases: ours, the paper's, and the first rival to any network."""
 
 ANGLE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "ridge", "svm", "extra_trees", "resnet1d")}
-"""Ours, and the best rivals of the other kinds: linear, kernel, trees, and a network on readings."""
+"""Ours, and the best rivals of the other kinds: linear, kernel, trees, and a network on samples."""
 
 NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
 """Ours, and ours with noise in training; those that the paper compares; and the first rival to any network."""
@@ -48,7 +48,7 @@ NOISE_IN_TRAINING = (
 PAPER_ABLATED = ("bitcn_ordinary", "bitcn_no_attention", "bitcn_forward")
 """The paper's BiTCN without one of its parts."""
 
-FILLED = {"quick": 96, "paper": 200}
+CASE_TWO_WINDOWS = {"quick": 96, "paper": 200}
 """Synthetic windows that fill the cell where nothing was measured: as many as Case I has of both kinds."""
 
 
@@ -124,7 +124,7 @@ def shaft_angle(size: str) -> Plan:
         rivals=(),
         compared={"domain": "angle", "training_set": "calibrated"},
         notes=(
-            "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are readings at "
+            "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are samples at "
             "the stated speed; the angle comes from the clearest of its lowest six piston-pass lines. Twins are "
             "calibrated on recordings as they are. The same recordings lend to the scarce cell, and may hold a window "
             "or two less along the angle.",
@@ -158,7 +158,7 @@ def case_two(size: str) -> Plan:
         case_one(size),
         study="case2",
         title="Case II, missing condition: no measured window in the cell that twins fill",
-        scenario=replace(SCENARIOS[size], scarce_windows=0, synthetic=FILLED[size], test_windows=50),
+        scenario=replace(SCENARIOS[size], scarce_windows=0, synthetic=CASE_TWO_WINDOWS[size], test_windows=50),
         notes=(
             "The filled cell itself is level L5 at every test: no measured window of this class was trained on at this "
             "pressure.",

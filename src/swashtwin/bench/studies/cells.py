@@ -55,7 +55,7 @@ def cut_evenly(
 
     Parameters
     ----------
-    length : readings per window.
+    length : samples per window.
     count : windows of the shortest recording.
     like : windows whose length and classes are taken over.
     classes : classes told apart, where there is no `like`.

@@ -44,19 +44,19 @@ def collect_studies(folder: Path) -> list[StudyResult]:
         )
     order = {name: position for position, name in enumerate(PLANS)}
     kinds = sorted({(run.task.study, run.task.size) for run in runs}, key=lambda kind: (order.get(kind[0], 99), kind))
-    shown: set[str] = set()
+    shown_calibrations: set[str] = set()
     studies = []
     for kind in kinds:
         of_kind = [run for run in runs if (run.task.study, run.task.size) == kind]
-        studies.append(_study(Path(folder), of_kind, shown))
-        shown |= set(first_calibrations(studies[-1].runs))
+        studies.append(_study(Path(folder), of_kind, shown_calibrations))
+        shown_calibrations |= set(first_calibrations(studies[-1].runs))
     if older:
         note = f"{older} runs of another version of swashtwin lie in the folder and are left out."
         studies[0] = replace(studies[0], notes=(*studies[0].notes, note))
     return studies
 
 
-def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
+def _study(folder: Path, runs: Sequence[Run], shown_calibrations: Set[str]) -> StudyResult:
     """Study of some runs, with the calibrations of its first seed that no study before it has shown."""
     latest = _latest(runs)
     task = runs[0].task
@@ -66,7 +66,9 @@ def _study(folder: Path, runs: Sequence[Run], shown: Set[str]) -> StudyResult:
     if len(latest) < len(runs):
         left_out = f"{len(runs) - len(latest)} runs of other settings or recordings lie in the folder and are left out."
         plan = replace(plan, notes=(*plan.notes, left_out))
-    calibrations = [load_finished_calibration(folder, key) for key in first_calibrations(latest) if key not in shown]
+    calibrations = [
+        load_finished_calibration(folder, key) for key in first_calibrations(latest) if key not in shown_calibrations
+    ]
     return assemble_result(
         plan, latest, calibrations=[calibration for calibration in calibrations if calibration is not None]
     )

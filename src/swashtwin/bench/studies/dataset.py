@@ -107,17 +107,17 @@ class StudyDataset:
 
     def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""
-        wanted = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
-        if wanted is None:
-            wanted = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
-        return [calibration for (_, name), calibration in sorted(self.calibrations.items()) if name == wanted]
+        source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
+        if source_label is None:
+            source_label = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
+        return [calibration for (_, name), calibration in sorted(self.calibrations.items()) if name == source_label]
 
 
 def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
     """Calibrations that the twins of a scenario need: recordings that train, and no others."""
     split = split_scenario(recordings, scenario, seed)
-    lent = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
-    trained_on = [r for r in recordings if r.recording_id in split.train | lent]
+    lender_ids = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
+    trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
     labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
     tasks = []
     for label in labels:
@@ -171,13 +171,15 @@ def prepare(
     """
     finished = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
-    lent = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
+    lenders = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
     by_id = read_for(recordings, scenario, seed) if read is None else read
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
-    for ids in lent:
-        measured = measured + _few([recording for name, recording in by_id.items() if name in ids], scenario, measured)
+    for ids in lenders:
+        measured = measured + _scarce_windows(
+            [recording for name, recording in by_id.items() if name in ids], scenario, measured
+        )
     tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
     return StudyDataset(
         seed=seed,
@@ -206,8 +208,8 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
             f"{count} test windows of each class are wanted, and {scarcest} has {counts[scarcest]}; record longer or "
             "more often, or ask for less."
         )
-    chosen = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
-    return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in chosen])))
+    by_class = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
+    return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class])))
 
 
 def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
@@ -251,7 +253,7 @@ def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scen
     return lenders
 
 
-def _few(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
     """The measured windows of a scarce cell; along the shaft's angle the same recordings may hold one or two less, for
     they begin with a whole turn, and at the same speed."""
     if not lenders:

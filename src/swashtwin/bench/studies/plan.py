@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
-from swashtwin.bench.rivals.composed import Viewed
+from swashtwin.bench.rivals.composed import NetworkOnView
 from swashtwin.bench.rivals.models import Model, train_model
 from swashtwin.bench.studies.dataset import StudyDataset, cells_of, cut_again
 from swashtwin.bench.studies.scenario import Scenario
@@ -81,9 +81,9 @@ class Plan:
         data : SHA-256 of the recordings.
         device : where networks are trained.
         """
-        scenarios = {name: self.scenario_of(name).described() for name in self.variants}
-        sets = {name: each.described(self.scenario.faults) for name, each in self.training_sets.items()}
-        models = {name: model.described() for name, model in self.models.items()}
+        scenarios = {name: self.scenario_of(name).describe() for name in self.variants}
+        sets = {name: each.describe(self.scenario.faults) for name, each in self.training_sets.items()}
+        models = {name: model.describe() for name, model in self.models.items()}
         return [
             Task(
                 study=self.study,
@@ -264,7 +264,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
 
 
 def _embedding(classifier: Classifier, task: Task, dataset: StudyDataset) -> Embedding | None:
-    if not isinstance(classifier, FittedClassifier | Viewed):
+    if not isinstance(classifier, FittedClassifier | NetworkOnView):
         return None
     tests = dataset.tests
     return Embedding(

@@ -67,18 +67,18 @@ def augmentation(size: str) -> Plan:
 def calibrators(size: str) -> Plan:
     """The paper's way to calibrate the twins of Case I, against Gauss-Newton with the housing's constants free, on
     recordings of the fault and on healthy ones."""
-    filled = ("calibrated", "every_class")
+    twin_sets = ("calibrated", "every_class")
     return replace(
         case_one(size),
         study="calibrators",
         title="Calibrators: what the way in which twins are calibrated does to what they teach",
-        training_sets={"measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in filled}},
+        training_sets={"measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in twin_sets}},
         varied="calibrator",
         variants=CALIBRATORS,
         bare="none",
         compared={
             "calibrator": {"gauss_newton": ("ipinn",), "healthy": ("ipinn", "gauss_newton")},
-            "training_set": dict.fromkeys(filled, ("measured",)),
+            "training_set": dict.fromkeys(twin_sets, ("measured",)),
         },
         rivals=(),
         notes=(

@@ -78,7 +78,7 @@ class Scenario:
     def as_read(self, recording: Recording, speed: float) -> Recording:
         """The recording as windows are cut from it: as it is, or at even steps of the shaft's angle.
 
-        As many steps a turn as there are readings at `speed`, and played back at it: a window is as long as it is along
+        As many steps a turn as there are samples at `speed`, and played back at it: a window is as long as it is along
         time, and a line of the shaft stands at the same frequency, however fast each shaft turned. Twins are calibrated
         on recordings as they are.
 
@@ -115,7 +115,7 @@ class Scenario:
         """Whether a recording lies in a scarce cell."""
         return recording.label in self.scarce and self.is_near(recording)
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """The scenario as JSON can hold it; ``along_angle`` stands there only where it is true."""
         return {
             "scarce": list(self.scarce),
@@ -184,11 +184,14 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             f"the study needs at least {least} specimens, {scenario.held_out} of them held out; the "
             f"recordings name {len(specimens)} ({', '.join(specimens)}). Give each recording its specimen in the index."
         )
-    drawn = rng.permutation(specimens).tolist()
-    held_out, known_ones = set(drawn[: scenario.held_out]), set(drawn[scenario.held_out :][: scenario.specimens])
+    order_of_specimens = rng.permutation(specimens).tolist()
+    held_out, known_ones = (
+        set(order_of_specimens[: scenario.held_out]),
+        set(order_of_specimens[scenario.held_out :][: scenario.specimens]),
+    )
     train: set[str] = set()
     references: set[str] = set()
-    few: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
+    lenders_by_class: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
     tests: dict[str, set[str]] = {familiar: set(), unseen: set()}
     for cell in recordings_by_cell(recordings, "the study"):
         order = [cell[i] for i in rng.permutation(len(cell))]
@@ -203,7 +206,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
         count = _training_count(order, scenario)
         tests[familiar] |= set(ids[count:]) if scenario.is_near(order[0]) else set()
         if scenario.is_scarce(order[0]):
-            few[str(order[0].label)].append(ids[:count])
+            lenders_by_class[str(order[0].label)].append(ids[:count])
         else:
             train |= set(ids[:count])
     for level, whose in ((familiar, "trained on"), (unseen, "held out")):
@@ -212,7 +215,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
                 f"the study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's cases, and the "
                 f"specimens that are {whose} have no recording to test there."
             )
-    lenders = {name: _in_turns(lists, rng) for name, lists in few.items()}
+    lenders = {name: _in_turns(lists, rng) for name, lists in lenders_by_class.items()}
     return ScenarioSplit(
         frozenset(train), lenders, frozenset(references), {name: frozenset(ids) for name, ids in tests.items()}
     )

@@ -73,6 +73,6 @@ def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize) ->
         It does.
     """
     origin = recordings[0].attributes.get("origin", "")
-    whole = len(recordings) == size.specimens * size.repeats * 15
-    if not (origin.endswith(f"version {RIG_VERSION}") and whole):
+    is_whole = len(recordings) == size.specimens * size.repeats * 15
+    if not (origin.endswith(f"version {RIG_VERSION}") and is_whole):
         raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")

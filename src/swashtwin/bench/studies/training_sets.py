@@ -52,7 +52,7 @@ class TrainingSet:
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
 
-    def described(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
+    def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
         """Settings as JSON can hold them, those of whatever fills among them.
 
         Parameters

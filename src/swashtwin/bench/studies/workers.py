@@ -51,7 +51,7 @@ class Workers:
 
     def each(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """(place, result) of `function` for each tuple of arguments, as they come; only within `started`."""
-        calls = [delayed(_numbered)(function, index, values) for index, values in enumerate(arguments)]
+        calls = [delayed(_call_with_index)(function, index, values) for index, values in enumerate(arguments)]
         if self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
             size = max(1, effective_n_jobs(-1))
             for first in range(0, len(calls), size):
@@ -61,7 +61,7 @@ class Workers:
             yield from Parallel(return_as="generator_unordered", pre_dispatch=pre_dispatch)(calls)
 
 
-def _numbered(function: Callable[..., Any], index: int, values: tuple[Any, ...]) -> tuple[int, Any]:
+def _call_with_index(function: Callable[..., Any], index: int, values: tuple[Any, ...]) -> tuple[int, Any]:
     torch.set_num_threads(1)
     return index, function(*values)
 

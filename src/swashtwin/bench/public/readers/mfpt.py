@@ -15,7 +15,7 @@ def read_mfpt(folder: Path | str, *, resample: str | None = None) -> list[Record
 
     The label is that of the file's name (``baseline_1``, ``OuterRaceFault_2``, ``InnerRaceFault_vload_3``); a file of
     another name, as in the folder of real-world examples, has none. Files without such a structure are passed over.
-    ``gs`` are the readings [g], ``sr`` is the sample rate [Hz], ``rate`` the shaft's frequency [Hz] and ``load`` in
+    ``gs`` are the samples [g], ``sr`` is the sample rate [Hz], ``rate`` the shaft's frequency [Hz] and ``load`` in
     pounds.
 
     Groups for an honest split: there is none that the set states. Which recordings share a bearing is not said, so no

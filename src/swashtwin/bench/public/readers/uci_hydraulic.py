@@ -26,10 +26,10 @@ _SENSOR = re.compile(r"([A-Z]+\d?)(_mean1hz)?")
 
 
 def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
-    """Every cycle of the set as one recording, all its sensors at 10 Hz: 2205 cycles of 600 readings.
+    """Every cycle of the set as one recording, all its sensors at 10 Hz: 2205 cycles of 600 samples.
 
     The sensors' rates differ, a recording's do not. Those of 10 Hz (FS1, FS2) are as measured. Those of 1 Hz (TS, VS1,
-    CE, CP, SE) are held for ten readings each, so nothing of them is lost or made up. Those of 100 Hz (PS, EPS1) are
+    CE, CP, SE) are held for ten samples each, so nothing of them is lost or made up. Those of 100 Hz (PS, EPS1) are
     means over 0.1 s where the originals are there, and held like the others where only means over 1 s are. Which was
     done is said in ``attributes["NAME_rate"]``. Sensors are found by their files' names (``FS1.txt``, ``PS1.txt.gz``,
     ``PS1_mean1hz.tsv.gz``) wherever below `folder`; the labels come from ``profile.txt``.

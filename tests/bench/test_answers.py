@@ -5,8 +5,8 @@ from dataclasses import replace
 from made_runs import run
 
 from swashtwin.bench import models_of, plan_of
+from swashtwin.bench.results.answers import case_answer
 from swashtwin.bench.results.runs import Run
-from swashtwin.bench.results.study_answer import study_answer
 from swashtwin.bench.studies.runner import assemble_result
 
 
@@ -21,7 +21,7 @@ def fixed(accuracies: dict[str, tuple[float, ...]], rival: float = 0.0) -> tuple
 
     runs = [run_of(n, seed, values[seed], "spectral_bitcn") for n, values in accuracies.items() for seed in seeds]
     runs += [run_of("measured", seed, rival, "extra_trees") for seed in seeds]
-    return study_answer(assemble_result(plan_of("case1", "quick"), runs))
+    return case_answer(assemble_result(plan_of("case1", "quick"), runs))
 
 
 def test_the_answer_gives_the_difference_paired_by_seed():
@@ -65,7 +65,7 @@ def test_one_seed_settles_nothing():
 
 def test_training_sets_under_different_seeds_are_not_compared():
     runs = [run("measured", 0, 0.5, levels=("L2",)), run("calibrated", 1, 0.9, levels=("L2",))]
-    lead, *_ = study_answer(assemble_result(plan_of("case1", "quick"), runs))
+    lead, *_ = case_answer(assemble_result(plan_of("case1", "quick"), runs))
     assert "calibrated has no seed in common with measured only" in lead
     assert "nan" not in lead
 
@@ -91,7 +91,7 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
     plan = replace(plan_of("case1", "quick"), models=models_of("quick", ["tcn", "lstm"]))
     result = assemble_result(plan, runs)
     assert {outcome.classifier for outcome in result.outcomes} == {"tcn"}
-    lead, details, _ = study_answer(result)
+    lead, details, _ = case_answer(result)
     assert "at L2 calibrated scored higher than measured only by 20.0 points" in lead
     assert "accuracy 0.400 (measured only) and 0.600 (with calibrated twin)" in details
     assert "(0.900 against 0.600)" in lead
@@ -100,7 +100,7 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
 def test_a_rival_of_fewer_seeds_is_not_put_beside_the_mean_of_all():
     runs = [run("calibrated", seed, (0.9, 0.5)[seed], levels=("L2",)) for seed in (0, 1)]
     rival = run("calibrated", 0, 0.95, "extra_trees", ("L2",))
-    lead, details, _ = study_answer(assemble_result(plan_of("case1", "quick"), [*runs, rival]))
+    lead, details, _ = case_answer(assemble_result(plan_of("case1", "quick"), [*runs, rival]))
     assert "beaten" not in lead
     assert "Best rival" not in details
 

@@ -22,7 +22,12 @@ from swashtwin.bench.rigs.fleet import RECESS
 from swashtwin.bench.rigs.measuring import Run, true_values
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, measure, objective_of
-from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import (
+    Linearization,
+    estimate_discrepancy,
+    linearize,
+    noise_covariance,
+)
 from swashtwin.calibration.uncertainty.posterior import estimates_of, sandwich
 from swashtwin.physics import Twin
 from swashtwin.pump import load_pump
@@ -42,10 +47,10 @@ class Coverage:
     off: list[float]
 
 
-def covariance_under(rule: str, around: Linearized) -> np.ndarray:
+def covariance_under(rule: str, around: Linearization) -> np.ndarray:
     """Covariance of the coordinates found."""
     if rule == "discrepancy":
-        return sandwich(around, noise_covariance(around, discrepancy_of(around)))
+        return sandwich(around, noise_covariance(around, estimate_discrepancy(around)))
     misfit = max(1.0, float(np.mean((around.residual / around.sigma) ** 2))) if rule == "misfit" else 1.0
     prior = around.objective.unknowns.deviation
     scaled = around.slope / around.sigma[:, None] * prior
@@ -62,7 +67,7 @@ def of_recording(recording: Recording, run: Run) -> dict[tuple[str, str], Covera
     for name, nuisances in NUISANCES.items():
         objective = objective_of(twin, measurement, None, nuisances)
         point = GaussNewton(starts=2).search(objective, seed=0).point
-        around = linearized(objective, point)
+        around = linearize(objective, point)
         for rule in RULES:
             estimates = estimates_of(objective, point, covariance_under(rule, around))
             result[name, rule] = Coverage(

@@ -33,7 +33,7 @@ def recording(twin: Twin) -> Recording:
 def rig() -> list[Recording]:
     """One specimen, all classes, 5, 10 and 15 MPa, three repeats, of a fleet on which nothing was chosen."""
     size = RigSize(specimens=1, repeats=3, duration=1.3)
-    return [one for seed in (7, 8) for one, _ in rig_recordings(seed, size)]
+    return [recording for seed in (7, 8) for recording, _ in rig_recordings(seed, size)]
 
 
 def stated_at(recording: Recording, factor: float) -> Recording:
@@ -67,22 +67,22 @@ def test_a_wrong_sample_rate_is_refused_as_it_shows_as_another_speed(twin: Twin,
 
 
 def test_no_class_and_no_pressure_of_the_rig_raises_a_false_alarm(rig: list[Recording]) -> None:
-    assert {one.label for one in rig} == set(CLASSES)
-    for one in rig:
-        assert one.condition is not None
-        found = shown_speed(one, one.condition.shaft_frequency, 7)
-        assert not found.contradicts, one.recording_id
-        assert found.stated_contrast > 0.85 * found.shown_contrast
-        assert found.shown == pytest.approx(found.stated, rel=0.01)
+    assert {recording.label for recording in rig} == set(CLASSES)
+    for recording in rig:
+        assert recording.condition is not None
+        speed = shown_speed(recording, recording.condition.shaft_frequency, 7)
+        assert not speed.contradicts, recording.recording_id
+        assert speed.stated_contrast > 0.85 * speed.shown_contrast
+        assert speed.shown == pytest.approx(speed.stated, rel=0.01)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.9, 0.97, 1.03, 1.1, 1.5])
 def test_every_wrongly_stated_speed_is_detected_on_the_rig(rig: list[Recording], factor: float) -> None:
-    for one in rig[::3]:
-        assert one.condition is not None
-        found = shown_speed(one, factor * one.condition.shaft_frequency, 7)
-        assert found.contradicts, one.recording_id
-        assert found.shown == pytest.approx(one.condition.shaft_frequency, rel=0.01)
+    for recording in rig[::3]:
+        assert recording.condition is not None
+        speed = shown_speed(recording, factor * recording.condition.shaft_frequency, 7)
+        assert speed.contradicts, recording.recording_id
+        assert speed.shown == pytest.approx(recording.condition.shaft_frequency, rel=0.01)
 
 
 def test_lines_that_show_nothing_clearly_contradict_no_speed(recording: Recording) -> None:
@@ -98,9 +98,9 @@ def test_a_twins_recording_without_any_noise_shows_its_own_speed(pump: Pump, spe
     condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(10))
     for fault in (None, PistonWear(clearance=um(60), piston=2)):
         clean = Twin(pump, condition, fault).simulate(1.3, 25600.0)
-        found = shown_speed(clean, condition.shaft_frequency, 7)
-        assert not found.contradicts
-        assert found.stated_contrast > CLEARLY
+        shown = shown_speed(clean, condition.shaft_frequency, 7)
+        assert not shown.contradicts
+        assert shown.stated_contrast > CLEARLY
 
 
 CLEARLY = 1.0
@@ -117,8 +117,11 @@ def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Reco
 
 
 def test_a_recording_of_another_pressure_than_its_siblings_is_noted(pump: Pump, rig: list[Recording]) -> None:
-    of_pump = [one for one in rig[: len(rig) // 2] if one.label == "normal"]
-    at = {level: [one for one in of_pump if one.condition.discharge_pressure == MPa(level)] for level in (5, 15)}  # type: ignore[union-attr]
+    of_pump = [recording for recording in rig[: len(rig) // 2] if recording.label == "normal"]
+    at = {
+        level: [recording for recording in of_pump if recording.condition.discharge_pressure == MPa(level)]
+        for level in (5, 15)
+    }  # type: ignore[union-attr]
     twin = Twin(pump, at[15][0].condition)  # type: ignore[arg-type]
     odd = replace(at[5][0], recording_id="odd", condition=at[15][0].condition)
     assert measure(twin, at[15]).notes == ()
@@ -141,7 +144,7 @@ def test_a_recording_too_short_for_its_orders_is_refused_by_name(twin: Twin, rec
 def test_a_clipped_recording_is_refused_and_a_few_cut_peaks_are_noted(twin: Twin, recording: Recording) -> None:
     limits = np.quantile(np.abs(recording.signal), [0.9, 0.998], axis=1)
     hard, soft = (np.clip(recording.signal, -limit[:, None], limit[:, None]) for limit in limits)
-    words = r"rec-0, cover_z: \d\.\d+% of the readings stand in a row at the extreme .* wider range"
+    words = r"rec-0, cover_z: \d\.\d+% of the samples stand in a row at the extreme .* wider range"
     refused(DataError, words, twin, [replace(recording, signal=hard)])
     notes = measure(twin, [replace(recording, signal=soft)]).notes
     assert len(notes) <= 1
@@ -159,11 +162,11 @@ def test_a_spectrum_of_nothing_but_noise_is_refused(twin: Twin, recording: Recor
     refused(DataError, "every sample is 0: a dead", twin, [replace(recording, signal=still)])
 
 
-def test_readings_in_g_are_named_whether_the_unit_says_so_or_not(twin: Twin, recording: Recording) -> None:
+def test_samples_in_g_are_named_whether_the_unit_says_so_or_not(twin: Twin, recording: Recording) -> None:
     in_g = replace(recording, signal=twin.simulate(1.3, 6400.0).signal / 9.80665)
     refused(UnitError, r"rec-0 is in 'g'; .* multiply by 9.80665", twin, [replace(in_g, unit="g")])
     notes = calibrate(twin, [in_g], method=QUICK, **SIX_VALUES).notes
-    assert any("are the readings in g?" in note for note in notes)
+    assert any("are the samples in g?" in note for note in notes)
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,8 @@ PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 
 def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
     """Found over true, by letter."""
-    found = {estimate.letter: estimate.value / estimate.nominal for estimate in calibration.estimates}
-    return {letter: ratio / factor for (letter, ratio), factor in zip(found.items(), factors, strict=True)}
+    relative = {estimate.letter: estimate.value / estimate.nominal for estimate in calibration.estimates}
+    return {letter: ratio / factor for (letter, ratio), factor in zip(relative.items(), factors, strict=True)}
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +60,10 @@ def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_doe
     twin: Twin, factors: np.ndarray
 ) -> None:
     calibration = calibrate(twin, [recording_of(twin, factors)], **PAPER_CALIBRATION)
-    found = ratios(calibration, factors)
-    assert found["C_v"] == pytest.approx(1, abs=0.1)
-    assert found["C_Hz"] == pytest.approx(1, abs=0.1)
-    assert found["K_v"] == pytest.approx(1, abs=0.3)
+    relative = ratios(calibration, factors)
+    assert relative["C_v"] == pytest.approx(1, abs=0.1)
+    assert relative["C_Hz"] == pytest.approx(1, abs=0.1)
+    assert relative["K_v"] == pytest.approx(1, abs=0.3)
     assert calibration.estimate("K_sw").verdict == "not identified"
     assert calibration.estimate("C_v").verdict == calibration.estimate("C_Hz").verdict == "identified"
     assert all(share > 0.5 for share in calibration.improvement.values())
@@ -73,9 +73,9 @@ def test_the_papers_recipe_recovers_what_the_spectrum_shows_and_says_what_it_doe
 @pytest.mark.parametrize("factors", [PAPER, np.array([1.5, 0.5, 0.25, 0.3, 2.7, 3])], ids=["paper", "far"])
 def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: Twin, factors: np.ndarray) -> None:
     calibration = calibrate(twin, [recording_of(twin, factors)], method=GaussNewton(starts=1), **SIX_VALUES)
-    found = ratios(calibration, factors)
-    assert found["C_v"] == pytest.approx(1, abs=0.05)
-    assert found["C_Hz"] == pytest.approx(1, abs=0.05)
+    relative = ratios(calibration, factors)
+    assert relative["C_v"] == pytest.approx(1, abs=0.05)
+    assert relative["C_Hz"] == pytest.approx(1, abs=0.05)
     for estimate, true in zip(calibration.estimates, twin.values.numpy() * factors, strict=True):
         assert estimate.interval[0] < true < estimate.interval[1]
     assert calibration.simulations < 50
@@ -96,8 +96,8 @@ def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
 def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_more(twin: Twin) -> None:
     twins = [twin.at(twin.condition.replaced(discharge_pressure=MPa(level))) for level in (15, 10, 5)]
     recordings = [
-        replace(recording_of(one, DAMPER, seed=place), label=one.label, condition=one.condition)
-        for place, one in enumerate(twins)
+        replace(recording_of(other, DAMPER, seed=seed), label=other.label, condition=other.condition)
+        for seed, other in enumerate(twins)
     ]
     together = calibrate(twins, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
     alone = calibrate(twin, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
@@ -165,7 +165,7 @@ def test_the_same_seed_gives_the_same_bits(twin: Twin, recording: Recording, met
 def test_an_interrupt_passes_through_and_leaves_random_numbers_as_they_were(twin: Twin, recording: Recording) -> None:
     import torch
 
-    def stop(done: int, total: int, loss: float) -> None:
+    def stop(epoch: int, total: int, loss: float) -> None:
         raise KeyboardInterrupt
 
     torch.manual_seed(1)
@@ -257,13 +257,13 @@ def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp
     assert tomllib.loads(saved.read_text())["interfaces"].keys() == {"slipper_swash", "block_valve", "piston_bore"}
 
 
-def test_readings_that_look_like_g_are_noted_even_where_the_unit_says_otherwise(
+def test_samples_that_look_like_g_are_noted_even_where_the_unit_says_otherwise(
     twin: Twin,
 ) -> None:
     recording = recording_of(twin, np.ones(6))
     weak = replace(recording, signal=recording.signal / 9.80665)
     notes = calibrate(twin, [weak], method=GaussNewton(starts=1, most_iterations=2), **SIX_VALUES).notes
-    assert any("readings in g" in note for note in notes)
+    assert any("samples in g" in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -303,7 +303,7 @@ def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin:
 def test_draws_of_the_posterior_spread_as_its_covariance_says(calibration: Calibration) -> None:
     points = calibration.posterior.draws(400, seed=0)
     spread = points.std(axis=0) / np.sqrt(np.diag(calibration.posterior.covariance))
-    identified = [i for i, one in enumerate(calibration.estimates) if one.verdict == "identified"]
+    identified = [i for i, estimate in enumerate(calibration.estimates) if estimate.verdict == "identified"]
     np.testing.assert_allclose(spread[identified], 1, atol=0.12)
     np.testing.assert_array_equal(calibration.posterior.draws(3, seed=0), points[:3])
     assert (points >= calibration.posterior.unknowns.lower).all()
@@ -325,6 +325,6 @@ def test_the_band_of_each_line_holds_the_calibrated_twin_and_is_as_wide_as_the_p
     assert within.mean() > 0.85
     twins = calibration.posterior.twins(calibration.nominal, 20, seed=3)
     with torch.no_grad():
-        lines = np.stack([one.acceleration().abs().numpy()[:, np.isin(one.orders, spectra.orders)] for one in twins])
-    held = (spectra.low <= lines) & (lines <= spectra.high)
-    assert 0.75 < held.mean() < 0.99
+        lines = np.stack([draw.acceleration().abs().numpy()[:, np.isin(draw.orders, spectra.orders)] for draw in twins])
+    is_held = (spectra.low <= lines) & (lines <= spectra.high)
+    assert 0.75 < is_held.mean() < 0.99

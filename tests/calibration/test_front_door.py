@@ -35,6 +35,9 @@ def test_a_name_and_recordings_are_enough(recordings: list[Recording]) -> None:
     assert calibration.settings["phases"]
     assert len(calibration.posterior.unknowns) == 6 + 4 + 3 + 2 + 2 + 6
     assert calibration.left_out == ()
+    assert repr(calibration).startswith(
+        "<Calibration of 25scy14-1b (normal) by GaussNewton on 3 recordings; identified: "
+    )
     pressures = [fit.condition.discharge_pressure for fit in calibration.fits]
     assert pressures == pytest.approx([MPa(10.1), MPa(15)])
     assert calibration.fits[0].condition.speed == pytest.approx(rpm(861))
@@ -102,3 +105,4 @@ def test_a_fleet_starts_from_a_pumps_name_too(recordings: list[Recording]) -> No
     members = [replace(recording, specimen=name) for recording, name in zip(recordings[::2], "AB", strict=True)]
     fleet = calibrate_fleet("25scy14-1b", members, method=QUICK)
     assert list(fleet.calibrations) == ["A", "B"]
+    assert repr(fleet) == "<FleetCalibration of 2 specimens: A, B>"

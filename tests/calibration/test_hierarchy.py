@@ -39,8 +39,8 @@ def fleet_of(twin: Twin, names: str, seed: int) -> tuple[list[Recording], dict[s
     """One recording of each pump, and the logarithm of its values; weak pumps have one noisy channel."""
     recordings, truth = [], {}
     for name in names:
-        drawn = stream(seed, "fleet", name).standard_normal(6)
-        values = twin.values.numpy() * TYPE * np.exp(SPREAD * drawn)
+        deviations = stream(seed, "fleet", name).standard_normal(6)
+        values = twin.values.numpy() * TYPE * np.exp(SPREAD * deviations)
         true = twin.with_interfaces(Interfaces.from_values(values))
         recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id=f"rec-{name}")
         signal = add_noise(recording.signal, 0.0 if name in WEAK else 30.0, seed)
@@ -74,27 +74,27 @@ def test_the_population_that_evidence_was_drawn_from_is_found_within_its_interva
     mean, spread = unknowns.center + 0.3, np.array([0.1, 0.2, 0.3, 0.1, 0.2, 0.3])
     noise = np.array([0.05, 0.05, 0.05, 0.1, 0.1, np.inf])  # of the last nothing is known
     information = np.diag(1 / noise**2)
-    known = slice(0, 5)
-    held, off = [], []
+    identified = slice(0, 5)
+    is_held, errors = [], []
     for draw in range(25):
         rng = stream(draw, "evidence")
-        found = mean + np.hypot(spread, np.where(np.isinf(noise), 0, noise)) * rng.standard_normal((10, 6))
-        evidence = {str(number): Evidence(information, information @ one) for number, one in enumerate(found)}
+        coordinates = mean + np.hypot(spread, np.where(np.isinf(noise), 0, noise)) * rng.standard_normal((10, 6))
+        evidence = {str(number): Evidence(information, information @ row) for number, row in enumerate(coordinates)}
         population = population_of(evidence, unknowns, 0.5)
         low, high = population.spread_interval.T
-        held.append(((low < spread) & (spread < high))[known])
-        off.append(((population.mean - mean) / population.mean_std)[known])
+        is_held.append(((low < spread) & (spread < high))[identified])
+        errors.append(((population.mean - mean) / population.mean_std)[identified])
         assert population.mean[5] == pytest.approx(unknowns.center[5])
         assert population.mean_std[5] == pytest.approx(unknowns.deviation[5])
-    assert 0.8 <= np.mean(held) <= 0.98
-    assert np.std(off) == pytest.approx(1, abs=0.2)
+    assert 0.8 <= np.mean(is_held) <= 0.98
+    assert np.std(errors) == pytest.approx(1, abs=0.2)
 
 
 def test_equal_pumps_have_a_spread_near_zero_and_one_pump_apart_widens_it(unknowns: Unknowns) -> None:
     information = np.diag(np.full(6, 1e4))
     alike = {str(i): Evidence(information, information @ unknowns.center) for i in range(8)}
-    apart = {**alike, "8": Evidence(information, information @ (unknowns.center + 1))}
-    equal, unequal = (population_of(one, unknowns, 0.5).spread for one in (alike, apart))
+    different = {**alike, "8": Evidence(information, information @ (unknowns.center + 1))}
+    equal, unequal = (population_of(evidence, unknowns, 0.5).spread for evidence in (alike, different))
     assert (equal < 0.02).all()
     assert (unequal > 0.2).all()
 
@@ -120,11 +120,11 @@ def test_the_values_that_recordings_tell_give_the_types_mean_and_spread(
     population = fleet.population
     true = np.log(twin.values.numpy() * TYPE)
     for letter in ("C_v", "C_Hz"):
-        place = population.names.index(letter)
-        low, high = population.spread_interval[place]
-        assert abs(population.mean[place] - true[place]) < 3 * population.mean_std[place]
+        index = population.names.index(letter)
+        low, high = population.spread_interval[index]
+        assert abs(population.mean[index] - true[index]) < 3 * population.mean_std[index]
         assert low < SPREAD < high
-    assert fleet.is_settled
+    assert fleet.is_converged
     assert population.specimens == tuple("ABCDEFG")
 
 
@@ -133,22 +133,22 @@ def test_a_weak_pump_is_drawn_toward_the_others_and_comes_nearer_to_the_truth(
 ) -> None:
     alone, within = [], []
     for name in WEAK:
-        for place in (2, 3, 4):  # C_v, K_v, C_Hz; of the others nobody knows much
-            alone.append(np.log(fleet.alone[name][place].value) - members[1][name][place])
-            within.append(np.log(fleet.calibrations[name].estimates[place].value) - members[1][name][place])
-            assert fleet.calibrations[name].estimates[place].log_std < fleet.alone[name][place].log_std
+        for index in (2, 3, 4):  # C_v, K_v, C_Hz; of the others nobody knows much
+            alone.append(np.log(fleet.alone[name][index].value) - members[1][name][index])
+            within.append(np.log(fleet.calibrations[name].estimates[index].value) - members[1][name][index])
+            assert fleet.calibrations[name].estimates[index].log_std < fleet.alone[name][index].log_std
     assert np.square(within).mean() < 0.5 * np.square(alone).mean()
 
 
 def test_a_pump_with_strong_recordings_hardly_moves(fleet: FleetCalibration) -> None:
     for name in "ABCDE":
-        for place in (2, 4):
-            alone, within = fleet.alone[name][place], fleet.calibrations[name].estimates[place]
+        for index in (2, 4):
+            alone, within = fleet.alone[name][index], fleet.calibrations[name].estimates[index]
             assert abs(np.log(within.value / alone.value)) < 0.5 * alone.log_std
 
 
 def test_what_no_recording_tells_stays_not_identified(fleet: FleetCalibration) -> None:
-    assert all(one.estimate("K_sw").verdict == "not identified" for one in fleet.calibrations.values())
+    assert all(calibration.estimate("K_sw").verdict == "not identified" for calibration in fleet.calibrations.values())
     assert any("K_sw" in text and "not identified" in text for text in fleet.calibrations["A"].notes)
 
 
@@ -157,9 +157,9 @@ def test_a_new_pump_of_the_type_starts_from_what_the_others_taught(twin: Twin, f
     recordings = [replace(one, specimen="new") for one in recordings]
     blind = calibrate(twin, recordings, method=QUICK, **SIX_VALUES)
     taught = calibrate(twin, recordings, method=QUICK, prior=fleet.population, **SIX_VALUES)
-    places = [2, 3, 4]
+    indices = [2, 3, 4]
     errors = [
-        np.square([np.log(one.estimates[place].value) - truth["G"][place] for place in places]).mean()
+        np.square([np.log(one.estimates[index].value) - truth["G"][index] for index in indices]).mean()
         for one in (blind, taught)
     ]
     assert errors[1] < errors[0]
@@ -176,8 +176,8 @@ def test_calibrations_and_population_are_read_back(fleet: FleetCalibration, tmp_
     for name, value in vars(fleet.population).items():
         if isinstance(value, np.ndarray):
             assert getattr(again, name) == pytest.approx(value)
-    one = load_calibration(files[1])
-    assert one.posterior.draws(3, 0) == pytest.approx(fleet.calibrations["A"].posterior.draws(3, 0))
+    calibration = load_calibration(files[1])
+    assert calibration.posterior.draws(3, 0) == pytest.approx(fleet.calibrations["A"].posterior.draws(3, 0))
 
 
 def test_a_damaged_population_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -206,17 +206,17 @@ def test_the_command_writes_a_file_for_each_pump_and_the_population(
     members: tuple[list[Recording], dict[str, np.ndarray]], tmp_path: Path
 ) -> None:
     recordings = members[0][:2]
-    files = [Path(f"{one.recording_id}.h5") for one in recordings]
-    for one, file in zip(recordings, files, strict=True):
-        write_recording(one, tmp_path / file)
+    files = [Path(f"{recording.recording_id}.h5") for recording in recordings]
+    for recording, file in zip(recordings, files, strict=True):
+        write_recording(recording, tmp_path / file)
     index = write_index(recordings, files, tmp_path / "recordings.toml")
     defect = ("--fault", "swash_plate:length=30mm,width=24mm,depth=0.6mm")
     words = ("twin", "calibrate-fleet", index, "--speed", "860 rpm", "--pressure", "15 MPa", *defect)
-    told = run_json(*words, "--out", tmp_path / "fleet")
-    assert set(told["specimens"]) == {"A", "B"}
-    assert len(told["files"]) == 3
-    assert all(Path(file).is_file() for file in told["files"])
-    assert any("2 pumps tell little" in text for text in told["notes"])
+    answer = run_json(*words, "--out", tmp_path / "fleet")
+    assert set(answer["specimens"]) == {"A", "B"}
+    assert len(answer["files"]) == 3
+    assert all(Path(file).is_file() for file in answer["files"])
+    assert any("2 pumps say little" in text for text in answer["notes"])
     assert "at 15 MPa, the twin at 5 MPa" in one_line(run(*words[:5], "--pressure", "5 MPa", *defect, code=3))
 
 

@@ -20,7 +20,12 @@ from swashtwin.calibration import (
     objective_of,
     profile,
 )
-from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import (
+    Linearization,
+    estimate_discrepancy,
+    linearize,
+    noise_covariance,
+)
 from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
 from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
@@ -43,7 +48,7 @@ def objective_for(assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: 
     return objective_of(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
 
 
-def widened_by_misfit(around: Linearized) -> np.ndarray:
+def widened_by_misfit(around: Linearization) -> np.ndarray:
     """Covariance where the information is divided by the mean square misfit."""
     misfit = max(1.0, float(np.mean((around.residual / around.sigma) ** 2)))
     scaled = around.slope / around.sigma[:, None]
@@ -84,11 +89,11 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
     base = replace(twin if film == "paper" else thick, bandwidth=1100)
     objective = objective_for(base, base, band=1000)
     truth = objective.unknowns.start
-    clean = objective.with_readings(objective.readings(objective.start).detach().numpy())
+    clean = objective.with_observables(objective.observables(objective.start).detach().numpy())
     is_held, is_far = [], []
     for index in range(30):
         noise = clean.sigma.numpy() * stream(0, "coverage", index).standard_normal(len(clean.sigma))
-        noisy = objective.with_readings(np.abs(clean.measured.numpy() + noise))
+        noisy = objective.with_observables(np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
         for estimate, true in zip(estimates_of(noisy, point, posterior_covariance(noisy, point)), truth, strict=False):
             if estimate.verdict == "identified":
@@ -115,10 +120,10 @@ def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
 def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
     objective: Objective, point: np.ndarray
 ) -> None:
-    around = linearized(objective, point)
-    lacking = discrepancy_of(around)
-    assert (lacking.excitation, lacking.path, lacking.line) == (0, 0, 0)
-    assert all(share == 0 for _, share in lacking.constants)
+    around = linearize(objective, point)
+    discrepancy = estimate_discrepancy(around)
+    assert (discrepancy.excitation, discrepancy.path, discrepancy.line) == (0, 0, 0)
+    assert all(share == 0 for _, share in discrepancy.constants)
     scaled = around.slope / around.sigma[:, None]
     fisher = scaled.T @ scaled + np.diag(objective.unknowns.deviation**-2.0)
     np.testing.assert_allclose(posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12)
@@ -134,30 +139,30 @@ def test_a_wrong_mounting_is_named_with_its_size(off_mount: Objective) -> None:
 def test_a_twin_that_lacks_something_gets_intervals_that_hold_more(twin: Twin, wrong: str) -> None:
     """Against the rule that divides the information by the mean square misfit."""
     generator = np.random.default_rng(1)
-    made = replace(twin, scales=Scales(mount=1.2)) if wrong == "mount" else replace(twin, path=PATH)
-    held: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
-    sure: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
+    mistaken = replace(twin, scales=Scales(mount=1.2)) if wrong == "mount" else replace(twin, path=PATH)
+    is_held: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
+    is_identified: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
     for _ in range(8):
         values = twin.values.numpy() * np.exp(generator.normal(0, 0.5, 6))
-        objective = objective_for(twin, replace(made, interfaces=Interfaces.from_values(values)))
+        objective = objective_for(twin, replace(mistaken, interfaces=Interfaces.from_values(values)))
         point = solution(objective)
-        around = linearized(objective, point)
+        around = linearize(objective, point)
         rules = {"misfit": widened_by_misfit(around), "discrepancy": posterior_covariance(objective, point)}
         for rule, covariance in rules.items():
-            found = estimates_of(objective, point, covariance)
-            held[rule] += [e.interval[0] <= v <= e.interval[1] for e, v in zip(found, values, strict=True)]
-            sure[rule] += [e.verdict == "identified" for e in found]
-    identified = {rule: np.mean(np.array(held[rule])[np.array(sure[rule])]) for rule in held}
-    assert np.mean(held["discrepancy"]) > np.mean(held["misfit"])
+            estimates = estimates_of(objective, point, covariance)
+            is_held[rule] += [e.interval[0] <= v <= e.interval[1] for e, v in zip(estimates, values, strict=True)]
+            is_identified[rule] += [e.verdict == "identified" for e in estimates]
+    identified = {rule: np.mean(np.array(is_held[rule])[np.array(is_identified[rule])]) for rule in is_held}
+    assert np.mean(is_held["discrepancy"]) > np.mean(is_held["misfit"])
     assert identified["discrepancy"] > identified["misfit"]
     assert identified["discrepancy"] >= 0.8
 
 
 def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(objective: Objective, point: np.ndarray) -> None:
     """Errors drawn from the covariance of a discrepancy move a linear search by as much as the sandwich says."""
-    around = linearized(objective, point)
-    lacking = replace(discrepancy_of(around), path=0.1, constants=(("mount", 0.05),))
-    noise = noise_covariance(around, lacking)
+    around = linearize(objective, point)
+    discrepancy = replace(estimate_discrepancy(around), path=0.1, constants=(("mount", 0.05),))
+    noise = noise_covariance(around, discrepancy)
     draws = np.random.default_rng(0).multivariate_normal(np.zeros(len(noise)), noise, 4000, method="cholesky")
     scaled = around.slope / around.sigma[:, None]
     precision = np.diag(objective.unknowns.deviation**-2.0)
@@ -195,41 +200,41 @@ def test_profiles_agree_with_the_deviations_where_a_value_is_identified(
     objective: Objective, point: np.ndarray
 ) -> None:
     std = np.sqrt(np.diag(posterior_covariance(objective, point)))
-    found = profiles(objective, point, ("C_v", "C_Hz"))
-    for one, i in zip(found, (2, 4), strict=True):
-        assert one.is_identified
-        low, high = one.interval
+    pair = profiles(objective, point, ("C_v", "C_Hz"))
+    for curve, i in zip(pair, (2, 4), strict=True):
+        assert curve.is_identified
+        low, high = curve.interval
         assert low is not None
         assert high is not None
         assert (high - low) / 2 == pytest.approx(1.645 * std[i], rel=0.1)
-        assert (np.diff(one.coordinate) > 0).all()
-        assert one.rise.min() == 0
+        assert (np.diff(curve.coordinate) > 0).all()
+        assert curve.rise.min() == 0
 
 
 def test_six_profiles_cost_few_simulations_and_leave_the_flat_value_open(
     objective: Objective, point: np.ndarray
 ) -> None:
-    found = {one.name: one for one in profiles(objective, point)}
-    assert sum(one.simulations for one in found.values()) < 250
-    assert found["K_sw"].interval == (None, None)
-    assert found["K_sw"].words == "K_sw: not identified, open on both sides"
-    assert found["C_sw"].words == "C_sw: only a lower limit"
-    assert found["K_v"].is_identified
-    assert profile(objective, point, "K_sw").to_dict() == found["K_sw"].to_dict()
+    curves = {curve.name: curve for curve in profiles(objective, point)}
+    assert sum(curve.simulations for curve in curves.values()) < 250
+    assert curves["K_sw"].interval == (None, None)
+    assert curves["K_sw"].words == "K_sw: not identified, open on both sides"
+    assert curves["C_sw"].words == "C_sw: only a lower limit"
+    assert curves["K_v"].is_identified
+    assert profile(objective, point, "K_sw").to_dict() == curves["K_sw"].to_dict()
 
 
 def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:
     """Fitted anew from elsewhere with the value held, nothing lower is found."""
-    from swashtwin.calibration.uncertainty.profiles import _Likelihood
+    from swashtwin.calibration.uncertainty.profiles import _WhitenedProblem
 
-    one = profile(objective, point, "K_Hz")
-    valley = _Likelihood(objective, point)
-    held = int(np.argmax(one.rise))
+    curve = profile(objective, point, "K_Hz")
+    problem = _WhitenedProblem(objective, point)
+    index = int(np.argmax(curve.rise))
     start = point + 0.3
-    start[5] = one.coordinate[held]
-    _, height = valley.descend(start, 5)
-    _, least = valley.descend(point, None)
-    assert height - least == pytest.approx(one.rise[held], abs=0.15)
+    start[5] = curve.coordinate[index]
+    _, height = problem.descend(start, 5)
+    _, least = problem.descend(point, None)
+    assert height - least == pytest.approx(curve.rise[index], abs=0.15)
 
 
 def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.ndarray) -> None:
@@ -240,8 +245,10 @@ def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.nd
 def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:
     report = identifiability(objective, point)
     assert report.directions[-1].words == "flat: K_sw"
-    assert [one.share for one in report.directions] == sorted(one.share for one in report.directions)
-    np.testing.assert_allclose([sum(w**2 for _, w in one.weights) for one in report.directions], 1)
+    assert [direction.share for direction in report.directions] == sorted(
+        direction.share for direction in report.directions
+    )
+    np.testing.assert_allclose([sum(w**2 for _, w in direction.weights) for direction in report.directions], 1)
     np.testing.assert_allclose(np.diag(report.correlation), 1)
     assert (report.share <= 1 + 1e-9).all()
 
@@ -261,7 +268,7 @@ def test_a_candidate_adds_as_much_as_its_lines_do(twin: Twin, objective: Objecti
     here = twin.with_interfaces(Interfaces.from_values(np.exp(point)))
     clean = here.at(other.condition).simulate(1.3, 6400.0, recording_id="ten")
     both = objective_of([twin, other], [objective.comparisons[0].measurement, measure(other, [clean])])
-    before, after = (np.linalg.slogdet(posterior_covariance(one, point))[1] for one in (objective, both))
+    before, after = (np.linalg.slogdet(posterior_covariance(task, point))[1] for task in (objective, both))
     assert gain.nats == pytest.approx((before - after) / 2, rel=0.03)
     assert all(factor >= 1 - 1e-9 for _, factor in gain.narrower)
 
@@ -272,10 +279,10 @@ def test_further_measurements_are_ranked_and_include_sensors_speeds_and_pressure
 ) -> None:
     objective = objective_for(twin, twin, nuisances)
     gains = expected_information_gain(objective, objective.unknowns.start)
-    assert [one.nats for one in gains] == sorted((one.nats for one in gains), reverse=True)
-    assert all(one.nats >= 0 for one in gains)
-    names = {one.name for one in gains}
-    assert names == {one.name for one in candidates_for(objective)}
+    assert [gain.nats for gain in gains] == sorted((gain.nats for gain in gains), reverse=True)
+    assert all(gain.nats >= 0 for gain in gains)
+    names = {gain.name for gain in gains}
+    assert names == {gain.name for gain in candidates_for(objective)}
     assert {"also at 5 MPa", "also at 10 MPa", "also healthy", "also z where body_x sits"} <= names
     assert "also at 15 MPa" not in names
     assert "nat; most for" in gains[0].words
@@ -284,18 +291,18 @@ def test_further_measurements_are_ranked_and_include_sensors_speeds_and_pressure
 def test_a_second_sensor_at_the_same_place_and_direction_adds_less_than_another_direction(
     objective: Objective, point: np.ndarray
 ) -> None:
-    free = {one.name: one for one in candidates_for(objective) if one.sensor is not None}
+    free = {item.name: item for item in candidates_for(objective) if item.sensor is not None}
     assert len(free) == 6
     sensor = free["also z where body_x sits"].sensor
     assert sensor is not None
     same = replace(objective.twin.pump.sensors[0], name="cover_z again")
-    told = {
-        one.name: one.nats
-        for one in expected_information_gain(
+    nats = {
+        item.name: item.nats
+        for item in expected_information_gain(
             objective, point, [Candidate("other", sensor=sensor), Candidate("same", sensor=same)]
         )
     }
-    assert told["same"] < told["other"]
+    assert nats["same"] < nats["other"]
 
 
 def test_what_was_learnt_is_reported_with_figures_and_as_json(
@@ -308,17 +315,17 @@ def test_what_was_learnt_is_reported_with_figures_and_as_json(
     assert "The best further measurement: also " in page
     figures = {path.stem.removeprefix("identifiabilityreport_") for path in (tmp_path / "figures").glob("*.svg")}
     assert figures == {"shares", "correlations", "profiles", "gains"}
-    told = json.loads((tmp_path / "results.json").read_text())["identifiability"][0]
-    assert told["standing"] == list(report.standing)
-    assert len(told["profiles"]) == 6
+    answer = json.loads((tmp_path / "results.json").read_text())["identifiability"][0]
+    assert answer["standing"] == list(report.standing)
+    assert len(answer["profiles"]) == 6
 
 
 def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(twin: Twin) -> None:
     true = replace(twin, scales=Scales(mount=1.2))
     recording = true.simulate(1.3, 6400.0, recording_id="rec")
     calibration = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
-    found = solution(objective_of(twin, measure(twin, [recording])))
-    np.testing.assert_array_equal(calibration.posterior.point, found)  # the intervals move no value
+    point = solution(objective_of(twin, measure(twin, [recording])))
+    np.testing.assert_array_equal(calibration.posterior.point, point)  # the intervals move no value
     assert any("miss the measured ones" in note for note in calibration.notes)
     for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
         if estimate.verdict == "identified":

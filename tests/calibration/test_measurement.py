@@ -76,7 +76,7 @@ def test_one_channel_is_enough_but_must_be_the_same_in_all(twin: Twin, recording
 
 def test_readings_in_g_are_refused_with_the_slip_named(twin: Twin, recording: Recording) -> None:
     in_g = replace(recording, signal=recording.signal / 9.80665, unit="g")
-    with pytest.raises(UnitError, match=r"rec-1 is in 'g'; .* readings in g\?"):
+    with pytest.raises(UnitError, match=r"rec-1 is in 'g'; .* samples in g\?"):
         measure(twin, [in_g])
     with pytest.raises(UnitError) as volts:
         measure(twin, [replace(recording, unit="V")])

@@ -87,38 +87,38 @@ class CountingSolver:
 )
 def test_every_rival_finds_the_minimum_that_gauss_newton_finds(objective: Objective, method: Calibrator) -> None:
     expected = GaussNewton(starts=1).search(objective, seed=0)
-    found = method.search(objective, seed=0)
-    assert found.history.least_loss == pytest.approx(expected.history.least_loss, rel=1e-3)
-    np.testing.assert_allclose(found.point, expected.point, atol=0.02)
+    search = method.search(objective, seed=0)
+    assert search.history.least_loss == pytest.approx(expected.history.least_loss, rel=1e-3)
+    np.testing.assert_allclose(search.point, expected.point, atol=0.02)
 
 
 def test_rivals_find_constants_beside_the_values(constants: Objective) -> None:
     expected = GaussNewton(starts=1).search(constants, seed=0)
-    found = LBFGS(starts=1).search(constants, seed=0)
-    assert len(found.point) == 10
-    assert found.history.least_loss == pytest.approx(expected.history.least_loss, rel=1e-3)
+    search = LBFGS(starts=1).search(constants, seed=0)
+    assert len(search.point) == 10
+    assert search.history.least_loss == pytest.approx(expected.history.least_loss, rel=1e-3)
 
 
 @each_method
 def test_simulations_are_counted_as_the_solver_counts_them(objective: Objective, method: Calibrator) -> None:
     solver = CountingSolver()
-    found = replace(method, solver=solver).search(objective, seed=0)  # type: ignore[type-var]
+    search = replace(method, solver=solver).search(objective, seed=0)  # type: ignore[type-var]
     # Gauss-Newton asks for one point in six directions at once.
-    assert found.simulations == (solver.calls if isinstance(method, GaussNewton) else solver.sets)
+    assert search.simulations == (solver.calls if isinstance(method, GaussNewton) else solver.sets)
 
 
 @each_method
 def test_the_step_of_least_loss_is_kept(objective: Objective, method: Calibrator) -> None:
     assert isinstance(method, Calibrator)
-    found = method.search(objective, seed=0)
-    history = found.history
+    search = method.search(objective, seed=0)
+    history = search.history
     assert history.best == np.argmin(history.loss)
-    np.testing.assert_array_equal(found.point, history.points[history.best])
-    kept = torch.as_tensor(found.point)
-    weighted = objective.weighted_loss(kept)
+    np.testing.assert_array_equal(search.point, history.points[history.best])
+    point = torch.as_tensor(search.point)
+    weighted = objective.weighted_loss(point)
     if not isinstance(method, IPINN):
         assert history.spectrum_loss[history.best] == pytest.approx(weighted.item())
-        assert history.least_loss == pytest.approx(with_priors(objective, kept, weighted).item())
+        assert history.least_loss == pytest.approx(with_priors(objective, point, weighted).item())
     assert len(history.gradient_norm) == (0 if isinstance(method, CMAES) else len(history.loss))
     assert (history.gradient_norm > 0).all()
 
@@ -147,7 +147,7 @@ def test_another_seed_searches_elsewhere(objective: Objective, method: Calibrato
 
 def test_a_generation_cut_off_by_its_limit_says_so(objective: Objective) -> None:
     cut, whole = (method.search(objective, seed=0) for method in (CMAES(most_simulations=60), CMAES()))
-    assert "before it had settled" in cut.notes[-1]
+    assert "before it converged" in cut.notes[-1]
     assert not whole.notes
 
 
@@ -162,19 +162,19 @@ def test_starts_that_are_moved_at_once_go_as_they_would_alone(objective: Objecti
 def test_a_bound_stops_every_rival(twin: Twin, name: str) -> None:
     method = DirectAdam(epochs=150) if name == "direct_adam" else QUICK[name]
     objective = objective_of(twin, measure(twin, [recording_of(twin)]), 1.2)
-    found = method.search(objective, seed=0)
+    search = method.search(objective, seed=0)
     unknowns = objective.unknowns
-    assert (found.history.points >= unknowns.lower - 1e-12).all()
-    assert (found.history.points <= unknowns.upper + 1e-12).all()
-    assert found.point[4] == pytest.approx(unknowns.upper[4], abs=0.02)
+    assert (search.history.points >= unknowns.lower - 1e-12).all()
+    assert (search.history.points <= unknowns.upper + 1e-12).all()
+    assert search.point[4] == pytest.approx(unknowns.upper[4], abs=0.02)
 
 
 @each_method
 def test_an_interrupt_passes_through_every_method(objective: Objective, method: Calibrator) -> None:
     threads = torch.get_num_threads()
 
-    def stop(done: int, total: int, loss: float) -> None:
-        assert 0 < done <= total
+    def stop(step: int, total: int, loss: float) -> None:
+        assert 0 < step <= total
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -260,10 +260,12 @@ def test_logarithms_of_lines_count_as_lines_do_near_the_measured_ones(objective:
 
 def test_a_line_at_the_noise_does_not_rule_the_logarithms(objective: Objective) -> None:
     """A line measured at 1e-9 m/s^2 is a hundred decibels off, and yet adds next to nothing."""
-    (one,) = objective.comparisons
-    amplitude = one.measurement.amplitude.copy()
+    (comparison,) = objective.comparisons
+    amplitude = comparison.measurement.amplitude.copy()
     amplitude[0, 3] = 1e-9
-    dead = replace(objective, comparisons=(replace(one, measurement=replace(one.measurement, amplitude=amplitude)),))
+    dead = replace(
+        objective, comparisons=(replace(comparison, measurement=replace(comparison.measurement, amplitude=amplitude)),)
+    )
     before, after = (spectrum_loss_of(which, "logarithmic", which.start, EXACT).item() for which in (objective, dead))
     assert after <= before * 1.01
 
@@ -371,6 +373,6 @@ def test_impossible_rates_and_files_are_refused(objective: Objective, tmp_path: 
     text = tmp_path / "notes.txt"
     text.write_text("not a data base, but long enough to be taken for one" * 100)
     for path in (text, tmp_path / "none" / "rates.db"):
-        with pytest.raises(DataError, match=f"{path.name}: no study can be kept there"):
+        with pytest.raises(DataError, match=f"{path.name}: no study can be stored there"):
             choose_learning_rate(objective, storage=path)
     assert text.read_text().startswith("not a data base")

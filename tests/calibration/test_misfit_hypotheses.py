@@ -10,7 +10,7 @@ from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.bench.questions.wrong_twins import wrong_twins
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
-from swashtwin.calibration.uncertainty.misfit_hypotheses import suspicions
+from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
 from swashtwin.foundation import stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
@@ -31,7 +31,7 @@ def recording(twin: Twin) -> Recording:
 
 def calibrated(twin: Twin, recording: Recording, name: str) -> Calibration:
     """Calibration with the mistake of that name."""
-    (wrong,) = (one for one in wrong_twins() if one.name == name)
+    (wrong,) = (mistake for mistake in wrong_twins() if mistake.name == name)
     return calibrate(wrong.twin(twin), [wrong.recording(recording)], method=QUICK, **SIX_VALUES)
 
 
@@ -60,18 +60,18 @@ def test_a_simple_mistake_is_named(twin: Twin, recording: Recording, name: str, 
 
 def test_a_searched_constant_that_was_left_in_the_wrong_valley_is_named(twin: Twin) -> None:
     stiff = recording_of(replace(twin, scales=Scales(mount=1.8)))
-    found = calibrate(twin, [stiff], method=QUICK, nuisances=Nuisances(mount=0.3), phases=False)
-    is_found = found.twin.scales.mount == pytest.approx(1.8, rel=0.05)
-    assert is_found or any("the mounting's stiffness is 1.8 times" in note for note in found.notes)
+    calibration = calibrate(twin, [stiff], method=QUICK, nuisances=Nuisances(mount=0.3), phases=False)
+    is_right = calibration.twin.scales.mount == pytest.approx(1.8, rel=0.05)
+    assert is_right or any("the mounting's stiffness is 1.8 times" in note for note in calibration.notes)
 
 
 def test_a_misfit_that_no_single_mistake_explains_names_none(twin: Twin, recording: Recording) -> None:
     objective = objective_of(twin, measure(twin, [recording]))
     factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
-    scattered = objective.with_readings(objective.measured.numpy() * factor)
+    scattered = objective.with_observables(objective.measured.numpy() * factor)
     misfit = float(scattered.weighted_loss(torch.as_tensor(QUICK.search(scattered, seed=0).point)))
     assert misfit > 2
-    assert suspicions(scattered, misfit) == ()
+    assert misfit_hypotheses(scattered, misfit) == ()
 
 
 def _changes(thing: object, change: Callable[..., object]) -> bool:
@@ -81,7 +81,11 @@ def _changes(thing: object, change: Callable[..., object]) -> bool:
 def test_every_mistake_of_the_study_but_none_changes_the_twin_or_the_recording(
     twin: Twin, recording: Recording
 ) -> None:
-    names = [one.name for one in wrong_twins()]
+    names = [mistake.name for mistake in wrong_twins()]
     assert len(set(names)) == len(names)
-    idle = [one.name for one in wrong_twins() if not (_changes(twin, one.twin) or _changes(recording, one.recording))]
+    idle = [
+        mistake.name
+        for mistake in wrong_twins()
+        if not (_changes(twin, mistake.twin) or _changes(recording, mistake.recording))
+    ]
     assert idle == ["nothing"]

@@ -136,11 +136,11 @@ def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
 
 def test_a_misfit_widens_the_deviations(twin: Twin, objective: Objective) -> None:
     start = objective.unknowns.start
-    (one,) = objective.comparisons
-    louder = replace(one.measurement, amplitude=1.2 * one.measurement.amplitude)
-    off = replace(objective, comparisons=(replace(one, measurement=louder),))
+    (comparison,) = objective.comparisons
+    louder = replace(comparison.measurement, amplitude=1.2 * comparison.measurement.amplitude)
+    off = replace(objective, comparisons=(replace(comparison, measurement=louder),))
     expected = math.sqrt(float(((off.measured / 1.2 - off.measured) / off.sigma).square().mean()))
-    fitting, widened = (np.sqrt(np.diag(posterior_covariance(one, start))) for one in (objective, off))
+    fitting, widened = (np.sqrt(np.diag(posterior_covariance(comparison, start))) for comparison in (objective, off))
     # Lines that are all off by the same share do not average: the error is worth more than as many independent ones.
     assert 1.5 < expected < widened[4] / fitting[4]
     assert widened[4] < objective.unknowns.deviation[4]

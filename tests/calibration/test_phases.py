@@ -9,7 +9,7 @@ import torch
 from scipy.signal import resample_poly
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, expected_information_gain, measure, objective_of
-from swashtwin.calibration.objective.phases import best_position, combined_lines, phased_lines
+from swashtwin.calibration.objective.phases import best_position, combine_lines, phased_lines
 from swashtwin.foundation import DataError, InputError, mm, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, SwashPlateDefect
@@ -53,25 +53,25 @@ def test_the_best_position_moves_as_its_derivative_says():
     rng = stream(1, "position")
     cross = torch.as_tensor(rng.normal(size=(2, 9)) + 1j * rng.normal(size=(2, 9))).requires_grad_()
     orders = torch.arange(1, 10) * 7
-    assert torch.autograd.gradcheck(lambda one: best_position(one, orders), cross)
+    assert torch.autograd.gradcheck(lambda lines: best_position(lines, orders), cross)
 
 
 def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
     orders = nominal.orders[(nominal.orders % 7 == 0) & (nominal.orders > 0)]
     line, deviation = phased_lines(recorded(nominal), orders, 7)
     with torch.no_grad():
-        own = nominal.acceleration().numpy()[:, np.isin(nominal.orders, orders)]
-    angle = float(best_position(torch.as_tensor((own * line.conj()).sum(axis=0)), torch.as_tensor(orders)))
-    error = np.abs(own * np.exp(1j * orders * angle) - line)
-    assert error.max() < 0.01 * np.abs(own).max()
+        simulated = nominal.acceleration().numpy()[:, np.isin(nominal.orders, orders)]
+    angle = float(best_position(torch.as_tensor((simulated * line.conj()).sum(axis=0)), torch.as_tensor(orders)))
+    error = np.abs(simulated * np.exp(1j * orders * angle) - line)
+    assert error.max() < 0.01 * np.abs(simulated).max()
     assert np.median(deviation) < 0.01
 
 
 def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     orders = np.array([7, 14, 21, 28])
-    found = [phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7) for start in (0.3, 1.7)]
-    line, deviation = combined_lines([one[0] for one in found], [one[1] for one in found], orders)
-    np.testing.assert_allclose(np.abs(line), np.abs(found[0][0]), atol=0.02)
+    pairs = [phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7) for start in (0.3, 1.7)]
+    line, deviation = combine_lines([pair[0] for pair in pairs], [pair[1] for pair in pairs], orders)
+    np.testing.assert_allclose(np.abs(line), np.abs(pairs[0][0]), atol=0.02)
     assert deviation.shape == line.shape
 
 
@@ -84,41 +84,41 @@ def test_lines_beyond_half_the_sample_rate_are_not_followed(nominal):
 
 def test_phases_make_the_values_more_certain_and_find_them(nominal, true):
     method = GaussNewton(starts=2)
-    found = [
+    calibrations = [
         calibrate(nominal, [recorded(true)], method=method, phases=phases, nuisances=Nuisances())
         for phases in (False, True)
     ]
     for name in ("C_v", "K_v", "C_Hz"):
-        plain, phased = (one.estimate(name) for one in found)
+        plain, phased = (calibration.estimate(name) for calibration in calibrations)
         assert phased.log_std < plain.log_std
         assert phased.interval[0] <= value_of(true, name) <= phased.interval[1]
-    assert found[1].settings["phases"] is True
-    assert found[1].fit_after.rmse < 1.05 * found[0].fit_after.rmse
+    assert calibrations[1].settings["phases"] is True
+    assert calibrations[1].fit_after.rmse < 1.05 * calibrations[0].fit_after.rmse
 
 
 def value_of(twin: Twin, letter: str) -> float:
-    place = ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz").index(letter)
-    return float(twin.values[place])
+    index = ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz").index(letter)
+    return float(twin.values[index])
 
 
-def test_readings_with_phases_have_exact_derivatives(nominal, true):
+def test_observables_with_phases_have_exact_derivatives(nominal, true):
     objective = objective_of(nominal, measure(nominal, [recorded(true)], phases=True), None, Nuisances.housing())
     point = objective.start
-    readings, slope = objective.sensitivity(point)
-    assert readings.shape == objective.measured.shape == objective.sigma.shape
-    for place in (2, 7, len(point) - 1):
+    observables, slope = objective.sensitivity(point)
+    assert observables.shape == objective.measured.shape == objective.sigma.shape
+    for index in (2, 7, len(point) - 1):
         step = torch.zeros_like(point)
-        step[place] = 1e-6
+        step[index] = 1e-6
         with torch.no_grad():
-            difference = (objective.readings(point + step) - objective.readings(point - step)) / 2e-6
-        np.testing.assert_allclose(slope[:, place], difference, atol=1e-5 * float(slope[:, place].abs().max()))
+            difference = (objective.observables(point + step) - objective.observables(point - step)) / 2e-6
+        np.testing.assert_allclose(slope[:, index], difference, atol=1e-5 * float(slope[:, index].abs().max()))
 
 
-def test_an_objective_given_its_own_readings_misses_nothing(nominal, true):
+def test_an_objective_given_its_observables_misses_nothing(nominal, true):
     objective = objective_of(nominal, measure(nominal, [recorded(true)], phases=True))
     with torch.no_grad():
-        own = objective.with_readings(objective.readings(objective.start).numpy())
-        assert float(own.weighted_loss(own.start)) == pytest.approx(0, abs=1e-9)
+        repeated = objective.with_observables(objective.observables(objective.start).numpy())
+        assert float(repeated.weighted_loss(repeated.start)) == pytest.approx(0, abs=1e-9)
 
 
 def test_what_knows_amplitudes_only_refuses_phases(nominal, true):

@@ -9,7 +9,7 @@ import pytest
 
 from swashtwin.calibration import GaussNewton, Objective, Posterior, measure, objective_of, sample_posterior
 from swashtwin.calibration.uncertainty.posterior import posterior_covariance
-from swashtwin.calibration.uncertainty.sampling import Sampling, chain_quality, thinned
+from swashtwin.calibration.uncertainty.sampling import Sampling, chain_quality, thin
 from swashtwin.foundation import InputError, MissingExtraError, mm, um
 from swashtwin.physics import Twin, with_film
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
@@ -79,7 +79,7 @@ def test_the_autocorrelation_time_is_that_of_the_process() -> None:
     for step in range(1, len(chain)):
         chain[step] = memory * chain[step - 1] + generator.standard_normal((24, 1))
     assert chain_quality(chain)[0] == pytest.approx(19, rel=0.15)
-    assert len(thinned(chain, 19.0)) <= 2100
+    assert len(thin(chain, 19.0)) <= 2100
 
 
 def test_the_same_seed_gives_the_same_draws(objective: Objective, point: np.ndarray) -> None:
@@ -99,7 +99,7 @@ def test_a_sampled_posterior_draws_from_its_samples_and_is_read_back(twin: Twin,
     rows = {tuple(row) for row in posterior.sampled.tolist()}
     assert all(tuple(draw) in rows for draw in draws.tolist())
     np.testing.assert_array_equal(draws[:2], posterior.draws(2, seed=2))
-    values = [made.values.numpy() for made in posterior.twins(twin, 2, seed=2)]
+    values = [drawn.values.numpy() for drawn in posterior.twins(twin, 2, seed=2)]
     np.testing.assert_allclose(values, np.exp(draws[:2, :6]))
     again = Posterior.from_dict(json.loads(json.dumps(posterior.to_dict())))
     assert again.to_dict() == posterior.to_dict()

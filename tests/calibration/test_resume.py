@@ -56,9 +56,9 @@ def interrupt(after: int, twin: Twin, recording: Recording, **options: Any) -> l
     """Epochs that a search reports before it is interrupted."""
     seen: list[int] = []
 
-    def stop(done: int, total: int, loss: float) -> None:
-        seen.append(done)
-        if done == after:
+    def stop(epoch: int, total: int, loss: float) -> None:
+        seen.append(epoch)
+        if epoch == after:
             raise Stop
 
     with pytest.raises(Stop):
@@ -82,7 +82,7 @@ def test_an_interrupted_search_ends_at_the_same_bits(
     options = {**settings, "checkpoint": tmp_path / "search.safetensors"}
     interrupt(after, twin, recording, **options)
     epochs: list[int] = []
-    resumed = calibrate(twin, [recording], **options, resume=True, progress=lambda done, *_: epochs.append(done))
+    resumed = calibrate(twin, [recording], **options, resume=True, progress=lambda epoch, *_: epochs.append(epoch))
     assert epochs[:1] == ([25 * (after // 25) + 1] if len(whole.history.loss) > 25 * (after // 25) else [])
     assert same_bits(resumed, whole)
 

@@ -31,27 +31,29 @@ def calibration(twin: Twin, recordings: list[Recording]) -> Calibration:
     return calibrate(twin, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
 
 
-def test_the_file_names_each_recording_by_the_hash_of_its_readings(
+def test_the_file_names_each_recording_by_the_hash_of_its_samples(
     calibration: Calibration, recordings: list[Recording], tmp_path: Path
 ) -> None:
     again = load_calibration(calibration.save(tmp_path / "calibration.json"))
-    assert dict(again.recording_hashes) == {one.recording_id: one.fingerprint() for one in recordings}
+    assert dict(again.recording_hashes) == {recording.recording_id: recording.fingerprint() for recording in recordings}
     assert len(set(again.recording_hashes.values())) == 2
 
 
-def test_a_recordings_hash_is_of_its_readings_rate_channels_and_unit_alone(recordings: list[Recording]) -> None:
-    one = recordings[0]
-    nudged = one.signal.copy()
+def test_a_recordings_hash_is_of_its_samples_rate_channels_and_unit_alone(recordings: list[Recording]) -> None:
+    recording = recordings[0]
+    nudged = recording.signal.copy()
     nudged[-1, -1] = np.nextafter(nudged[-1, -1], np.inf)
-    same = replace(one, recording_id="renamed", label="normal", condition=None, signal=np.asfortranarray(one.signal))
+    same = replace(
+        recording, recording_id="renamed", label="normal", condition=None, signal=np.asfortranarray(recording.signal)
+    )
     others = [
-        replace(one, signal=nudged),
-        replace(one, sample_rate=6400.5),
-        replace(one, unit="g"),
-        replace(one, channels=one.channels[::-1]),
+        replace(recording, signal=nudged),
+        replace(recording, sample_rate=6400.5),
+        replace(recording, unit="g"),
+        replace(recording, channels=recording.channels[::-1]),
     ]
-    assert same.fingerprint() == one.fingerprint()
-    assert len({one.fingerprint(), *(other.fingerprint() for other in others)}) == 5
+    assert same.fingerprint() == recording.fingerprint()
+    assert len({recording.fingerprint(), *(other.fingerprint() for other in others)}) == 5
 
 
 def test_calibrating_raises_the_correlation_of_the_levels(calibration: Calibration) -> None:
@@ -74,5 +76,5 @@ def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> 
 def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "old.json"
     path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
-    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 3'"):
+    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 4'"):
         load_calibration(path)

@@ -63,17 +63,17 @@ def calibration(pump: Pump, at_15: OperatingCondition, healthy: list[Recording])
 
 def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: Calibration, record: Record) -> None:
     true = SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24))
-    (found,) = estimate_severity(calibration, [record(true, "recess")], LONG).estimates
-    depth, length = found.dimensions
+    (estimate,) = estimate_severity(calibration, [record(true, "recess")], LONG).estimates
+    depth, length = estimate.dimensions
     assert depth.interval[0] < true.depth < depth.interval[1]
     assert depth.value == pytest.approx(true.depth, rel=0.25)
     assert length.value == pytest.approx(true.length, rel=0.01)
     assert length.verdict == "identified"
-    assert found.evidence > found.threshold
-    assert found.detection_limit is not None
-    assert found.detection_limit < true.depth
-    assert isinstance(found.fault, SwashPlateDefect)
-    assert found.fault.width == LONG.width
+    assert estimate.evidence > estimate.threshold
+    assert estimate.detection_limit is not None
+    assert estimate.detection_limit < true.depth
+    assert isinstance(estimate.fault, SwashPlateDefect)
+    assert estimate.fault.width == LONG.width
 
 
 @pytest.mark.parametrize(
@@ -88,18 +88,18 @@ def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: 
 def test_severities_of_single_parts_and_dams_are_found(
     calibration: Calibration, healthy: list[Recording], record: Record, true: Fault, start: Fault
 ) -> None:
-    (found,) = estimate_severity(calibration, [record(true, "worn")], start, healthy=healthy).estimates
-    assert found.severity.value == pytest.approx(true.severity, rel=0.15)
-    assert found.severity.interval[0] < true.severity < found.severity.interval[1]
-    assert found.severity.verdict == "identified"
+    (estimate,) = estimate_severity(calibration, [record(true, "worn")], start, healthy=healthy).estimates
+    assert estimate.severity.value == pytest.approx(true.severity, rel=0.15)
+    assert estimate.severity.interval[0] < true.severity < estimate.severity.interval[1]
+    assert estimate.severity.verdict == "identified"
 
 
 def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
-    (found,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
-    assert found.severity.verdict == "not detected"
-    assert found.severity.interval[0] == 0.0
-    assert found.detection_limit is not None
-    assert found.severity.interval[1] < 3 * found.detection_limit
+    (estimate,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
+    assert estimate.severity.verdict == "not detected"
+    assert estimate.severity.interval[0] == 0.0
+    assert estimate.detection_limit is not None
+    assert estimate.severity.interval[1] < 3 * estimate.detection_limit
 
 
 def test_a_change_is_known_better_than_either_severity(calibration: Calibration, record: Record) -> None:
@@ -107,9 +107,10 @@ def test_a_change_is_known_better_than_either_severity(calibration: Calibration,
     trend = estimate_severity(calibration, [small, large], LONG, free=())
     ratio, (low, high) = trend.change(1)
     assert low < 2 < high
+    assert repr(trend).startswith("<SeverityTrend of SwashPlateDefect: at_0.05: ")
     assert ratio == pytest.approx(2, rel=0.15)
-    own = trend.estimates[1].severity.interval
-    assert high / low < own[1] / own[0]
+    interval = trend.estimates[1].severity.interval
+    assert high / low < interval[1] / interval[0]
 
 
 def test_healthy_recordings_narrow_the_interval(calibration: Calibration, record: Record) -> None:
@@ -123,9 +124,9 @@ def test_healthy_recordings_narrow_the_interval(calibration: Calibration, record
 
 def test_which_piston_is_worn_changes_no_amplitude_and_is_not_offered(true_twin: Twin) -> None:
     first, third = (true_twin.with_fault(PistonWear(um(60), piston=index)) for index in (0, 3))
-    apart = first.orders[first.orders % 7 != 0][3:]
-    columns = np.isin(first.orders, apart)
-    first_lines, third_lines = (one.acceleration().abs().numpy()[:, columns] for one in (first, third))
+    orders = first.orders[first.orders % 7 != 0][3:]
+    columns = np.isin(first.orders, orders)
+    first_lines, third_lines = (twin.acceleration().abs().numpy()[:, columns] for twin in (first, third))
     assert np.allclose(first_lines, third_lines, rtol=1e-3, atol=1e-5)
     with pytest.raises(InputError, match="no dimension 'piston' to search; it has clearance"):
         fault_space(PistonWear(um(60)), ("piston",))
@@ -166,18 +167,18 @@ def test_a_pressure_that_was_not_calibrated_is_told(calibration: Calibration, re
     recording = record(GrooveErosion(deg(4)), "elsewhere")
     assert recording.condition is not None
     moved = replace(recording, condition=recording.condition.replaced(discharge_pressure=10e6))
-    (found,) = estimate_severity(calibration, [moved], GrooveErosion(deg(4))).estimates
-    assert any("calibrated at 15 MPa: the values were carried over" in text for text in found.notes)
+    (estimate,) = estimate_severity(calibration, [moved], GrooveErosion(deg(4))).estimates
+    assert any("calibrated at 15 MPa: the values were carried over" in text for text in estimate.notes)
 
 
 def test_the_command_tells_each_recordings_severity(
     tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
 ) -> None:
     recordings = [*healthy, record(PistonWear(um(45)), "worn")]
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    told = run_json("twin", "severity", saved, index, "--fault", "piston")
-    (only,) = told["estimates"]
+    answer = run_json("twin", "severity", saved, index, "--fault", "piston")
+    (only,) = answer["estimates"]
     assert only["recording_id"] == "worn"
     assert only["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
     assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
@@ -189,15 +190,17 @@ def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_we
 ) -> None:
     new = replace(healthy[0], recording_id="new and sound")
     recordings = [*healthy, new, record(PistonWear(um(45)), "worn")]
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    told = run_json("twin", "severity", saved, index, "--fault", "piston")
-    assert [one["recording_id"] for one in told["estimates"]] == ["worn"]
-    assert told["healthy"] == [*(one.recording_id for one in healthy), "new and sound"]
+    answer = run_json("twin", "severity", saved, index, "--fault", "piston")
+    assert [row["recording_id"] for row in answer["estimates"]] == ["worn"]
+    assert answer["healthy"] == [*(recording.recording_id for recording in healthy), "new and sound"]
     sound = tmp_path / "sound"
     sound.mkdir()
     only = write_index(
-        recordings[:-1], [write_recording(one, sound / f"{n}.h5") for n, one in enumerate(recordings[:-1])], sound
+        recordings[:-1],
+        [write_recording(recording, sound / f"{n}.h5") for n, recording in enumerate(recordings[:-1])],
+        sound,
     )
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal

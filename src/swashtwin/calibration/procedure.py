@@ -75,7 +75,7 @@ def calibrate(
     phases : compare the lines' phases too, which makes the values more certain (docs/calibration.md). The shaft's angle
         is then followed on the recording itself. The paper compares amplitudes only.
     progress : called with (steps done, steps in all, loss).
-    checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is kept in every 25 of them.
+    checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is written to every 25 of them.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a search without interruption.
 
     Raises
@@ -153,7 +153,7 @@ def map_estimate(objective: Objective, search: Search) -> tuple[Search, np.ndarr
     prior; see `likelihood`.
     """
     likelihood = Likelihood.around(objective, search.point)
-    point = likelihood.summit(objective, search.point)
+    point = likelihood.maximum(objective, search.point)
     return replace(search, point=point), likelihood.covariance(objective, point)
 
 

@@ -17,7 +17,7 @@ from swashtwin.foundation import ArtifactError, MissingFileError, write_text
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
 
-FORMAT = "swashtwin calibration 3"
+FORMAT = "swashtwin calibration 4"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,13 @@ class Calibration:
     """How long it took [s]."""
     version: str
     """Version of swashtwin that made it."""
+
+    def __repr__(self) -> str:
+        identified = ", ".join(estimate.letter for estimate in self.estimates if estimate.verdict == "identified")
+        return (
+            f"<Calibration of {self.nominal.pump.name} ({self.nominal.label}) by {self.method} on "
+            f"{len(self.recording_ids)} recordings; identified: {identified or 'nothing'}>"
+        )
 
     def estimate(self, name: str) -> Estimate:
         """Estimate of the parameter with that name or letter."""
@@ -108,9 +115,9 @@ class Calibration:
         recordings = ", ".join(self.recording_ids[:3])
         more = f" and {len(self.recording_ids) - 3} more" if len(self.recording_ids) > 3 else ""
         lines = []
-        for place, name in enumerate(PARAMETERS):
+        for index, name in enumerate(PARAMETERS):
             section, entry = name.split(".")
-            estimate = self.estimates[place]
+            estimate = self.estimates[index]
             if entry == "damping":
                 lines += ["", f"[interfaces.{section}]"]
             width = math.exp(estimate.log_std)
@@ -157,11 +164,11 @@ def load_calibration(path: Path | str) -> Calibration:
         raise MissingFileError(f"{path}: no such calibration.")
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
-        if table["format"] != FORMAT:
-            raise ArtifactError(f"its format is {table['format']!r}; this version reads {FORMAT!r}: calibrate again")
-        return _calibration_from(table)
+        if (saved := table["format"]) == FORMAT:
+            return _calibration_from(table)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
         raise ArtifactError(f"{path}: not a calibration, or a damaged one: {cause!s}.") from cause
+    raise ArtifactError(f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again.")
 
 
 def _calibration_from(table: dict[str, Any]) -> Calibration:

@@ -50,7 +50,8 @@ class ConstantDifference:
     name: str
     """Name as in `Unknowns.names`."""
     coordinates: tuple[float | None, float | None]
-    """Logarithm of a factor, gain, frequency or damping ratio, or a residue as it is; None where it was held."""
+    """Logarithm of a factor, gain, frequency or damping ratio, or a residue as it is; None where it was not
+    searched."""
     log_stds: tuple[float | None, float | None]
     """Standard deviation of each."""
 
@@ -73,23 +74,23 @@ class Difference:
     alone: tuple[tuple[str, ...], tuple[str, ...]]
     """Recordings of one only."""
     notes: tuple[str, ...]
-    """What the user should know before he believes the rest, in words."""
+    """What the user should know first."""
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
-        return {**asdict(self), "telling": [one.letter for one in self.values if one.is_telling]}
+        return {**asdict(self), "telling": [value.letter for value in self.values if value.is_telling]}
 
 
 def difference(first: Calibration, second: Calibration) -> Difference:
     """How `second` differs from `first`.
 
-    Values are told apart by the standard deviations of their logarithms, as if the calibrations were independent. On
-    the same recordings they are not: then two right calibrations differ by less.
+    Values are compared by the standard deviations of their logarithms, as if the calibrations were independent. On
+    the same recordings they are not: two right calibrations then differ by less.
     """
     shared, alone = _recordings(first, second)
     settings = _settings(first, second)
     return Difference(
-        values=tuple(_value(first, second, place) for place in range(len(PARAMETERS))),
+        values=tuple(_value(first, second, index) for index in range(len(PARAMETERS))),
         constants=_constants(first, second),
         fits={name: (value, getattr(second.fit_after, name)) for name, value in asdict(first.fit_after).items()},
         settings=settings,
@@ -99,8 +100,8 @@ def difference(first: Calibration, second: Calibration) -> Difference:
     )
 
 
-def _value(first: Calibration, second: Calibration, place: int) -> ValueDifference:
-    a, b = first.estimates[place], second.estimates[place]
+def _value(first: Calibration, second: Calibration, index: int) -> ValueDifference:
+    a, b = first.estimates[index], second.estimates[index]
     ratio = math.log(b.value / a.value)
     return ValueDifference(
         name=a.name,
@@ -116,9 +117,9 @@ def _value(first: Calibration, second: Calibration, place: int) -> ValueDifferen
 
 
 def _constants(first: Calibration, second: Calibration) -> tuple[ConstantDifference, ...]:
-    found = [_searched(one) for one in (first, second)]
-    names = dict.fromkeys([*found[0], *found[1]])
-    rows = [(name, [one.get(name, (None, None)) for one in found]) for name in names]
+    searched = [_searched(constants) for constants in (first, second)]
+    names = dict.fromkeys([*searched[0], *searched[1]])
+    rows = [(name, [constants.get(name, (None, None)) for constants in searched]) for name in names]
     return tuple(ConstantDifference(name, (a[0], b[0]), (a[1], b[1])) for name, (a, b) in rows)
 
 
@@ -130,23 +131,23 @@ def _searched(calibration: Calibration) -> dict[str, tuple[float, float]]:
 
 
 def _settings(first: Calibration, second: Calibration) -> dict[str, tuple[Any, Any]]:
-    told = [_told(one) for one in (first, second)]
-    names = dict.fromkeys([*told[0], *told[1]])
-    if first.method != second.method:  # then what only one of them has says nothing
-        names = {name: None for name in names if name in told[0] and name in told[1]}
-    pairs = {name: (told[0].get(name), told[1].get(name)) for name in names}
+    facts = [_facts(calibration) for calibration in (first, second)]
+    names = dict.fromkeys([*facts[0], *facts[1]])
+    if first.method != second.method:  # settings of only one method are no difference
+        names = {name: None for name in names if name in facts[0] and name in facts[1]}
+    pairs = {name: (facts[0].get(name), facts[1].get(name)) for name in names}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def _told(calibration: Calibration) -> dict[str, Any]:
+def _facts(calibration: Calibration) -> dict[str, Any]:
     nominal, fault = calibration.nominal, calibration.nominal.fault
     conditions = [fit.condition for fit in calibration.fits]
     return {
         "pump": nominal.pump.name,
         "fault": None if fault is None else {"kind": type(fault).__name__, **asdict(fault)},
         "topology": nominal.topology,
-        "speed [rad/s]": [one.speed for one in conditions],
-        "discharge pressure [Pa]": [one.discharge_pressure for one in conditions],
+        "speed [rad/s]": [condition.speed for condition in conditions],
+        "discharge pressure [Pa]": [condition.discharge_pressure for condition in conditions],
         "nominal values": [estimate.nominal for estimate in calibration.estimates],
         "bounds": [list(estimate.bounds) for estimate in calibration.estimates],
         "constants searched": list(calibration.posterior.unknowns.names[len(PARAMETERS) :]),
@@ -160,11 +161,12 @@ def _told(calibration: Calibration) -> dict[str, Any]:
 def _recordings(
     first: Calibration, second: Calibration
 ) -> tuple[tuple[str, ...], tuple[tuple[str, ...], tuple[str, ...]]]:
-    hashes = [set(one.recording_hashes.values()) for one in (first, second)]
+    hashes = [set(calibration.recording_hashes.values()) for calibration in (first, second)]
     both = hashes[0] & hashes[1]
     shared = tuple(name for name, value in first.recording_hashes.items() if value in both)
     alone = [
-        tuple(name for name, value in one.recording_hashes.items() if value not in both) for one in (first, second)
+        tuple(name for name, value in calibration.recording_hashes.items() if value not in both)
+        for calibration in (first, second)
     ]
     return shared, (alone[0], alone[1])
 
@@ -178,7 +180,7 @@ def _notes(first: Calibration, second: Calibration, shared: tuple[str, ...], set
         )
     same = {name for name in first.recording_hashes if name in second.recording_hashes} - set(shared)
     if same:
-        notes.append(f"{', '.join(sorted(same))}: the same name stands for different readings.")
+        notes.append(f"{', '.join(sorted(same))}: the same name stands for different samples.")
     for name in ("pump", "fault", "topology", "discharge pressure [Pa]"):
         if name in settings:
             notes.append(f"{name} differs ({settings[name][0]}, {settings[name][1]}): values need not be the same.")
@@ -188,5 +190,5 @@ def _notes(first: Calibration, second: Calibration, shared: tuple[str, ...], set
         if "not identified" in (a.verdict, b.verdict)
     ]
     if weak:
-        notes.append(f"{', '.join(weak)}: not identified in one of them; a difference says nothing there.")
+        notes.append(f"{', '.join(weak)}: not identified in one of them; its difference means nothing.")
     return notes

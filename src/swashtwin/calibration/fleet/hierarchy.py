@@ -20,7 +20,7 @@ from swashtwin.calibration.fleet.population import (
 )
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.methods.search import Calibrator, Search, one_thread
-from swashtwin.calibration.objective.measurement import agreeing
+from swashtwin.calibration.objective.measurement import select_agreeing
 from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective
 from swashtwin.calibration.objective.unknowns import Nuisances
@@ -33,9 +33,9 @@ from swashtwin.pump import Fault, Pump
 from swashtwin.recordings import Recording
 
 MOST_ROUNDS = 12
-"""At most so often are population and pumps found anew, each given the other."""
-SETTLED = 0.01
-"""They are settled where no mean and no logarithm of a spread moves by more than this."""
+"""Most rounds in which population and pumps are estimated, each given the other."""
+TOLERANCE = 0.01
+"""They have converged where no mean and no logarithm of a spread moves by more than this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,14 @@ class FleetCalibration:
     left_out: tuple[tuple[str, str], ...]
     """Each specimen that no recording agreed with the twin of, and why."""
     rounds: int
-    """How often population and pumps were found anew."""
-    is_settled: bool
-    """Whether they had settled by then."""
+    """Rounds in which population and pumps were estimated."""
+    is_converged: bool
+    """Whether they had converged by then."""
     wall_s: float
     """How long it took [s]."""
+
+    def __repr__(self) -> str:
+        return f"<FleetCalibration of {len(self.calibrations)} specimens: {', '.join(self.calibrations)}>"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -64,10 +67,10 @@ class FleetCalibration:
         count = len(self.population.specimens)
         if count < 5:
             notes.append(
-                f"{count} pumps tell little of how much pumps of their type differ: see the spreads' intervals."
+                f"{count} pumps say little about how much pumps of their type differ: see the spreads' intervals."
             )
-        if not self.is_settled:
-            notes.append(f"population and pumps had not settled after {self.rounds} rounds.")
+        if not self.is_converged:
+            notes.append(f"population and pumps had not converged after {self.rounds} rounds.")
         return tuple(notes)
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,15 +80,15 @@ class FleetCalibration:
             "specimens": {
                 name: {
                     "alone": [asdict(estimate) for estimate in self.alone[name]],
-                    "within": [asdict(estimate) for estimate in found.estimates],
-                    "recording_ids": list(found.recording_ids),
-                    "notes": list(found.notes),
+                    "within": [asdict(estimate) for estimate in calibration.estimates],
+                    "recording_ids": list(calibration.recording_ids),
+                    "notes": list(calibration.notes),
                 }
-                for name, found in self.calibrations.items()
+                for name, calibration in self.calibrations.items()
             },
             "left_out": [list(pair) for pair in self.left_out],
             "rounds": self.rounds,
-            "is_settled": self.is_settled,
+            "is_converged": self.is_converged,
             "notes": list(self.notes),
             "wall_s": round(self.wall_s, 2),
         }
@@ -93,11 +96,11 @@ class FleetCalibration:
     def save(self, folder: Path | str) -> list[Path]:
         """Files written to `folder`: ``population.json``, and ``SPECIMEN.json`` for each specimen."""
         folder = Path(folder)
-        wanted = {name: folder / f"{_file_name(name)}.json" for name in self.calibrations}
-        if len({str(path).lower() for path in wanted.values()}) < len(wanted):
-            raise InputError(f"specimens {', '.join(wanted)} differ in characters only that a file name cannot hold.")
+        paths = {name: folder / f"{_file_name(name)}.json" for name in self.calibrations}
+        if len({str(path).lower() for path in paths.values()}) < len(paths):
+            raise InputError(f"specimens {', '.join(paths)} differ in characters only that a file name cannot hold.")
         written = [self.population.save(folder / "population.json")]
-        return written + [found.save(wanted[name]) for name, found in self.calibrations.items()]
+        return written + [calibration.save(paths[name]) for name, calibration in self.calibrations.items()]
 
 
 def _file_name(specimen: str) -> str:
@@ -112,26 +115,26 @@ class _Member:
 
     twins: tuple[Twin, ...]
     objective: Objective
-    found: Search
+    search: Search
     likelihood: Likelihood
     alone: tuple[Estimate, ...]
 
     @property
     def evidence(self) -> Evidence:
-        return self.likelihood.evidence(self.objective, self.found.point)
+        return self.likelihood.evidence(self.objective, self.search.point)
 
     @property
-    def lacking(self) -> np.ndarray:
+    def discrepancy_covariance(self) -> np.ndarray:
         """Covariance of the coordinates by what the twin lacks, beside that by noise."""
-        point, objective = self.found.point, self.objective
+        point, objective = self.search.point, self.objective
         total: np.ndarray = self.likelihood.covariance(objective, point)
-        return total - Likelihood.around(objective, point, lacking=False).covariance(objective, point)
+        return total - Likelihood.around(objective, point, with_discrepancy=False).covariance(objective, point)
 
-    def given(self, population: Population) -> "_Member":
+    def with_prior(self, population: Population) -> "_Member":
         """The same, moved to where its own recordings and the population have it."""
-        known = replace(self.objective.unknowns, center=population.mean, deviation=population.spread)
-        point = self.likelihood.summit(replace(self.objective, unknowns=known), self.found.point)
-        return replace(self, found=replace(self.found, point=point))
+        unknowns = replace(self.objective.unknowns, center=population.mean, deviation=population.spread)
+        point = self.likelihood.maximum(replace(self.objective, unknowns=unknowns), self.search.point)
+        return replace(self, search=replace(self.search, point=point))
 
 
 def calibrate_fleet(
@@ -150,17 +153,17 @@ def calibrate_fleet(
     """Calibration of each specimen among `recordings`, and of the population that they come from.
 
     Empirical Bayes: each specimen is calibrated alone; mean and spread of every coordinate over the specimens are
-    estimated from what their recordings say without a prior (`population`), and each specimen is found anew with the
-    population as its prior; again until both have settled. A pump with strong recordings hardly moves, one with weak
-    ones goes toward the others, and a value that no recording tells of stays not identified. What a twin lacks in all
-    pumps alike moves the mean, and more pumps do not cure that: errors by what the twin lacks (`discrepancy`) are taken
-    as the same in all of them where the mean's certainty is told.
+    estimated from what their recordings say without a prior (`population`), and each specimen is estimated again with
+    the population as its prior; again until both have converged. A pump with strong recordings hardly moves, one with
+    weak ones goes toward the others, and a value that no recording determines stays not identified. A discrepancy that
+    all twins share moves the mean, and more pumps do not cure that: it is taken as the same in all of them in the
+    mean's standard deviation.
 
     Parameters
     ----------
     pump : type of all pumps, or its name; or a twin, or several that differ in condition only. A specimen uses those
         at whose conditions it was measured.
-    recordings : of all specimens, told apart by `Recording.specimen`; those that do not agree with the twin are left
+    recordings : of all specimens, distinguished by `Recording.specimen`; those that do not agree with the twin are left
         out, as in `calibrate`.
     fault : what all pumps had; None is healthy pumps.
     method : of the first search of each specimen; `GaussNewton` by default.
@@ -182,22 +185,24 @@ def calibrate_fleet(
     recordings = list(recordings)
     used, left_out = _by_specimen(starting_twins(pump, recordings, fault), recordings)
     members = {}
-    for name, (own, some) in used.items():
-        objective = build_objective(own, some, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
-        members[name] = _alone(own, objective, method, seed)
-    names_shared([one.objective.unknowns for one in members.values()])
+    for name, (twins, group) in used.items():
+        objective = build_objective(twins, group, bounds=bounds, band=band, nuisances=nuisances, phases=phases)
+        members[name] = _alone(twins, objective, method, seed)
+    names_shared([member.objective.unknowns for member in members.values()])
     with one_thread():
-        members, population, rounds, is_settled = _together(members, spread_width)
-    shared = np.mean([one.lacking for one in members.values()], axis=0)
+        members, population, rounds, is_converged = _together(members, spread_width)
+    shared = np.mean([member.discrepancy_covariance for member in members.values()], axis=0)
     population = replace(population, mean_covariance=population.mean_covariance + shared)
     wall_s = time.perf_counter() - started
     return FleetCalibration(
         population=population,
-        calibrations={name: _concluded(one, population, shared, method, seed, wall_s) for name, one in members.items()},
-        alone={name: one.alone for name, one in members.items()},
+        calibrations={
+            name: _build_result(member, population, shared, method, seed, wall_s) for name, member in members.items()
+        },
+        alone={name: member.alone for name, member in members.items()},
         left_out=tuple(left_out),
         rounds=rounds,
-        is_settled=is_settled,
+        is_converged=is_converged,
         wall_s=time.perf_counter() - started,
     )
 
@@ -212,16 +217,16 @@ def _by_specimen(
             raise DataError(f"{recording.recording_id} names no specimen; a fleet needs to know which pump it is of.")
         groups.setdefault(recording.specimen, []).append(recording)
     used, left_out = {}, []
-    for name, some in groups.items():
-        own, reason = [], ""
+    for name, group in groups.items():
+        matching, reason = [], ""
         for twin in twins:
             try:
-                agreeing(twin, some)
-                own.append(twin)
+                select_agreeing(twin, group)
+                matching.append(twin)
             except DataError as cause:
                 reason = str(cause)
-        if own:
-            used[name] = (own, some)
+        if matching:
+            used[name] = (matching, group)
         else:
             left_out.append((name, reason))
     if len(used) < 2:
@@ -234,36 +239,36 @@ def _by_specimen(
 
 
 def _alone(twins: Sequence[Twin], objective: Objective, method: Calibrator, seed: int) -> _Member:
-    found = method.search(objective, seed=seed)
-    alone = estimates_of(objective, found.point, posterior_covariance(objective, found.point))
-    return _Member(tuple(twins), objective, found, Likelihood.around(objective, found.point), alone)
+    search = method.search(objective, seed=seed)
+    alone = estimates_of(objective, search.point, posterior_covariance(objective, search.point))
+    return _Member(tuple(twins), objective, search, Likelihood.around(objective, search.point), alone)
 
 
 def _together(members: dict[str, _Member], spread_width: float) -> tuple[dict[str, _Member], Population, int, bool]:
-    """Members and population, each found given the other until they settle."""
+    """Members and population, each estimated given the other until both converge."""
     unknowns = next(iter(members.values())).objective.unknowns
     before: Population | None = None
     for rounds in range(1, MOST_ROUNDS + 1):
-        evidence = {name: one.evidence for name, one in members.items()}
+        evidence = {name: member.evidence for name, member in members.items()}
         population = population_of(evidence, unknowns, spread_width)
-        members = {name: one.given(population) for name, one in members.items()}
-        if before is not None and _distance(before, population) < SETTLED:
+        members = {name: member.with_prior(population) for name, member in members.items()}
+        if before is not None and _distance(before, population) < TOLERANCE:
             return members, population, rounds, True
         before = population
     return members, population, MOST_ROUNDS, False
 
 
-def _distance(one: Population, other: Population) -> float:
-    moved = np.abs(one.mean - other.mean), np.abs(np.log(one.spread / other.spread))
+def _distance(first: Population, second: Population) -> float:
+    moved = np.abs(first.mean - second.mean), np.abs(np.log(first.spread / second.spread))
     return float(np.max(moved))
 
 
-def _concluded(
+def _build_result(
     member: _Member, population: Population, shared: np.ndarray, method: Calibrator, seed: int, wall_s: float
 ) -> Calibration:
-    known = replace(member.objective, unknowns=population.prior_of(member.objective.unknowns))
-    covariance = covariance_within(member.evidence, population, shared, known.unknowns.deviation)
-    settings = {**settings_of(method, known, seed), "prior": f"population of {', '.join(population.specimens)}"}
+    objective = replace(member.objective, unknowns=population.prior_of(member.objective.unknowns))
+    covariance = covariance_within(member.evidence, population, shared, objective.unknowns.deviation)
+    settings = {**settings_of(method, objective, seed), "prior": f"population of {', '.join(population.specimens)}"}
     return build_result(
-        known, member.twins[0], member.found, covariance, method=method, settings=settings, wall_s=wall_s
+        objective, member.twins[0], member.search, covariance, method=method, settings=settings, wall_s=wall_s
     )

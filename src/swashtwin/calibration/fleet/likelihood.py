@@ -1,4 +1,4 @@
-"""What a measurement says of the coordinates without any prior, the twin's discrepancy counted.
+"""Likelihood of the coordinates without any prior, the twin's discrepancy counted.
 
 A search weighs every line by its own `Comparison.sigma` (W), and so reads of a measurement no more than the scores
 S = J' W e, one for each coordinate, where e is measured minus simulated and J the sensitivities at the point found. The
@@ -18,39 +18,39 @@ from jaxtyping import Float
 
 from swashtwin.calibration.fleet.population import Evidence
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.uncertainty.discrepancy import discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 
 _MARGIN = 1e-6
 _LEAST_VARIANCE = 1e-3
-"""Of a score, added: coordinates that no line depends on then have scores that say nothing."""
+"""Added to a score's variance, for coordinates that no line depends on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """Density of what was measured, given the coordinates: normal, of scores whose weights stay as they are."""
 
-    weights: Float[np.ndarray, "score reading"]
-    """Weight [1/(m/s^2)] of each reading in each score, which has unit variance and depends on no other."""
+    weights: Float[np.ndarray, "score observable"]
+    """Weight [1/(m/s^2)] of each observable in each score, which has unit variance and depends on no other."""
 
     @classmethod
     def around(
-        cls, objective: Objective, point: Float[np.ndarray, " unknown"], *, lacking: bool = True
+        cls, objective: Objective, point: Float[np.ndarray, " unknown"], *, with_discrepancy: bool = True
     ) -> "Likelihood":
         """That of the scores at `point`.
 
         Parameters
         ----------
-        lacking : count the discrepancy which the lines show there, beside the noise.
+        with_discrepancy : count the discrepancy which the lines show there, beside the noise.
         """
-        around = linearized(objective, point)
-        noise = noise_covariance(around, discrepancy_of(around)) if lacking else np.diag(around.sigma**2)
+        around = linearize(objective, point)
+        noise = noise_covariance(around, estimate_discrepancy(around)) if with_discrepancy else np.diag(around.sigma**2)
         weights = (around.slope * objective.unknowns.deviation).T / around.sigma**2
         covariance = weights @ noise @ weights.T + _LEAST_VARIANCE * np.eye(len(weights))
         return cls(scipy.linalg.solve_triangular(np.linalg.cholesky(covariance), weights, lower=True))
 
     def _whitened(self, objective: Objective, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scores, measured minus simulated, and derivatives of the simulated."""
-        around = linearized(objective, point)
+        around = linearize(objective, point)
         return self.weights @ around.residual, self.weights @ around.slope
 
     def evidence(self, objective: Objective, point: Float[np.ndarray, " unknown"]) -> Evidence:
@@ -67,32 +67,32 @@ class Likelihood:
         covariance: np.ndarray = np.linalg.inv(scaled + np.eye(len(deviation))) * np.outer(deviation, deviation)
         return (covariance + covariance.T) / 2
 
-    def summit(
+    def maximum(
         self, objective: Objective, point: Float[np.ndarray, " unknown"], most_iterations: int = 20
     ) -> Float[np.ndarray, " unknown"]:
         """Where the posterior under the objective's priors is highest, within the bounds; sought from `point`."""
         unknowns = objective.unknowns
-        kept: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-        def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            if at.tobytes() not in kept:
-                kept.clear()
-                residual, slope = self._whitened(objective, at)
-                prior = (at - unknowns.center) / unknowns.deviation
-                kept[at.tobytes()] = (
+        def residual_and_slope(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            if position.tobytes() not in cache:
+                cache.clear()
+                residual, slope = self._whitened(objective, position)
+                prior = (position - unknowns.center) / unknowns.deviation
+                cache[position.tobytes()] = (
                     np.concatenate([-residual, prior]),
                     np.concatenate([slope, np.diag(1 / unknowns.deviation)]),
                 )
-            return kept[at.tobytes()]
+            return cache[position.tobytes()]
 
         margin = _MARGIN * (unknowns.upper - unknowns.lower)
-        found = scipy.optimize.least_squares(
-            lambda at: both(at)[0],
+        result = scipy.optimize.least_squares(
+            lambda position: residual_and_slope(position)[0],
             np.clip(point, unknowns.lower + margin, unknowns.upper - margin),
-            lambda at: both(at)[1],
+            lambda position: residual_and_slope(position)[1],
             bounds=(unknowns.lower, unknowns.upper),
             max_nfev=most_iterations,
             xtol=1e-6,
         )
-        at: np.ndarray = found.x
-        return at
+        position: np.ndarray = result.x
+        return position

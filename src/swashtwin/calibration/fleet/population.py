@@ -1,13 +1,13 @@
-"""What pumps of one type have in common, learnt from what was measured of several of them.
+"""What pumps of one type have in common, learned from recordings of several.
 
 The logarithms of pump i's values (and of the constants searched beside them) are taken as draws x_i from a normal
-density with a mean m and, each on its own, a spread s: x_i ~ N(m, diag(s)^2). What the recordings of pump i say,
-its prior left out, is a quadratic function around the point found (Laplace): ln likelihood = -x' L_i x / 2 + b_i' x,
-where L_i may be singular: a value that no recording tells of is left to the others. Then m and all x_i integrate out
+density with a mean m and, each on its own, a spread s: x_i ~ N(m, diag(s)^2). What the recordings of pump i say, its
+prior left out, is a quadratic function around the point found (Laplace): ln likelihood = -x' L_i x / 2 + b_i' x, where
+L_i may be singular: a value that no recording tells of is left to the other pumps. Then m and all x_i integrate out
 exactly, with the prior of a single pump as that of m, and the spreads are the most probable ones under half-normal
 densities, in ln s: that keeps them off zero, where a mode in s itself would end with few pumps (Chung, Rabe-Hesketh,
-Dorie, Gelman and Liu 2013, doi:10.1007/s11336-013-9328-2). A spread is the only thing that is plugged in as if it were
-known; with two or three pumps its interval is wide, and says so.
+Dorie, Gelman and Liu 2013, doi:10.1007/s11336-013-9328-2). Only the spreads are plugged in as if they were known; with
+two or three pumps their intervals are wide.
 """
 
 import json
@@ -36,7 +36,7 @@ LEAST_SPREAD = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the recordings of one pump say of its coordinates x: ln likelihood = -x' information x / 2 + push' x."""
+    """Evidence of one pump's recordings on its coordinates x: ln likelihood = -x' information x / 2 + push' x."""
 
     information: Float[np.ndarray, "unknown unknown"]
     """Fisher information of the coordinates, without any prior."""
@@ -46,7 +46,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Density of the coordinates among pumps of one type: the prior of a pump that nobody measured yet."""
+    """Density of the coordinates among pumps of one type: the prior of another pump."""
 
     specimens: tuple[str, ...]
     """Pumps it was learnt from."""
@@ -55,7 +55,7 @@ class Population:
     mean: Float[np.ndarray, " unknown"]
     """Mean of each coordinate over the pumps."""
     mean_covariance: Float[np.ndarray, "unknown unknown"]
-    """Covariance of that mean about the type's true one, what the twin lacks in all pumps alike included."""
+    """Covariance of that mean about the type's true one, the twin's discrepancy in all pumps included."""
     spread: Float[np.ndarray, " unknown"]
     """Standard deviation of each coordinate from pump to pump: 0.2 is 20 %."""
     spread_interval: Float[np.ndarray, "unknown 2"]
@@ -73,7 +73,7 @@ class Population:
         return np.sqrt(self.spread**2 + np.diag(self.mean_covariance))
 
     def prior_of(self, unknowns: Unknowns) -> Unknowns:
-        """`unknowns` with this density as their prior; what the population does not know keeps its own.
+        """`unknowns` with this density as their prior; coordinates that the population lacks keep theirs.
 
         No prior becomes wider than it was, and its mean stays within the bounds.
 
@@ -86,10 +86,10 @@ class Population:
         if not common:
             raise InputError(f"the population knows {', '.join(self.names)}, none of which is searched.")
         rows = [self.names.index(name) for name in common]
-        places = [unknowns.names.index(name) for name in common]
+        indices = [unknowns.names.index(name) for name in common]
         center, deviation = unknowns.center.copy(), unknowns.deviation.copy()
-        center[places] = self.mean[rows]
-        deviation[places] = np.minimum(deviation[places], self.deviation[rows])
+        center[indices] = self.mean[rows]
+        deviation[indices] = np.minimum(deviation[indices], self.deviation[rows])
         return replace(unknowns, center=np.clip(center, unknowns.lower, unknowns.upper), deviation=deviation)
 
     def to_dict(self) -> dict[str, Any]:
@@ -139,9 +139,9 @@ def population_of(evidence: Mapping[str, Evidence], unknowns: Unknowns, spread_w
     spread_width : width of the half-normal density of the spreads; see `SPREAD_WIDTH`.
     """
     center, scale = unknowns.center, unknowns.deviation
-    information = torch.as_tensor(np.stack([one.information for one in evidence.values()]) * np.outer(scale, scale))
-    moved = np.stack([one.push - one.information @ center for one in evidence.values()])
-    push = torch.as_tensor(moved * scale)
+    information = torch.as_tensor(np.stack([item.information for item in evidence.values()]) * np.outer(scale, scale))
+    pushed = np.stack([item.push - item.information @ center for item in evidence.values()])
+    push = torch.as_tensor(pushed * scale)
     width = torch.as_tensor(np.minimum(spread_width, scale) / scale)
 
     def loss(logarithm: Tensor) -> Tensor:
@@ -158,11 +158,11 @@ def population_of(evidence: Mapping[str, Evidence], unknowns: Unknowns, spread_w
     least = np.log(LEAST_SPREAD / scale)
     bounds = list(zip(least, np.log(5 * width.numpy()), strict=True))
     start = np.log(0.5 * width.numpy())
-    found = scipy.optimize.minimize(with_slope, start, jac=True, method="L-BFGS-B", bounds=bounds).x
-    curvature = torch.autograd.functional.hessian(loss, torch.tensor(found)).numpy()
+    log_spread = scipy.optimize.minimize(with_slope, start, jac=True, method="L-BFGS-B", bounds=bounds).x
+    curvature = torch.autograd.functional.hessian(loss, torch.tensor(log_spread)).numpy()
     std = np.sqrt(np.clip(np.diag(np.linalg.pinv(curvature, hermitian=True)), 0, None))
-    spread = np.exp(found) * scale
-    _, mean, precision = _marginal(information, push, torch.tensor(np.exp(found)))
+    spread = np.exp(log_spread) * scale
+    _, mean, precision = _marginal(information, push, torch.tensor(np.exp(log_spread)))
     return Population(
         specimens=tuple(evidence),
         names=unknowns.names,
@@ -182,11 +182,11 @@ def _marginal(information: Tensor, push: Tensor, spread: Tensor) -> tuple[Tensor
     root = torch.linalg.cholesky(unit + spread[:, None] * information * spread)
     inner = torch.cholesky_inverse(root)
     conditional = spread[:, None] * inner * spread  # covariance of a pump about the population's mean
-    pulled = torch.einsum("nij,njk,nk->ni", information, conditional, push)
-    told = push - pulled
-    about = information - information @ conditional @ information
-    precision = about.sum(dim=0) + unit
-    sum_of_pushes = told.sum(dim=0)
+    pull = torch.einsum("nij,njk,nk->ni", information, conditional, push)
+    net_push = push - pull
+    informative = information - information @ conditional @ information
+    precision = informative.sum(dim=0) + unit
+    sum_of_pushes = net_push.sum(dim=0)
     mean = torch.linalg.solve(precision, sum_of_pushes)
     value = (
         root.diagonal(dim1=-2, dim2=-1).log().sum()
@@ -231,9 +231,9 @@ def names_shared(unknowns: Sequence[Unknowns]) -> tuple[str, ...]:
         They differ, for the channels do.
     """
     first = unknowns[0].names
-    for one in unknowns[1:]:
-        if one.names != first:
-            differing = sorted(set(one.names) ^ set(first))
+    for other in unknowns[1:]:
+        if other.names != first:
+            differing = sorted(set(other.names) ^ set(first))
             raise InputError(
                 f"specimens measured on different channels share no {', '.join(differing[:3])}; pick the same channels "
                 "of all with recording.picked([...]), or search neither gains nor modes."

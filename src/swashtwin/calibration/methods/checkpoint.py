@@ -1,7 +1,7 @@
 """A search on disk while it goes on, so that an interrupted one ends at the same bits as one that was left alone.
 
-Kept are the searches that go in epochs (`IPINN`, `DirectAdam`). The others take a second: for them beginning again with
-the same seed is the way to go on, and ends at the same bits too.
+Searches in epochs (`IPINN`, `DirectAdam`) write one. The others take a second: begun again with the same seed they end
+at the same bits too.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ _KIND, _VERSION = "calibration checkpoint", 2
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Where a search is kept, and how often."""
+    """File of a search's state, and how often it is written."""
 
     path: Path
     """The file; one of the same job is continued."""
@@ -56,7 +56,7 @@ class Checkpoint:
         schedule: torch.optim.lr_scheduler.LRScheduler,
         records: Mapping[str, Float[np.ndarray, "..."]],
     ) -> None:
-        """Put what is moved, Adam's moments, the step size and what was recorded so far into the file."""
+        """Write weights, Adam's moments, the step size and the records so far to the file."""
         arrays = {name: torch.as_tensor(array) for name, array in records.items()}
         tensors = add_prefix("weights", weights) | add_prefix("records", arrays)
         tensors |= add_prefix("optimizer", optimizer_tensors(optimizer))
@@ -102,5 +102,5 @@ class ResumableCalibrator(Calibrator, Protocol):
         progress: Progress | None = None,
         checkpoint: Checkpoint | None = None,
     ) -> Search:
-        """What it found, going on from `checkpoint` if that file exists."""
+        """Result of the search, continued from `checkpoint` if that file exists."""
         ...

@@ -61,8 +61,8 @@ class CMAES:
             "popsize": self.population,
         }
         start = (unknowns.start - lower) / span
-        given = {name: value for name, value in options.items() if value is not None}
-        strategy, trace, simulations = cma.CMAEvolutionStrategy(start, self.width, given), Trace(), 0
+        settings = {name: value for name, value in options.items() if value is not None}
+        strategy, trace, simulations = cma.CMAEvolutionStrategy(start, self.width, settings), Trace(), 0
         with one_thread():
             while not strategy.stop() and simulations < self.most_simulations:
                 candidates = strategy.ask()
@@ -76,12 +76,12 @@ class CMAES:
                 simulations += len(candidates)
                 if progress is not None:
                     progress(min(simulations, self.most_simulations), self.most_simulations, penalized[best].item())
-        found = trace.search(simulations)
-        return found if strategy.stop() else replace(found, notes=(*found.notes, self._unsettled))
+        search = trace.search(simulations)
+        return search if strategy.stop() else replace(search, notes=(*search.notes, self._unsettled))
 
     @property
     def _unsettled(self) -> str:
         return (
-            f"the search ended at its limit of {self.most_simulations} simulations before it had settled, and its "
+            f"the search ended at its limit of {self.most_simulations} simulations before it converged, and its "
             "intervals are those of an optimum only: raise most_simulations, or use GaussNewton."
         )

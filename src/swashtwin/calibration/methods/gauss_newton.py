@@ -18,10 +18,9 @@ class GaussNewton:
     """Least squares with exact derivatives, from several starts, within bounds.
 
     Minimized is the sum of squares of (simulated - measured) / sigma over all lines, plus that of (coordinate - mean of
-    its prior) / prior standard deviation: a value of which the measurement says nothing stays in the middle of its
+    its prior) / prior standard deviation: a value that the measurement does not determine stays in the middle of its
     bounds instead of drifting to one. Amplitudes are compared as they are, for on a decibel scale the lines near the
-    noise rule.
-    """
+    noise rule."""
 
     starts: int = 4
     """First the nominal values, then others drawn evenly over the logarithms within the bounds."""
@@ -49,7 +48,7 @@ class GaussNewton:
                     max_nfev=self.most_iterations,
                     xtol=1e-10,
                 )
-                runs.append(problem.taken_trace().search())
+                runs.append(problem.pop_trace().search())
                 if progress is not None:
                     progress(number + 1, self.starts, min(run.history.least_loss for run in runs))
         return best_of(runs)
@@ -63,7 +62,7 @@ class LeastSquares:
         self._trace = Trace()
         self._last: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.empty(0), np.empty((0, 0)))
 
-    def taken_trace(self) -> Trace:
+    def pop_trace(self) -> Trace:
         """What was simulated since the last call."""
         trace, self._trace = self._trace, Trace()
         return trace
@@ -79,8 +78,8 @@ class LeastSquares:
     def _simulated(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._last[0] != point.tobytes():
             objective, unknowns = self.objective, self.objective.unknowns
-            readings, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
-            lines = ((readings - objective.measured) / objective.sigma).numpy()
+            observables, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
+            lines = ((observables - objective.measured) / objective.sigma).numpy()
             slopes = (slope / objective.sigma[:, None]).numpy()
             prior = (point - unknowns.center) / unknowns.deviation
             jacobian = np.concatenate([slopes, np.diag(1 / unknowns.deviation)])

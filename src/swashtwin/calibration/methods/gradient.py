@@ -79,11 +79,11 @@ class NegativeLogPosterior:
     def __call__(self, scaled: Float[np.ndarray, " unknown"]) -> tuple[float, Float[np.ndarray, " unknown"]]:
         """Value, up to a constant, and gradient."""
         objective, unknowns = self.objective, self.objective.unknowns
-        given = torch.as_tensor(scaled).clone().requires_grad_()
-        point = torch.as_tensor(unknowns.center) + torch.as_tensor(unknowns.deviation) * given
+        coordinates = torch.as_tensor(scaled).clone().requires_grad_()
+        point = torch.as_tensor(unknowns.center) + torch.as_tensor(unknowns.deviation) * coordinates
         weighted = objective.weighted_loss(point, solver=self.solver)
         penalized = with_priors(objective, point, weighted)
-        (gradient,) = torch.autograd.grad(penalized, given)
+        (gradient,) = torch.autograd.grad(penalized, coordinates)
         self.trace.add(point.detach().numpy(), weighted.item(), penalized.item(), float(gradient.norm()))
         count = objective.measured.numel()
         return count / 2 * penalized.item() ** 2, (count * penalized.item() * gradient).numpy()

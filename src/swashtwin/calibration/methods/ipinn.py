@@ -31,12 +31,13 @@ class IPINN:
 
         loss = spectrum loss + boundary loss
 
-    with Adam; the epoch of least loss is kept. The paper gives channels, learning rate, epochs, the form of P and both
-    losses. Our reading, where it is silent: one window of `revolutions` of the first recording, all channels divided by
-    their common RMS; kernels of `kernel` readings at a `stride`, ReLU, and the mean over time before the dense layer; S
-    is the power of ten below each nominal value; the dense layer's bias makes the first pass give the nominal values
-    exactly; spectra are compared at the piston-pass lines, relative to the RMS of the measured ones; beyond a bound the
-    model is given the bound, so that it always simulates a possible pump, while the boundary loss pulls the value back.
+    with Adam; the result is the epoch of least loss. The paper gives channels, learning rate, epochs, the form of P and
+    both losses. Our reading, where it is silent: one window of `revolutions` of the first recording, all channels
+    divided by their common RMS; kernels of `kernel` samples at a `stride`, ReLU, and the mean over time before the
+    dense layer; S is the power of ten below each nominal value; the dense layer's bias makes the first pass give the
+    nominal values exactly; spectra are compared at the piston-pass lines, relative to the RMS of the measured ones;
+    beyond a bound the model is given the bound, so that it always simulates a possible pump, while the boundary loss
+    pulls the value back.
 
     One calibration trains one network for one measurement: the network is a way to search, not to be used again. Lines
     compared are the measurement's, whichever these are.
@@ -66,9 +67,9 @@ class IPINN:
     revolutions: float = 2.0
     """Length of the window that the network reads, in revolutions of the shaft."""
     kernel: int = 7
-    """Readings that a convolution covers."""
+    """Samples that a convolution covers."""
     stride: int = 4
-    """Readings that it moves on."""
+    """Samples between its positions."""
     solver: SteadySolver = EXACT
     """What solves the equations; the paper's is `RK4`, which gives the same lines a few times slower."""
 
@@ -140,7 +141,7 @@ class IPINN:
         return Search(point=path[best], history=history, simulations=len(rows))
 
     def window_of(self, objective: Objective) -> Float[Tensor, "*recording channel time"]:
-        """What the network reads."""
+        """Input of the network."""
         return measured_window(objective, self.revolutions, self.recordings)
 
     def _losses(self, objective: Objective, values: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
@@ -228,20 +229,20 @@ class ParameterNetwork(nn.Module):
         start[VALUES] = 0 if self.logarithms else nominal / magnitude
         with torch.no_grad():
             self.dense.bias.zero_()
-            self.dense.bias.copy_(torch.as_tensor(start) - self._given(window))
+            self.dense.bias.copy_(torch.as_tensor(start) - self._output(window))
 
-    def _given(self, window: Tensor) -> Tensor:
-        """What the dense layer gives, averaged over the recordings."""
-        given: Tensor = self.dense(self.features(window))
-        return given.mean(dim=0) if given.ndim > 1 else given
+    def _output(self, window: Tensor) -> Tensor:
+        """Output of the dense layer, averaged over the recordings."""
+        output: Tensor = self.dense(self.features(window))
+        return output.mean(dim=0) if output.ndim > 1 else output
 
     def forward(
         self, window: Float[Tensor, "*recording channel time"]
     ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
         """Interface values, and the other coordinates within four deviations of their priors' means; float64."""
-        given = self._given(window).double()
-        values = self.scale * (given[VALUES].exp() if self.logarithms else given[VALUES])
-        return values, self.center + self.deviation * REACH * torch.tanh(given[CONSTANTS] / REACH)
+        output = self._output(window).double()
+        values = self.scale * (output[VALUES].exp() if self.logarithms else output[VALUES])
+        return values, self.center + self.deviation * REACH * torch.tanh(output[CONSTANTS] / REACH)
 
 
 def measured_window(
@@ -255,9 +256,9 @@ def measured_window(
         A recording is shorter.
     """
     windows = []
-    for one in objective.comparisons:
-        for recording in one.measurement.recordings:
-            windows.append(_window(recording, revolutions, one.twin.condition.period))
+    for comparison in objective.comparisons:
+        for recording in comparison.measurement.recordings:
+            windows.append(_window(recording, revolutions, comparison.twin.condition.period))
             if recordings == "first":
                 return windows[0]
     shortest = min(window.shape[-1] for window in windows)

@@ -1,4 +1,4 @@
-"""What may be swapped in a calibration: the method that searches."""
+"""The protocol of the methods that search, and what they share."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ Decay = Literal["constant", "cosine"]
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """How a search went, one entry a step."""
+    """History of a search, one entry a step."""
 
     spectrum_loss: Float[np.ndarray, " step"]
     """Distance of the spectra, as the method measures it."""
@@ -35,7 +35,7 @@ class History:
     points: Float[np.ndarray, "step unknown"]
     """Coordinates, in the order of `Unknowns.names`: first the logarithms of the six values."""
     best: int
-    """Step that was kept."""
+    """Step of least loss."""
     prior_loss: Float[np.ndarray, " step"] = field(default_factory=lambda: np.empty(0))
     """What the priors add to the loss; zero for methods that count none."""
     gradient_norm: Float[np.ndarray, " gradient"] = field(default_factory=lambda: np.empty(0))
@@ -53,7 +53,7 @@ class History:
 
     @property
     def least_loss(self) -> float:
-        """The loss of the step that was kept."""
+        """The least loss."""
         return float(self.loss[self.best])
 
     @property
@@ -64,12 +64,12 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What a method found."""
+    """Result of a method."""
 
     point: Float[np.ndarray, " unknown"]
     """Coordinates, in the order of `Unknowns.names`."""
     history: History
-    """How it got there."""
+    """Course of the search."""
     simulations: int
     """How many parameter sets were simulated, with or without their gradient."""
     notes: tuple[str, ...] = ()
@@ -86,7 +86,7 @@ class Calibrator(Protocol):
     """A method that searches the values with which a twin comes nearest to a measurement."""
 
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
-        """What it found. The same seed on the same machine gives the same bits."""
+        """Result of the search. The same seed on the same machine gives the same bits."""
         ...
 
 
@@ -148,7 +148,7 @@ def with_priors(
 
     Parameters
     ----------
-    first : coordinates before this one count as if they had no prior.
+    first : coordinates before this one count without a prior.
     """
     center = torch.as_tensor(objective.unknowns.center)
     point = torch.cat([center[:first].expand(*point.shape[:-1], -1), point[..., first:]], dim=-1)

@@ -1,4 +1,4 @@
-"""Which learning rate suits a search: the paper's grid, tried out."""
+"""Choice of a learning rate on the paper's grid."""
 
 import hashlib
 from collections.abc import Sequence
@@ -21,14 +21,14 @@ PAPER_RATES = (0.1, 0.01, 0.001, 0.0001)
 
 @dataclass(frozen=True)
 class LearningRates:
-    """What each learning rate led to."""
+    """Result of each learning rate."""
 
     method: IPINN | DirectAdam
     """The method, with the best rate."""
     rates: tuple[float, ...]
     """Learning rates tried."""
     weighted_losses: tuple[float, ...]
-    """`Objective.weighted_loss` of what was found with each; the same measure whatever the method minimizes."""
+    """`Objective.weighted_loss` at the result of each, whatever the method minimizes."""
 
     @property
     def best(self) -> float:
@@ -52,8 +52,8 @@ def choose_learning_rate(
     Parameters
     ----------
     method : whose rate is chosen; `IPINN` by default, as in the paper.
-    storage : file (SQLite) in which the study is kept, for ``optuna-dashboard`` and for going on after an interrupt; a
-        study of other settings, recordings or seed in the same file is left alone. None is kept by default.
+    storage : file (SQLite) in which the study is stored, for ``optuna-dashboard`` and to continue after an interrupt; a
+        study of other settings, recordings or seed in the same file is left alone. It is not stored by default.
     progress : called with (rates done, rates in all, weighted loss of the last).
 
     Raises
@@ -72,14 +72,16 @@ def choose_learning_rate(
     loudness = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:
-        losses = _tried(optuna, objective, method, rates, seed, storage, progress)
+        losses = _try_rates(optuna, objective, method, rates, seed, storage, progress)
     finally:
         optuna.logging.set_verbosity(loudness)
-    found = tuple(losses[rate] for rate in rates)
-    return LearningRates(replace(method, learning_rate=rates[int(np.argmin(found))]), tuple(rates), found)
+    weighted_losses = tuple(losses[rate] for rate in rates)
+    return LearningRates(
+        replace(method, learning_rate=rates[int(np.argmin(weighted_losses))]), tuple(rates), weighted_losses
+    )
 
 
-def _tried(
+def _try_rates(
     optuna: Any,
     objective: Objective,
     method: IPINN | DirectAdam,
@@ -94,11 +96,11 @@ def _tried(
     def weighted_loss(trial: Any) -> float:
         rate = trial.suggest_float("learning_rate", 0.0, 1.0)
         try:
-            found = replace(method, learning_rate=rate).search(objective, seed=seed)
+            search = replace(method, learning_rate=rate).search(objective, seed=seed)
         except InputError:  # a rate at which the loss is no number any more
             return float("inf")
         with torch.no_grad():
-            return float(objective.weighted_loss(torch.as_tensor(found.point)))
+            return float(objective.weighted_loss(torch.as_tensor(search.point)))
 
     def report(study: Any, trial: Any) -> None:
         if progress is not None:
@@ -116,7 +118,7 @@ def _study(optuna: Any, name: str, storage: Path | str | None) -> Any:
         return optuna.create_study(study_name=name, storage=address, load_if_exists=True)
     except (optuna.exceptions.OptunaError, load_extra("sqlalchemy").exc.SQLAlchemyError) as cause:
         reason = str(cause).splitlines()[0]
-        raise DataError(f"{storage}: no study can be kept there ({reason}); name a new file.") from cause
+        raise DataError(f"{storage}: no study can be stored there ({reason}); name a new file.") from cause
 
 
 def _losses(study: Any) -> dict[float, float]:
@@ -125,6 +127,6 @@ def _losses(study: Any) -> dict[float, float]:
 
 
 def _fingerprint(objective: Objective, method: IPINN | DirectAdam, seed: int) -> str:
-    """Letters that differ where a search would."""
-    told = (replace(method, learning_rate=0.5), seed, objective.fingerprint())
-    return hashlib.sha256(repr(told).encode()).hexdigest()[:12]
+    """Hash of all inputs of the search."""
+    job = (replace(method, learning_rate=0.5), seed, objective.fingerprint())
+    return hashlib.sha256(repr(job).encode()).hexdigest()[:12]

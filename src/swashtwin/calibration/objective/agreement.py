@@ -26,7 +26,7 @@ from swashtwin.signals import (
 MOST_WINDOWS = 8
 """Windows compared per recording, evenly spread over it."""
 PHASES = 4
-"""Shifts tried within one reading, which at 2.5 kHz and 25.6 kHz would else leave an error of a tenth."""
+"""Shifts tried within one sample; without them the error at 2.5 kHz and 25.6 kHz would be a tenth."""
 ERRORS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
 """Figures of an `Agreement` that are zero at best."""
 DRAWS = 64
@@ -40,13 +40,13 @@ class Agreement:
     """Differences between measured and simulated acceleration within the band.
 
     Waveforms are compared over windows of one revolution, each aligned over all phases, and averaged over windows and
-    recordings: the shaft angle at which a recording starts is not known. A model without noise cannot reach zero.
+    recordings: the shaft angle at the start of a recording is unknown. A model without noise cannot reach zero.
     """
 
     rmse: float
     """Root mean square of the waveforms' difference [m/s^2] (the paper's RMSE)."""
     relative_rmse: float
-    """The same over the root mean square of the measured waveform; 1 is as good as a twin that stands still."""
+    """The same over the root mean square of the measured waveform; 1 is the error of a silent twin."""
     peak_error: float
     """Difference of the peaks over the measured peak (the paper's PE)."""
     spectrum_value_error: float
@@ -152,7 +152,7 @@ def _band(
 def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:
     """Mean of each figure."""
     names = [item.name for item in fields(Agreement)]
-    return Agreement(**{name: float(np.mean([getattr(one, name) for one in agreements])) for name in names})
+    return Agreement(**{name: float(np.mean([getattr(agreement, name) for agreement in agreements])) for name in names})
 
 
 def agreement(
@@ -184,7 +184,7 @@ def agreement_of_lines(
     """
     rmses, relative, peaks, excerpts = [], [], [], []
     for recording in measurement.recordings:
-        turn = _readings_per_turn(recording)
+        turn = _samples_per_turn(recording)
         low, high = max(measurement.band[0], 0.5 * recording.sample_rate / turn), measurement.band[1]
         measured = band_limited(recording.signal, recording.sample_rate, low, high)
         shifted = [_simulated(lines, orders, recording, (low, high), step / PHASES) for step in range(PHASES)]
@@ -209,7 +209,7 @@ def agreement_of_lines(
     return result, *excerpts[0]
 
 
-def _readings_per_turn(recording: Recording) -> int:
+def _samples_per_turn(recording: Recording) -> int:
     assert recording.condition is not None  # measurements hold none without
     return round(recording.condition.period * recording.sample_rate)
 
@@ -221,11 +221,11 @@ def _simulated(
 
     Parameters
     ----------
-    shift : by how much of a reading it starts later.
+    shift : shift of the start [sample].
     """
     assert recording.condition is not None
-    turn = _readings_per_turn(recording)
-    kept = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
+    turn = _samples_per_turn(recording)
+    is_resolved = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
     angle = recording.condition.speed * (np.arange((2 + 2 * MARGIN) * turn) + shift) / recording.sample_rate
-    signal = synchronous_signal(lines[:, kept], orders[kept], angle)
+    signal = synchronous_signal(lines[:, is_resolved], orders[is_resolved], angle)
     return band_limited(signal, recording.sample_rate, *band)[:, MARGIN * turn : (2 + MARGIN) * turn]

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from swashtwin.calibration.objective.phases import combined_lines, phased_lines
+from swashtwin.calibration.objective.phases import combine_lines, phased_lines
 from swashtwin.calibration.objective.recording_checks import clipping_note, level_notes, lines_of, refuse_other_speed
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
@@ -83,21 +83,21 @@ def measure(
     Parameters
     ----------
     band : frequencies [Hz] whose lines are taken.
-    lines : ``"piston"``: multiples of the piston count, all there is where pistons are alike; ``"shaft"``: every order
+    lines : ``"piston"``: multiples of the piston count, the only lines of equal pistons; ``"shaft"``: every order
         up to 75, for twins of a fault that sets one piston apart.
     phases : measure the lines' phases too, along the shaft's angle (`phases.phased_lines`).
 
     Raises
     ------
     DataError
-        None agrees; a recording is unfit (missing readings, too short, clipped, nothing but noise), shows another speed
+        None agrees; a recording is unfit (missing samples, too short, clipped, nothing but noise), shows another speed
         than it states, or has a channel for which the pump has no sensor.
     UnitError
         A recording is not in m/s^2.
     InputError
-        The band holds no such line, or the twin has none but piston-pass lines where all shaft orders are asked for.
+        The band holds no such line, or the twin has none but piston-pass lines although all shaft orders are requested.
     """
-    used, left_out = agreeing(twin, recordings)
+    used, left_out = select_agreeing(twin, recordings)
     count, notes = twin.pump.rotating_group.piston_count, []
     for recording in used:
         refuse_unfit(recording)
@@ -112,7 +112,7 @@ def measure(
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
     between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
-    phasor, phasor_deviation = _phased(twin, used, orders) if phases else (None, None)
+    phasor, phasor_deviation = _phasors(twin, used, orders) if phases else (None, None)
     return Measurement(
         channels=used[0].channels,
         orders=orders,
@@ -128,14 +128,14 @@ def measure(
     )
 
 
-def _phased(
+def _phasors(
     twin: Twin, used: Sequence[Recording], orders: Int[np.ndarray, " order"]
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    found = [phased_lines(recording, orders, twin.pump.rotating_group.piston_count) for recording in used]
-    return combined_lines([one[0] for one in found], [one[1] for one in found], orders)
+    lines = [phased_lines(recording, orders, twin.pump.rotating_group.piston_count) for recording in used]
+    return combine_lines([pair[0] for pair in lines], [pair[1] for pair in lines], orders)
 
 
-def agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
+def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
     """Recordings that show what the twin models, and the ids of the others, each with the reason.
 
     Raises
@@ -167,15 +167,15 @@ def _disagreement(twin: Twin, recording: Recording) -> str | None:
         return "the recording has no operating condition"
     if recording.condition.matches(twin.condition, speed=LINE_SPEED_TOLERANCE):
         return None
-    own, other = (condition.speed * 30 / math.pi for condition in (recording.condition, twin.condition))
-    if not values_match(own, other, LINE_SPEED_TOLERANCE):
-        return f"the recording is at {own:.4g} rev/min, the twin at {other:.4g} rev/min"
-    own, other = (condition.discharge_pressure / 1e6 for condition in (recording.condition, twin.condition))
-    return f"the recording is at {own:.4g} MPa, the twin at {other:.4g} MPa"
+    measured, simulated = (condition.speed * 30 / math.pi for condition in (recording.condition, twin.condition))
+    if not values_match(measured, simulated, LINE_SPEED_TOLERANCE):
+        return f"the recording is at {measured:.4g} rev/min, the twin at {simulated:.4g} rev/min"
+    measured, simulated = (condition.discharge_pressure / 1e6 for condition in (recording.condition, twin.condition))
+    return f"the recording is at {measured:.4g} MPa, the twin at {simulated:.4g} MPa"
 
 
 def _shaft_frequency(recording: Recording) -> float:
-    assert recording.condition is not None  # `agreeing` lets none pass
+    assert recording.condition is not None  # `select_agreeing` lets none pass
     return recording.condition.shaft_frequency
 
 
@@ -204,7 +204,7 @@ def _orders_within(
         if high > 0.49 * recording.sample_rate:
             raise InputError(
                 f"band ends at {high:g} Hz, above what {recording.recording_id} holds at {recording.sample_rate:g} "
-                f"readings per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
+                f"samples per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
             )
     if lines == "shaft":
         if not ((twin.orders % count > 0) & (twin.orders > 1)).any():  # the first is unbalance
@@ -227,9 +227,9 @@ def _orders_within(
 def gravity_ratio(twin: Twin, spectrum: OrderSpectrum, channels: Sequence[str]) -> bool:
     """Whether the twin's lines exceed the measured ones about as much as m/s^2 exceed g (within a fifth)."""
     simulated = twin.acceleration().abs().detach().numpy()
-    kept = np.isin(twin.orders, spectrum.orders)
+    is_simulated = np.isin(twin.orders, spectrum.orders)
     rows = [twin.pump.channels.index(name) for name in channels]
-    ratio = float(np.sqrt(np.sum(simulated[rows][:, kept] ** 2) / max(np.sum(spectrum.amplitude**2), 1e-300)))
+    ratio = float(np.sqrt(np.sum(simulated[rows][:, is_simulated] ** 2) / max(np.sum(spectrum.amplitude**2), 1e-300)))
     return abs(ratio / GRAVITY - 1) <= 0.2
 
 
@@ -238,5 +238,5 @@ def _require_acceleration(twin: Twin, recording: Recording, spectrum: OrderSpect
         return
     hint = ""
     if gravity_ratio(twin, spectrum, recording.channels):
-        hint = f" Its lines are {GRAVITY:.3g} times lower than the twin's: readings in g? Then multiply by {GRAVITY}."
+        hint = f" Its lines are {GRAVITY:.3g} times lower than the twin's: samples in g? Then multiply by {GRAVITY}."
     raise UnitError(f"{recording.recording_id} is in {recording.unit!r}; a calibration needs m/s^2.{hint}")

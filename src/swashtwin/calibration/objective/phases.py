@@ -40,27 +40,27 @@ def phased_lines(
     length = recording.signal.shape[1] // SEGMENTS
     parts = []
     for number in range(SEGMENTS):
-        own = slice(number * length, (number + 1) * length)
-        angle = shaft.angle[own]
+        part = slice(number * length, (number + 1) * length)
+        angle = shaft.angle[part]
         taper = hann_taper(length, symmetric=True) * np.gradient(angle)
-        turned = np.exp(-1j * np.outer(angle, orders)) * (2 * taper / taper.sum())[:, None]
-        parts.append(recording.signal[:, own] @ turned)
+        basis = np.exp(-1j * np.outer(angle, orders)) * (2 * taper / taper.sum())[:, None]
+        parts.append(recording.signal[:, part] @ basis)
     segments = np.stack(parts)
     return segments.mean(axis=0), _part_deviation(segments)
 
 
-def combined_lines(
+def combine_lines(
     lines: Sequence[Complex[np.ndarray, "channel order"]],
     deviations: Sequence[Float[np.ndarray, "channel order"]],
     orders: Int[np.ndarray, " order"],
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
     """Mean of several recordings' lines, each turned to the first one's shaft position, and its parts' deviation."""
     first, numbers = torch.as_tensor(lines[0]), torch.as_tensor(orders)
-    turned = []
-    for one in lines:
-        angle = best_position((torch.as_tensor(one) * first.conj()).sum(dim=0), numbers)
-        turned.append(one * np.exp(1j * orders * float(angle)))
-    stack = np.stack(turned)
+    rows = []
+    for row in lines:
+        angle = best_position((torch.as_tensor(row) * first.conj()).sum(dim=0), numbers)
+        rows.append(row * np.exp(1j * orders * float(angle)))
+    stack = np.stack(rows)
     within = np.sqrt(np.sum(np.square(deviations), axis=0)) / len(lines)
     return stack.mean(axis=0), np.maximum(within, _part_deviation(stack)) if len(lines) > 1 else within
 
@@ -80,11 +80,11 @@ def best_position(cross: Complex[Tensor, "*batch order"], orders: Int[Tensor, " 
     implicit function).
     """
     step = math.gcd(*orders.tolist())
-    places = orders // step
-    points = _FINENESS * (1 << int(places.max()).bit_length())
+    numbers = orders // step
+    points = _FINENESS * (1 << int(numbers.max()).bit_length())
     with torch.no_grad():
         padded = torch.zeros(*cross.shape[:-1], points, dtype=cross.dtype, device=cross.device)
-        padded[..., places] = cross
+        padded[..., numbers] = cross
         score = torch.fft.ifft(padded, dim=-1).real  # on the device of the search
         angle = score.argmax(dim=-1) * (2 * math.pi / (points * step))
         for _ in range(_NEWTON_STEPS):
@@ -101,7 +101,7 @@ def _slopes(cross: Tensor, orders: Tensor, angle: Tensor) -> tuple[Tensor, Tenso
     return -(orders * turned).imag.sum(dim=-1), torch.clamp(bend, max=-1e-30)
 
 
-def turned(
+def turn_lines(
     simulated: Complex[Tensor, "*batch channel order"],
     measured: Complex[Tensor, "channel order"],
     weight: Float[Tensor, "channel order"],

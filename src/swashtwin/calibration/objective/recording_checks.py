@@ -15,8 +15,8 @@ from swashtwin.recordings import Recording, clipped_samples
 from swashtwin.signals import OrderSpectrum, order_spectrum, power_density
 
 MOST_CLIPPED = 0.01
-"""Share of clipped readings from which a recording is refused: on the virtual rig its lines are then 3 % off in the sum
-(0.3 % of readings: 0.5 %; 3 %: 17 %)."""
+"""Share of clipped samples from which a recording is refused: on the virtual rig its lines are then 3 % off in the sum
+(0.3 % of samples: 0.5 %; 3 %: 17 %)."""
 LEAST_CLEARNESS = 4.0
 """Least mean square of a recording's lines over their deviations: noise alone has 2, the virtual rig 1700 and more."""
 ODD_LEVEL, ODD_DEVIATIONS = 1.5, 3.0
@@ -27,16 +27,16 @@ _LEAST_SCATTER = 0.1
 
 
 def clipping_note(recording: Recording) -> str | None:
-    """What to say of a recording of which a few readings are clipped, or None.
+    """Note on a recording with a few clipped samples, or None.
 
     Raises
     ------
     DataError
-        1 % of a channel's readings or more stand at its extremes.
+        1 % of a channel's samples or more stand at its extremes.
     """
     for name, row in zip(recording.channels, recording.signal, strict=True):
         share = clipped_samples(row) / len(row)
-        where = f"{recording.recording_id}, {name}: {share:.2%} of the readings stand in a row at the extreme"
+        where = f"{recording.recording_id}, {name}: {share:.2%} of the samples stand in a row at the extreme"
         if share >= MOST_CLIPPED:
             raise DataError(
                 f"{where} ({np.abs(row).max():.4g} {recording.unit}): the range was exceeded, and no line is right; "
@@ -74,15 +74,15 @@ def lines_of(recording: Recording, shaft_frequency: float, orders: Int[np.ndarra
 def level_notes(
     recordings: Sequence[Recording], amplitudes: Float[np.ndarray, "recording channel order"]
 ) -> tuple[str, ...]:
-    """What to say of recordings whose level is far from that of the others of the same pump at the same condition.
+    """Notes on recordings whose level is far from that of the others of the same pump at the same condition.
 
-    Nothing in one recording tells its pressure: pumps of one type differ in level by as much as a pressure changes it.
-    Beside at least two others of the same specimen, another pressure shows as another level, and so does another gain.
-    """
+    A single recording does not show its pressure: pumps of one type differ in level by as much as a pressure changes
+    it. Beside at least two others of the same specimen, another pressure shows as another level, and so does another
+    gain."""
     level = np.log(np.sqrt((amplitudes**2).sum(axis=(1, 2))))
     notes = []
     for i, recording in enumerate(recordings):
-        others = [j for j, one in enumerate(recordings) if j != i and one.specimen == recording.specimen]
+        others = [j for j, other in enumerate(recordings) if j != i and other.specimen == recording.specimen]
         if len(others) < 2:
             continue
         away = float(level[i] - level[others].mean())
@@ -148,10 +148,10 @@ def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int)
     step, level = _levels(recording, shaft_frequency * piston_count)
     near = shaft_frequency * np.linspace(1 - AGREEING, 1 + AGREEING, 26)
     wide = shaft_frequency * np.exp(np.arange(-np.log(REACH), np.log(REACH), 0.001))
-    tried = np.concatenate([near, wide])
-    contrast = _contrast(step, level, piston_count * tried)
-    clear = tried[contrast >= _AS_CLEAR * contrast.max()].min()  # five times the true speed has a comb as clear
-    shown = tried[np.argmax(np.where(tried < clear * (1 + 2 * AGREEING), contrast, -np.inf))]
+    frequencies = np.concatenate([near, wide])
+    contrast = _contrast(step, level, piston_count * frequencies)
+    clear = frequencies[contrast >= _AS_CLEAR * contrast.max()].min()  # five times the true speed has a comb as clear
+    shown = frequencies[np.argmax(np.where(frequencies < clear * (1 + 2 * AGREEING), contrast, -np.inf))]
     return ShownSpeed(shaft_frequency, float(shown), float(contrast[: len(near)].max()), float(contrast.max()))
 
 
@@ -167,11 +167,11 @@ def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_coun
     """
     if recording.speed is not None:
         return
-    found = shown_speed(recording, shaft_frequency, piston_count)
-    if found.contradicts:
+    speed = shown_speed(recording, shaft_frequency, piston_count)
+    if speed.contradicts:
         raise DataError(
-            f"{recording.recording_id}: stated at {60 * found.stated:.4g} rev/min, but its piston-pass lines are "
-            f"those of a pump with {piston_count} pistons at {60 * found.shown:.4g} rev/min; correct the speed (or the "
+            f"{recording.recording_id}: stated at {60 * speed.stated:.4g} rev/min, but its piston-pass lines are "
+            f"those of a pump with {piston_count} pistons at {60 * speed.shown:.4g} rev/min; correct the speed (or the "
             f"sample rate of {recording.sample_rate:g} Hz, or the pump's piston count)."
         )
 
@@ -185,8 +185,8 @@ def _levels(recording: Recording, spacing: float) -> tuple[float, Float[np.ndarr
     blocks = np.array_split(np.arange(power.shape[1]), max(1, power.shape[1] // width))
     middles = [block.mean() for block in blocks]
     medians = np.stack([np.median(power[:, block], axis=1) for block in blocks], axis=1)
-    places = np.arange(power.shape[1])
-    base = np.stack([np.interp(places, middles, row) for row in medians])
+    indices = np.arange(power.shape[1])
+    base = np.stack([np.interp(indices, middles, row) for row in medians])
     base = np.maximum(base, 1e-12 * power.max(axis=1, keepdims=True) + 1e-300)
     return float(frequency[1]), np.log(np.maximum(power / base, 1.0)).mean(axis=0)
 

@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.calibration.objective.measurement import Measurement
-from swashtwin.calibration.objective.phases import turned
+from swashtwin.calibration.objective.phases import turn_lines
 from swashtwin.calibration.objective.unknowns import Nuisances, SearchSpace, Unknowns, search_space, unknowns_of
 from swashtwin.foundation import InputError
 from swashtwin.physics import SteadySolver, Twin
@@ -26,17 +26,16 @@ FLOOR = 0.02
 class Comparison:
     """One twin beside one measurement at its condition, line by line.
 
-    What is compared are *readings*: the lines' amplitudes, phases being dropped as in the paper, or, of a measurement
-    with phases, the real and then the imaginary parts of its lines, the twin being turned to the shaft position at
-    which it comes nearest.
+    The *observables* are compared: the lines' amplitudes, as in the paper, or, of a measurement with phases, the real
+    and then the imaginary parts of its lines, after the twin was turned to the shaft position at which it fits best.
     """
 
     twin: Twin
     """The twin, computed up to the end of the measurement's band."""
     measurement: Measurement
-    """What it shall come near to."""
+    """The measurement."""
     background: Float[np.ndarray, "channel order"] | None = None
-    """What stands in each line [m/s^2] beside the twin's, at a phase of its own; nothing where None."""
+    """Amplitude in each line [m/s^2] besides the twin's, at an unrelated phase; None is no background."""
     floor: Float[np.ndarray, "channel order"] | float = FLOOR
     """Least standard deviation of a line [m/s^2]."""
 
@@ -53,10 +52,10 @@ class Comparison:
         return torch.as_tensor(self.measurement.orders)
 
     @cached_property
-    def _places(self) -> Tensor | None:
-        """Where the twin's lines stand among those measured; None where it has all of them."""
-        places = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
-        return None if len(places) == len(self.measurement.orders) else torch.as_tensor(places)
+    def _indices(self) -> Tensor | None:
+        """Indices of the twin's lines among those measured; None where it has all of them."""
+        indices = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
+        return None if len(indices) == len(self.measurement.orders) else torch.as_tensor(indices)
 
     @cached_property
     def _frequency(self) -> Tensor:
@@ -68,15 +67,15 @@ class Comparison:
         return self.measurement.phasor is not None
 
     @cached_property
-    def measured(self) -> Float[Tensor, "channel reading"]:
-        """Measured readings [m/s^2]."""
+    def measured(self) -> Float[Tensor, "channel observable"]:
+        """Measured observables [m/s^2]."""
         if self.measurement.phasor is None:
             return torch.as_tensor(self.measurement.amplitude)
         return _parts(torch.as_tensor(self.measurement.phasor))
 
     @cached_property
-    def sigma(self) -> Float[Tensor, "channel reading"]:
-        """Standard deviation of measured minus simulated reading [m/s^2].
+    def sigma(self) -> Float[Tensor, "channel observable"]:
+        """Standard deviation of measured minus simulated observable [m/s^2].
 
         From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and `floor`, by default
         0.02 m/s^2. A line of little amplitude then counts little, which it would not on a decibel scale.
@@ -91,9 +90,9 @@ class Comparison:
     ) -> Complex[Tensor, "*batch channel order"]:
         lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
         lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
-        if self._places is not None:
+        if self._indices is not None:
             silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))
-            lines = silent.index_copy(-1, self._places, lines)
+            lines = silent.index_copy(-1, self._indices, lines)
         path = unknowns.response_of(point, self._frequency)
         return lines if path is None else lines * path
 
@@ -106,19 +105,19 @@ class Comparison:
             return lines
         return (lines.square() + torch.as_tensor(self.background).square() + 1e-24).sqrt()
 
-    def readings(
+    def observables(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch channel reading"]:
-        """Simulated readings [m/s^2] at `point`, differentiable."""
+    ) -> Float[Tensor, "*batch channel observable"]:
+        """Simulated observables [m/s^2] at `point`, differentiable."""
         if self.measurement.phasor is None:
             return self.amplitude(unknowns, point, solver=solver)
         lines = self._lines(unknowns, point, solver)
         weight = self.sigma[:, : len(self._orders)] ** -2
-        return _parts(turned(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
+        return _parts(turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
 
-    def with_readings(self, readings: Float[np.ndarray, " reading"]) -> "Comparison":
-        """The same, had `readings` (channels one after the other) been measured."""
-        rows = readings.reshape(self.measured.shape)
+    def with_observables(self, observables: Float[np.ndarray, " observable"]) -> "Comparison":
+        """The comparison with `observables` (channels one after the other) as the measured ones."""
+        rows = observables.reshape(self.measured.shape)
         if self.measurement.phasor is None:
             return replace(self, measurement=replace(self.measurement, amplitude=rows))
         count = len(self.measurement.orders)
@@ -139,7 +138,7 @@ class Objective:
     """Distance between a twin and what was measured of it at one or several conditions.
 
     All comparisons share what is searched, one *point* of `unknowns`: so a pump measured at three pressures is
-    calibrated once. Amplitudes of all comparisons, channels and orders stand in one row of *readings*.
+    calibrated once. Amplitudes of all comparisons, channels and orders stand in one row of *observables*.
     """
 
     comparisons: tuple[Comparison, ...]
@@ -160,23 +159,25 @@ class Objective:
         return self.comparisons[0].has_phases
 
     @cached_property
-    def measured(self) -> Float[Tensor, " reading"]:
-        """Measured readings [m/s^2]; see `Comparison`."""
-        return torch.cat([one.measured.reshape(-1) for one in self.comparisons])
+    def measured(self) -> Float[Tensor, " observable"]:
+        """Measured observables [m/s^2]; see `Comparison`."""
+        return torch.cat([comparison.measured.reshape(-1) for comparison in self.comparisons])
 
     @cached_property
-    def sigma(self) -> Float[Tensor, " reading"]:
-        """Standard deviation of measured minus simulated reading [m/s^2]; see `Comparison.sigma`."""
-        return torch.cat([one.sigma.reshape(-1) for one in self.comparisons])
+    def sigma(self) -> Float[Tensor, " observable"]:
+        """Standard deviation of measured minus simulated observable [m/s^2]; see `Comparison.sigma`."""
+        return torch.cat([comparison.sigma.reshape(-1) for comparison in self.comparisons])
 
     def fingerprint(self) -> str:
-        """SHA-256 of all that a search is told: twins, recordings, lines, bounds and priors; hexadecimal."""
-        digest = hashlib.sha256(repr((self.unknowns.names, [one.twin for one in self.comparisons])).encode())
-        for one in self.comparisons:
-            digest.update(repr([recording.fingerprint() for recording in one.measurement.recordings]).encode())
-            digest.update(np.ascontiguousarray(one.measurement.orders).tobytes())
-            if one.background is not None:
-                digest.update(np.ascontiguousarray(one.background).tobytes())
+        """SHA-256 of all inputs of a search: twins, recordings, lines, bounds and priors; hexadecimal."""
+        digest = hashlib.sha256(
+            repr((self.unknowns.names, [comparison.twin for comparison in self.comparisons])).encode()
+        )
+        for comparison in self.comparisons:
+            digest.update(repr([recording.fingerprint() for recording in comparison.measurement.recordings]).encode())
+            digest.update(np.ascontiguousarray(comparison.measurement.orders).tobytes())
+            if comparison.background is not None:
+                digest.update(np.ascontiguousarray(comparison.background).tobytes())
         arrays = (self.measured.numpy(), self.sigma.numpy(), *vars(self.space).values())
         for array in (*arrays, self.unknowns.center, self.unknowns.deviation, self.unknowns.start):
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -187,25 +188,25 @@ class Objective:
         """The point of the nominal twin."""
         return torch.as_tensor(self.unknowns.start)
 
-    def readings(
+    def observables(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch reading"]:
-        """Simulated readings [m/s^2], differentiable."""
-        parts = [one.readings(self.unknowns, point, solver=solver) for one in self.comparisons]
+    ) -> Float[Tensor, "*batch observable"]:
+        """Simulated observables [m/s^2], differentiable."""
+        parts = [comparison.observables(self.unknowns, point, solver=solver) for comparison in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
 
     def amplitude(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch line"]:
-        """Simulated amplitudes [m/s^2], differentiable; they are the readings where phases are dropped."""
-        parts = [one.amplitude(self.unknowns, point, solver=solver) for one in self.comparisons]
+        """Simulated amplitudes [m/s^2], differentiable; these are the observables where phases are dropped."""
+        parts = [comparison.amplitude(self.unknowns, point, solver=solver) for comparison in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
 
-    def with_readings(self, readings: Float[np.ndarray, " reading"]) -> "Objective":
-        """The same, had `readings` been measured."""
-        ends = np.cumsum([one.measured.numel() for one in self.comparisons])[:-1]
-        pairs = zip(self.comparisons, np.split(readings, ends), strict=True)
-        return replace(self, comparisons=tuple(one.with_readings(part) for one, part in pairs))
+    def with_observables(self, observables: Float[np.ndarray, " observable"]) -> "Objective":
+        """The objective with `observables` as the measured ones."""
+        ends = np.cumsum([comparison.measured.numel() for comparison in self.comparisons])[:-1]
+        pairs = zip(self.comparisons, np.split(observables, ends), strict=True)
+        return replace(self, comparisons=tuple(comparison.with_observables(part) for comparison, part in pairs))
 
     def require_amplitudes(self, who: str) -> None:
         """Refuse an objective with phases.
@@ -213,7 +214,7 @@ class Objective:
         Raises
         ------
         InputError
-            Phases are compared, of which `who` knows nothing.
+            Phases are compared, which `who` does not support.
         """
         if self.has_phases:
             raise InputError(f"{who} compares amplitudes only; measure and calibrate with phases=False.")
@@ -221,14 +222,16 @@ class Objective:
     def spectrum_loss(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
-        """RMSE between simulated and measured readings over the RMS of the measured ones (the paper's L_freq).
+        """RMSE between simulated and measured observables over the RMS of the measured ones (the paper's L_freq).
 
         With several conditions, the root of the mean of their squares, so that none counts more for being louder.
         """
         squares = [
-            (one.readings(self.unknowns, point, solver=solver) - one.measured).square().mean(dim=(-2, -1))
-            / one.measured.square().mean()
-            for one in self.comparisons
+            (comparison.observables(self.unknowns, point, solver=solver) - comparison.measured)
+            .square()
+            .mean(dim=(-2, -1))
+            / comparison.measured.square().mean()
+            for comparison in self.comparisons
         ]
         return _root(torch.stack(squares).mean(dim=0))
 
@@ -236,7 +239,7 @@ class Objective:
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
-        difference = (self.readings(point, solver=solver) - self.measured) / self.sigma
+        difference = (self.observables(point, solver=solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
 
     def prior_loss(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch"]:
@@ -246,20 +249,20 @@ class Objective:
 
     def sensitivity(
         self, point: Float[Tensor, " unknown"], *, solver: SteadySolver | None = None
-    ) -> tuple[Float[Tensor, " reading"], Float[Tensor, "reading unknown"]]:
-        """Readings [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
+    ) -> tuple[Float[Tensor, " observable"], Float[Tensor, "observable unknown"]]:
+        """Observables [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
         directions = torch.eye(len(point), dtype=point.dtype)
         points = point.detach().repeat(len(point), 1).requires_grad_()
-        readings = self.readings(points, solver=solver)
+        observables = self.observables(points, solver=solver)
         # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
         # forward derivative along that direction. One batch holds all directions.
-        weights = torch.zeros_like(readings, requires_grad=True)
-        (backward,) = torch.autograd.grad(readings, points, weights, create_graph=True)
+        weights = torch.zeros_like(observables, requires_grad=True)
+        (backward,) = torch.autograd.grad(observables, points, weights, create_graph=True)
         (slope,) = torch.autograd.grad((backward * directions).sum(), weights)
-        return readings[0].detach(), slope.T
+        return observables[0].detach(), slope.T
 
 
-def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch reading"]:
+def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch observable"]:
     """Real parts, then imaginary parts."""
     return torch.cat([lines.real, lines.imag], dim=-1)
 
@@ -304,7 +307,7 @@ def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders)
-    kept = replace(
+    compared = replace(
         measurement,
         orders=measurement.orders[common],
         amplitude=measurement.amplitude[:, common],
@@ -312,4 +315,4 @@ def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
         phasor=None if measurement.phasor is None else measurement.phasor[:, common],
         phasor_deviation=None if measurement.phasor_deviation is None else measurement.phasor_deviation[:, common],
     )
-    return Comparison(twin=limited, measurement=kept)
+    return Comparison(twin=limited, measurement=compared)

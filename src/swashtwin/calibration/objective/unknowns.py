@@ -1,6 +1,6 @@
-"""What a calibration searches: the six interface values, and constants that nobody measured.
+"""What a calibration searches: the six interface values, and uncertain constants.
 
-All stand in one row of *coordinates*: logarithms of what is positive, residues of housing modes as they are. Each has a
+All are one row of *coordinates*: logarithms of what is positive, residues of housing modes as they are. Each has a
 prior: for the six values the width of their bounds, for the others what is known of such machines.
 """
 
@@ -119,7 +119,7 @@ class Nuisances:
     gains: float = 0.0
     """Of the logarithm of each channel's own gain."""
     modes: int = 0
-    """How many modes of the housing stand between the shell and the sensors (`twin.SensorPath`)."""
+    """Number of modes of the housing between the shell and the sensors (`twin.SensorPath`)."""
     residue: float = 0.1
     """Of each mode's share in each channel."""
 
@@ -129,7 +129,9 @@ class Nuisances:
             if not (math.isfinite(value) and value >= 0):
                 raise InputError(f"Nuisances.{item.name} ({value:g}) must be zero or a positive number.")
         if self.modes > 6:
-            raise InputError(f"Nuisances.modes ({self.modes}) must not exceed 6: more modes than lines tell of.")
+            raise InputError(
+                f"Nuisances.modes ({self.modes}) must not exceed 6: the lines do not determine more modes."
+            )
 
     @classmethod
     def usual(cls, **changes: Any) -> "Nuisances":
@@ -158,16 +160,16 @@ class Unknowns:
     """Least coordinates."""
     upper: Float[np.ndarray, " unknown"]
     """Greatest coordinates."""
-    own_scales: Float[np.ndarray, " 4"]
-    """Logarithms of the twin's own scales, which hold where a scale is not searched."""
+    twin_scales: Float[np.ndarray, " 4"]
+    """Logarithms of the twin's scales, used where a scale is not searched."""
     scales: tuple[str, ...]
-    """Which scales are searched; they stand after the values."""
+    """Scales that are searched; their coordinates follow the values."""
     n_channels: int
     """Channels of the measurement."""
     has_gains: bool
-    """Whether each channel's gain is searched; they stand after the scales."""
+    """Whether each channel's gain is searched; these coordinates follow the scales."""
     modes: int
-    """Modes of the housing: frequencies, damping ratios and residues stand last."""
+    """Modes of the housing: frequencies, damping ratios and residues are the last coordinates."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -188,15 +190,15 @@ class Unknowns:
     def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 4"]:
         """Factors on mount, bearing, excitation and sensor at `point`."""
         columns = []
-        for name, own in zip(SCALES, self.own_scales, strict=True):
-            held = torch.full(point.shape[:-1], float(own), dtype=point.dtype, device=point.device)
-            columns.append(point[..., self.index_of_scale(name)] if name in self.scales else held)
+        for name, twin_value in zip(SCALES, self.twin_scales, strict=True):
+            fixed = torch.full(point.shape[:-1], float(twin_value), dtype=point.dtype, device=point.device)
+            columns.append(point[..., self.index_of_scale(name)] if name in self.scales else fixed)
         return torch.stack(columns, dim=-1).exp()
 
     def response_of(
         self, point: Float[Tensor, "*batch unknown"], frequency: Float[Tensor, " line"]
     ) -> Complex[Tensor, "*batch channel line"] | None:
-        """What stands between the shell and each channel at `frequency` [Hz]; None where nothing of it is searched."""
+        """Response between the shell and each channel at `frequency` [Hz]; None where it is not searched."""
         if not self.has_gains and not self.modes:
             return None
         return path_response(frequency, *self._path_of(point))
@@ -240,29 +242,29 @@ class Unknowns:
 
 def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisances: Nuisances) -> Unknowns:
     """Coordinates of calibrating `twin` on `channels` within `space`."""
-    own = np.log(twin.scales.values())
-    freed = tuple(name for name in SCALES if getattr(nuisances, name) > 0)
+    twin_scales = np.log(twin.scales.values())
+    searched = tuple(name for name in SCALES if getattr(nuisances, name) > 0)
     first, last = np.log(PATH_BAND)
     spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
     numbers = range(1, nuisances.modes + 1)
     rows: list[tuple[str, float, float]] = [
-        (name, float(own[SCALES.index(name)]), getattr(nuisances, name)) for name in freed
+        (name, float(twin_scales[SCALES.index(name)]), getattr(nuisances, name)) for name in searched
     ]
     rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
     rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
     rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
     rows += [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
-    center = np.array([one[1] for one in rows])
-    deviation = np.array([one[2] for one in rows])
+    center = np.array([row[1] for row in rows])
+    deviation = np.array([row[2] for row in rows])
     return Unknowns(
-        names=(*(LETTERS[name] for name in PARAMETERS), *(one[0] for one in rows)),
+        names=(*(LETTERS[name] for name in PARAMETERS), *(row[0] for row in rows)),
         start=np.concatenate([np.log(space.nominal), center]),
         center=np.concatenate([space.log_center, center]),
         deviation=np.concatenate([space.prior_std, deviation]),
         lower=np.concatenate([np.log(space.lower), center - REACH * deviation]),
         upper=np.concatenate([np.log(space.upper), center + REACH * deviation]),
-        own_scales=own,
-        scales=freed,
+        twin_scales=twin_scales,
+        scales=searched,
         n_channels=len(channels),
         has_gains=nuisances.gains > 0,
         modes=nuisances.modes,

@@ -1,4 +1,4 @@
-"""Which dimensions of a fault can be searched, in which unit they are told, and what is known of them before."""
+"""Dimensions of a fault that can be searched, their units and priors."""
 
 import math
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ class Dimension:
     name: str
     """Field of the fault."""
     unit: str
-    """Unit in which it is told."""
+    """Unit in which it is stated."""
     per_unit: float
     """What one such unit is in SI."""
     deviation: float = math.inf
     """Standard deviation of its logarithm before anything is measured [an estimate of ours]; infinite for severities,
-    of which every value from zero on is as likely as any other."""
+    where every value from zero on is equally likely."""
 
     def words(self, value: float) -> str:
         """`value` [SI] in the dimension's unit."""
@@ -58,7 +58,7 @@ class SeveritySearch:
     law: float = HYDRAULIC_LAW
     """Standard deviation of the logarithm of what the fault's law gives for its severity."""
     free: tuple[str, ...] = ()
-    """Dimensions searched beside the severity where nothing else is asked for."""
+    """Dimensions searched beside the severity by default."""
 
 
 _searches: dict[type[Fault], SeveritySearch] = {}

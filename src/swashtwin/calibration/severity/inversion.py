@@ -18,24 +18,24 @@ from jaxtyping import Float
 
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.severity.dimensions import FaultSpace
-from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearized, noise_covariance
-from swashtwin.calibration.uncertainty.profiles import Valley
+from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
+from swashtwin.calibration.uncertainty.profiles import ProfileProblem
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1
 """Relative errors of the excitation, of the path and of single lines that a twin is expected to have; see
 `discrepancy`. An estimate of ours: what a fault's law lacks, no healthy recording shows."""
 FACTORS = np.geomspace(0.03, 8.0, 9)
-"""Severities over the reference's at which the search looks around first; the last is the greatest it can find."""
-PLACES = 27
-"""So many values of a further dimension are looked at, over two standard deviations to both sides: lines up to order k
-tell a length apart from those a few k-ths longer, so that there are many valleys."""
+"""Severities over the reference's on the first grid; the last is the greatest it can find."""
+GRID_POINTS = 27
+"""Number of values of a further dimension on the first grid, over two standard deviations to both sides: lines up to
+order k distinguish a length from those a few k-ths longer, so that there are many valleys."""
 STARTS = 3
-"""How many of the valleys seen are walked down."""
+"""Number of starts that are descended from."""
 _STEP = 1e-3
 """Step of the differences: of the severity over the reference's, or of a logarithm."""
 _ROUNDS = 2
-"""How often the weights are taken anew from the lines found in the best valley."""
+"""Number of times that the weights are computed again at the best point."""
 ERROR = 0.05
 """Probability of either error at the detection limit (Currie 1968, doi:10.1021/ac60259a007)."""
 
@@ -52,14 +52,14 @@ class Prior:
     """The part of it that differs from recording to recording."""
 
 
-class Inversion(Valley):
+class Inversion(ProfileProblem):
     """Sum of squares of one recording's lines and of the priors; coordinates: values, nuisances, fault's dimensions."""
 
     def __init__(self, objective: Objective, space: FaultSpace, prior: Prior) -> None:
         self.objective, self.space, self.prior = objective, space, prior
         self.n_unknowns, self.simulations = len(prior.center), 0
         spread = 6 * np.sqrt(np.diag(prior.covariance))
-        further = 4 * np.array([one.deviation for one in space.free[1:]])
+        further = 4 * np.array([dimension.deviation for dimension in space.free[1:]])
         self.lower = np.concatenate([prior.center - spread, [0.0], -further])
         self.upper = np.concatenate([prior.center + spread, [FACTORS[-1]], further])
         self.prior_root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
@@ -74,17 +74,19 @@ class Inversion(Valley):
     def threshold(self) -> float:
         """Rise of the sum of squares without the fault above which it is there: noise alone exceeds it in 5 % of all
         cases. Where a further dimension is free there are many valleys for noise to fall into (Bonferroni)."""
-        return float(scipy.stats.chi2.isf(2 * ERROR / (PLACES if len(self.space.free) > 1 else 1), 1))
+        return float(scipy.stats.chi2.isf(2 * ERROR / (GRID_POINTS if len(self.space.free) > 1 else 1), 1))
 
     def _objective_at(self, point: np.ndarray) -> Objective:
         fault = self.space.at(point[self.n_unknowns :])
 
-        def moved(one: Comparison) -> Comparison:
-            return replace(one, twin=one.twin.with_fault(fault))
+        def with_fault(comparison: Comparison) -> Comparison:
+            return replace(comparison, twin=comparison.twin.with_fault(fault))
 
-        return replace(self.objective, comparisons=tuple(moved(one) for one in self.objective.comparisons))
+        return replace(
+            self.objective, comparisons=tuple(with_fault(comparison) for comparison in self.objective.comparisons)
+        )
 
-    def amplitude(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " reading"]:
+    def amplitude(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " observable"]:
         """Simulated amplitudes [m/s^2]."""
         self.simulations += 1
         with torch.no_grad():
@@ -97,30 +99,30 @@ class Inversion(Valley):
         self.simulations += 1
         objective, count = self._objective_at(point), self.n_unknowns
         amplitude, slope = objective.sensitivity(torch.as_tensor(point[:count]))
-        columns = [self._difference(point, place, amplitude.numpy()) for place in range(count, len(point))]
+        columns = [self._difference(point, index, amplitude.numpy()) for index in range(count, len(point))]
         difference = (amplitude - objective.measured).numpy()
         whitened = self.whiten(np.column_stack([difference, slope.numpy(), *columns]))
         rows = np.zeros((len(point) - 1, len(point)))
         rows[:count, :count] = self.prior_root
-        for place, one in enumerate(self.space.free[1:], start=count):
-            rows[place, place + 1] = 1 / one.deviation
+        for index, dimension in enumerate(self.space.free[1:], start=count):
+            rows[index, index + 1] = 1 / dimension.deviation
         reference = np.concatenate([self.prior.center, self.space.start])
         return np.concatenate([whitened[:, 0], rows @ (point - reference)]), np.concatenate([whitened[:, 1:], rows])
 
-    def _difference(self, point: np.ndarray, place: int, here: np.ndarray) -> np.ndarray:
+    def _difference(self, point: np.ndarray, index: int, here: np.ndarray) -> np.ndarray:
         ahead = point.copy()
-        ahead[place] += _STEP
+        ahead[index] += _STEP
         return (self.amplitude(ahead) - here) / _STEP
 
-    def whiten(self, readings: Float[np.ndarray, "reading *column"]) -> Float[np.ndarray, "reading *column"]:
-        """Readings in independent standard deviations."""
-        whitened: np.ndarray = scipy.linalg.solve_triangular(self.root, readings, lower=True)
+    def whiten(self, observables: Float[np.ndarray, "observable *column"]) -> Float[np.ndarray, "observable *column"]:
+        """Observables in independent standard deviations."""
+        whitened: np.ndarray = scipy.linalg.solve_triangular(self.root, observables, lower=True)
         return whitened
 
     def weigh(self, point: Float[np.ndarray, " unknown"]) -> None:
-        """Take the weights from what noise and the twin's expected errors do to the lines at `point`."""
+        """Set the weights by noise and the twin's expected errors at `point`."""
         objective = self._objective_at(point)
-        around = linearized(objective, point[: self.n_unknowns])
+        around = linearize(objective, point[: self.n_unknowns])
         self.root = np.linalg.cholesky(noise_covariance(around, Discrepancy((), SHARE, SHARE, SHARE)))
 
     def widen(self, factor: float) -> None:
@@ -129,45 +131,45 @@ class Inversion(Valley):
 
     def search(self) -> tuple[Float[np.ndarray, " unknown"], float]:
         """The best point from several starts, weights taken there, and its sum of squares."""
-        found = []
+        descents = []
         for start in self._starts():
             self.weigh(start)
-            point, height = self.descend(start, held=None)
-            found.append((height + 2 * np.log(np.diag(self.root)).sum(), point))
-        best = min(found, key=lambda pair: pair[0])[1]
+            point, height = self.descend(start, fixed=None)
+            descents.append((height + 2 * np.log(np.diag(self.root)).sum(), point))
+        best = min(descents, key=lambda pair: pair[0])[1]
         for _ in range(_ROUNDS):
             self.weigh(best)
-            best, height = self.descend(best, held=None)
+            best, height = self.descend(best, fixed=None)
         return best, height
 
     def _starts(self) -> Iterable[np.ndarray]:
-        """The best points of a look around that lie clearly apart."""
-        grids = [2 * one.deviation * np.linspace(-1, 1, PLACES) for one in self.space.free[1:2]]
+        """The best points of the first grid that are clearly distinct."""
+        grids = [2 * dimension.deviation * np.linspace(-1, 1, GRID_POINTS) for dimension in self.space.free[1:2]]
         fixed = np.zeros(max(0, len(self.space.free) - 2))
-        looked: list[tuple[float, np.ndarray]] = []
+        seen: list[tuple[float, np.ndarray]] = []
         for factor, *further in product(FACTORS, *grids):
             point = np.concatenate([self.prior.center, [factor], further, fixed])
             try:
                 misses = (self.amplitude(point) - self.objective.measured.numpy()) / self.objective.sigma.numpy()
             except SwashTwinError:  # no pump runs with a fault so severe
-                self.upper[self.severity] = looked[-1][1][self.severity] if looked else FACTORS[0]
+                self.upper[self.severity] = seen[-1][1][self.severity] if seen else FACTORS[0]
                 break
-            looked.append((float(misses @ misses), point))
-        taken: list[np.ndarray] = []
-        for _, point in sorted(looked, key=lambda pair: pair[0]):
-            if all(self._apart(point, other) for other in taken):
-                taken.append(point)
-            if len(taken) == STARTS:
+            seen.append((float(misses @ misses), point))
+        starts: list[np.ndarray] = []
+        for _, point in sorted(seen, key=lambda pair: pair[0]):
+            if all(self._are_distinct(point, other) for other in starts):
+                starts.append(point)
+            if len(starts) == STARTS:
                 break
-        return taken
+        return starts
 
-    def _apart(self, point: np.ndarray, other: np.ndarray) -> bool:
+    def _are_distinct(self, point: np.ndarray, other: np.ndarray) -> bool:
         first = self.severity
         severities = abs(math.log(point[first] / other[first]))
         return severities > 1 or bool((np.abs(point[first + 1 :] - other[first + 1 :]) > 0.05).any())
 
     def detection_limit(self, point: Float[np.ndarray, " unknown"]) -> float | None:
-        """Least severity over the reference's that these lines would tell from none; None beyond the search, and where
+        """Least severity over the reference's that these lines distinguish from none; None beyond the search, and where
         the fault does not vanish with its severity.
 
         Parameters
@@ -177,15 +179,15 @@ class Inversion(Valley):
         _, slope = self.at(point)
         others = np.delete(slope, self.severity, axis=1)
         silent = self.amplitude(point)
-        wanted = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR))
+        needed = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR))
 
         def surplus(logarithm: float) -> float:
             moved = point.copy()
             moved[self.severity] = np.exp(logarithm)
             change = np.zeros(len(slope))
             change[: len(silent)] = self.whiten(self.amplitude(moved) - silent)
-            left = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
-            return float(np.linalg.norm(left)) - wanted
+            residual = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
+            return float(np.linalg.norm(residual)) - needed
 
         low, high = np.log(1e-3), np.log(self.upper[self.severity])
         if surplus(high) < 0 or surplus(low) > 0:
@@ -196,10 +198,12 @@ class Inversion(Valley):
         """Covariance of all coordinates, and the standard deviation of the severity (over the reference's) from
         recording to recording of one pump: what noise and drift do, where all else stays."""
         _, slope = self.at(point)
-        readings = len(self.root)
+        n_lines = len(self.root)
         covariance = np.linalg.pinv(slope.T @ slope)
         weights = covariance[self.severity] @ slope.T
-        noise = np.concatenate([one.measurement.deviation.reshape(-1) for one in self.objective.comparisons])
-        errors = scipy.linalg.solve_triangular(self.root, weights[:readings], lower=True, trans="T")
-        drift = self.prior_root.T @ weights[readings : readings + self.n_unknowns]
+        noise = np.concatenate(
+            [comparison.measurement.deviation.reshape(-1) for comparison in self.objective.comparisons]
+        )
+        errors = scipy.linalg.solve_triangular(self.root, weights[:n_lines], lower=True, trans="T")
+        drift = self.prior_root.T @ weights[n_lines : n_lines + self.n_unknowns]
         return covariance, float(np.sqrt(np.sum((errors * noise) ** 2) + drift @ self.prior.drift @ drift))

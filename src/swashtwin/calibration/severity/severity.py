@@ -1,4 +1,4 @@
-"""How severe a fault is, in its own unit and with an interval: what was found of one recording, and of several."""
+"""Severity of a fault in one recording and in several, in its unit and with an interval."""
 
 import math
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ class DimensionEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Severity:
-    """What one recording says of how severe a fault is."""
+    """Severity of a fault in one recording."""
 
     recording_id: str
     """Which recording."""
@@ -66,7 +66,7 @@ class Severity:
     threshold: float
     """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all cases."""
     detection_limit: float | None
-    """Least severity [SI] that such a recording tells from none with 5 % of errors of either kind (Currie 1968,
+    """Least severity [SI] that such a recording distinguishes from none with 5 % of errors of either kind (Currie 1968,
     doi:10.1021/ac60259a007); None beyond the search."""
     repeatability: float
     """Standard deviation of the logarithm of the severity from recording to recording of this pump: noise and drift
@@ -89,7 +89,7 @@ class Severity:
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
-        kept = (
+        names = (
             "recording_id",
             "evidence",
             "threshold",
@@ -100,11 +100,11 @@ class Severity:
             "wall_s",
         )
         return {
-            **{name: getattr(self, name) for name in kept},
+            **{name: getattr(self, name) for name in names},
             "repeatability": self.repeatability if math.isfinite(self.repeatability) else None,
             "condition": asdict(self.condition),
             "fault": None if self.fault is None else {"kind": type(self.fault).__name__, **asdict(self.fault)},
-            "dimensions": [one.to_dict() for one in self.dimensions],
+            "dimensions": [dimension.to_dict() for dimension in self.dimensions],
             "notes": list(self.notes),
         }
 
@@ -114,7 +114,7 @@ class SeverityTrend:
     """Severities of one pump's recordings, in the order given."""
 
     reference: Fault
-    """The kind of fault, with the dimensions that were held."""
+    """The kind of fault, with the dimensions that were not searched."""
     estimates: tuple[Severity, ...]
     """One for each recording."""
     left_out: tuple[tuple[str, str], ...]
@@ -126,6 +126,11 @@ class SeverityTrend:
     version: str
     """Version of swashtwin."""
 
+    def __repr__(self) -> str:
+        severities = "; ".join(f"{item.recording_id}: {item.severity.words}" for item in self.estimates[:3])
+        more = f"; {len(self.estimates) - 3} more" if len(self.estimates) > 3 else ""
+        return f"<SeverityTrend of {type(self.reference).__name__}: {severities}{more}>"
+
     def change(self, later: int, earlier: int = 0) -> tuple[float, tuple[float, float]]:
         """Severity of estimate `later` over that of `earlier`, with its interval of 90 %.
 
@@ -133,10 +138,10 @@ class SeverityTrend:
         either severity is zero.
         """
         ends = [self.estimates[later], self.estimates[earlier]]
-        if not all(one.severity.value > 0 for one in ends):
+        if not all(severity.severity.value > 0 for severity in ends):
             return math.nan, (0.0, math.inf)
         ratio = ends[0].severity.value / ends[1].severity.value
-        factor = math.exp(QUANTILE * math.hypot(*(one.repeatability for one in ends)))
+        factor = math.exp(QUANTILE * math.hypot(*(severity.repeatability for severity in ends)))
         return ratio, (ratio / factor, ratio * factor)
 
     def to_dict(self) -> dict[str, Any]:
@@ -144,7 +149,7 @@ class SeverityTrend:
         return {
             "reference": {"kind": type(self.reference).__name__, **asdict(self.reference)},
             "confidence": COVERAGE,
-            "estimates": [one.to_dict() for one in self.estimates],
+            "estimates": [severity.to_dict() for severity in self.estimates],
             "left_out": [list(pair) for pair in self.left_out],
             "notes": list(self.notes),
             "settings": dict(self.settings),

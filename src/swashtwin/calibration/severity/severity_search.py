@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.calibration.methods.search import one_thread
-from swashtwin.calibration.objective.measurement import Lines, Measurement, agreeing, measure
+from swashtwin.calibration.objective.measurement import Lines, Measurement, measure, select_agreeing
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
@@ -17,7 +17,7 @@ from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fau
 from swashtwin.calibration.severity.inversion import Inversion, Prior
 from swashtwin.calibration.severity.severity import DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
-from swashtwin.calibration.uncertainty.profiles import interval_of, walk
+from swashtwin.calibration.uncertainty.profiles import interval_of, profile_likelihood
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin, carry_over
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, values_match
@@ -28,7 +28,7 @@ TRADED = 0.7
 UNIDENTIFIED_STD = 1.0
 """Standard deviation of the logarithm above which a severity that is not zero is not known: 90 % within a factor of 5
 to both sides."""
-HELD = 1e-4
+FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
 
 
@@ -55,7 +55,7 @@ class SeveritySettings:
 
 
 def estimate_severity(
-    known: Calibration | Twin,
+    healthy_calibration: Calibration | Twin,
     recordings: Iterable[Recording],
     fault: Fault,
     *,
@@ -63,7 +63,7 @@ def estimate_severity(
     free: Sequence[str] | None = None,
     settings: SeveritySettings | None = None,
 ) -> SeverityTrend:
-    """How severe `fault` is in each recording of one pump: value, interval, verdict, least severity to be told.
+    """How severe `fault` is in each recording of one pump: value, interval, verdict, detection limit.
 
     Each recording is inverted on its own, whatever its condition: searched are the fault's severity and further
     dimensions together with the six interface values and the constants that the healthy calibration had searched, whose
@@ -72,18 +72,18 @@ def estimate_severity(
     measured minus simulated amplitudes, weighed by noise and by what twins lack; the severity's interval is where the
     least sum over all else rises by 2.71 (profile likelihood).
 
-    Amplitudes only: where a phase decides, nothing is known. Which piston or which bore is damaged changes no line's
-    amplitude and cannot be told; a swash plate defect's angle changes them through interference with the pressures'
+    Amplitudes only, no phases. Which piston or which bore is damaged changes no line's
+    amplitude and cannot be found; a swash plate defect's angle changes them through interference with the pressures'
     lines only, and repeats after a piston's share of a turn; a width above a slipper's diameter does not act at all.
 
     Parameters
     ----------
-    known : calibration of this pump on its healthy recordings. A bare twin says nothing of the pump: its values then
-        are free within a factor of ten, mounting, bearings and sensors with the usual priors.
+    healthy_calibration : calibration of this pump on its healthy recordings. With a twin instead nothing is known of
+        the pump: its values are free within a factor of ten, mounting, bearings and sensors with the usual priors.
     recordings : of this pump, labelled as the fault, as normal, or not at all; others are left out.
     fault : its kind, with typical dimensions: the search starts there, and those not free stay as they are.
-    healthy : healthy recordings of this pump, for what stands in its lines that the twin does not know, such as the
-        scatter of its pistons: without them that is taken for the fault.
+    healthy : healthy recordings of this pump, for the part of its lines that the twin does not model, such as the
+        scatter of its pistons. Without them this part is attributed to the fault.
     free : further dimensions to search, such as ``("length",)``; the usual ones by default, none with ``()``.
 
     Raises
@@ -94,24 +94,30 @@ def estimate_severity(
         A calibration of faulty recordings, or an impossible dimension.
     """
     settings = settings or SeveritySettings()
-    space, given, sound = fault_space(fault, free), list(recordings), list(healthy)
-    _require_healthy(known)
-    _require_one_machine([*given, *sound])
-    taken, left_out = _chosen(given, fault)
+    space, candidates, healthy_recordings = fault_space(fault, free), list(recordings), list(healthy)
+    _require_healthy(healthy_calibration)
+    _require_one_machine([*candidates, *healthy_recordings])
+    used, left_out = _chosen(candidates, fault)
     with one_thread():
-        estimates = tuple(_of_recording(known, one, space, sound, settings) for one in taken)
+        estimates = tuple(
+            _of_recording(healthy_calibration, recording, space, healthy_recordings, settings) for recording in used
+        )
     return SeverityTrend(
         reference=fault,
         estimates=estimates,
         left_out=left_out,
-        notes=tuple(_notes(known, space, estimates, sound)),
-        settings={**asdict(settings), "band": list(settings.band), "free": [one.name for one in space.free]},
+        notes=tuple(_notes(healthy_calibration, space, estimates, healthy_recordings)),
+        settings={
+            **asdict(settings),
+            "band": list(settings.band),
+            "free": [dimension.name for dimension in space.free],
+        },
         version=VERSION,
     )
 
 
-def _require_healthy(known: Calibration | Twin) -> None:
-    twin = known if isinstance(known, Twin) else known.twin
+def _require_healthy(healthy_calibration: Calibration | Twin) -> None:
+    twin = healthy_calibration if isinstance(healthy_calibration, Twin) else healthy_calibration.twin
     if twin.fault is not None:
         raise InputError(
             f"the known pump is calibrated with a fault ({twin.label}); calibrate on its healthy recordings, so that "
@@ -120,54 +126,56 @@ def _require_healthy(known: Calibration | Twin) -> None:
 
 
 def _require_one_machine(recordings: Sequence[Recording]) -> None:
-    machines = sorted({one.specimen for one in recordings if one.specimen is not None})
-    if len(machines) > 1:
+    specimens = sorted({recording.specimen for recording in recordings if recording.specimen is not None})
+    if len(specimens) > 1:
         raise DataError(
-            f"recordings of {len(machines)} machines ({', '.join(machines[:4])}): a severity belongs to one pump; "
+            f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
             "select its recordings: --specimen, or recordings.where(specimen=...)."
         )
 
 
 def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:
-    taken, left_out = [], []
-    for one in recordings:
-        if one.condition is None:
-            left_out.append((one.recording_id, "the recording has no operating condition"))
-        elif one.label not in (None, "normal", fault.label):
-            left_out.append((one.recording_id, f"the recording's label is {one.label}, the fault's {fault.label}"))
+    used, left_out = [], []
+    for recording in recordings:
+        if recording.condition is None:
+            left_out.append((recording.recording_id, "the recording has no operating condition"))
+        elif recording.label not in (None, "normal", fault.label):
+            left_out.append(
+                (recording.recording_id, f"the recording's label is {recording.label}, the fault's {fault.label}")
+            )
         else:
-            taken.append(one)
-    if not taken:
+            used.append(recording)
+    if not used:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
         raise DataError(f"no recording to estimate a severity of ({reasons}).")
-    return taken, tuple(left_out)
+    return used, tuple(left_out)
 
 
 def _of_recording(
-    known: Calibration | Twin,
+    healthy_calibration: Calibration | Twin,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
     started = time.perf_counter()
-    inversion = _inversion(known, recording, space, healthy, settings)
+    inversion = _inversion(healthy_calibration, recording, space, healthy, settings)
     point, height = inversion.search()
     misfit = math.sqrt(height / len(inversion.root))
     if misfit > 1:
         inversion.widen(misfit)
-        point, height = inversion.descend(point, held=None)
-    coordinate, rise = walk(inversion, point, height, inversion.severity)
-    silent = point.copy()
-    silent[inversion.severity] = 0.0
-    silent, without = inversion.descend(silent, held=inversion.severity)
-    covariance, repeated = inversion.deviations(point)
+        point, height = inversion.descend(point, fixed=None)
+    coordinate, rise = profile_likelihood(inversion, point, height, inversion.severity)
+    without_fault = point.copy()
+    without_fault[inversion.severity] = 0.0
+    without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
+    covariance, deviation = inversion.deviations(point)
     law = search_of(space.reference).law if settings.law is None else settings.law
-    evidence = max(0.0, without - height)
+    evidence = max(0.0, height_without - height)
     severity = _severity(space, point, (coordinate, rise), inversion, law, is_there=evidence > inversion.threshold)
     further = _further(space, point, covariance, inversion)
-    inversion.weigh(silent)
-    limit = inversion.detection_limit(silent)
+    inversion.weigh(without_fault)
+    limit = inversion.detection_limit(without_fault)
     assert recording.condition is not None  # `_chosen` lets none pass
     relative = float(point[inversion.severity])
     return Severity(
@@ -178,33 +186,36 @@ def _of_recording(
         evidence=evidence,
         threshold=inversion.threshold,
         detection_limit=None if limit is None else limit * space.reference.severity,
-        repeatability=repeated / relative if relative > 0 else math.inf,
+        repeatability=deviation / relative if relative > 0 else math.inf,
         traded_with=_traded(covariance, inversion),
         misfit=misfit,
         simulations=inversion.simulations,
         wall_s=time.perf_counter() - started,
-        notes=(*inversion.objective.comparisons[0].measurement.notes, *_recording_notes(known, recording, misfit)),
+        notes=(
+            *inversion.objective.comparisons[0].measurement.notes,
+            *_recording_notes(healthy_calibration, recording, misfit),
+        ),
     )
 
 
 def _inversion(
-    known: Calibration | Twin,
+    healthy_calibration: Calibration | Twin,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Inversion:
     assert recording.condition is not None
-    sound = known if isinstance(known, Twin) else known.nominal
-    twin = replace(sound.at(recording.condition), fault=space.reference, path=None)
+    healthy_twin = healthy_calibration if isinstance(healthy_calibration, Twin) else healthy_calibration.nominal
+    twin = replace(healthy_twin.at(recording.condition), fault=space.reference, path=None)
     lines = _lines_of(twin, settings.band)
     measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
-    unknowns = _unknowns(known, limited, measurement.channels)
+    unknowns = _unknowns(healthy_calibration, limited, measurement.channels)
     comparison = Comparison(limited, measurement, background, floor)
     objective = Objective((comparison,), search_space(limited), unknowns)
-    return Inversion(objective, space, _prior(known, unknowns, recording.condition, healthy, settings))
+    return Inversion(objective, space, _prior(healthy_calibration, unknowns, recording.condition, healthy, settings))
 
 
 def _lines_of(twin: Twin, band: tuple[float, float]) -> Lines:
@@ -217,57 +228,60 @@ def _background(
     twin: Twin, measurement: Measurement, healthy: Sequence[Recording], lines: Lines
 ) -> tuple[Float[np.ndarray, "channel order"] | None, Float[np.ndarray, "channel order"] | float]:
     """What a healthy pump shows at orders where its twin is silent [m/s^2], and the least deviation of each line."""
-    sound = twin.with_fault(None)
-    silent = ~np.isin(measurement.orders, sound.orders)
-    if not silent.any() or not any(one.label == "normal" for one in healthy):
+    healthy_twin = twin.with_fault(None)
+    silent = ~np.isin(measurement.orders, healthy_twin.orders)
+    if not silent.any() or not any(recording.label == "normal" for recording in healthy):
         return None, FLOOR
     try:
-        alike, _ = agreeing(sound, healthy)
+        similar, _ = select_agreeing(healthy_twin, healthy)
     except DataError:
         return None, FLOOR
-    shown = measure(
-        twin, [one.picked(measurement.channels).replace(label=twin.label) for one in alike], measurement.band, lines
+    healthy_lines = measure(
+        twin,
+        [recording.picked(measurement.channels).replace(label=twin.label) for recording in similar],
+        measurement.band,
+        lines,
     )
-    level = np.sqrt(np.mean(shown.amplitude[:, silent] ** 2, axis=1, keepdims=True))
+    level = np.sqrt(np.mean(healthy_lines.amplitude[:, silent] ** 2, axis=1, keepdims=True))
     floor = np.where(silent, np.maximum(level, FLOOR / 10), FLOOR)
-    return np.where(silent, shown.amplitude, 0.0), floor
+    return np.where(silent, healthy_lines.amplitude, 0.0), floor
 
 
-def _unknowns(known: Calibration | Twin, twin: Twin, channels: tuple[str, ...]) -> Unknowns:
-    if isinstance(known, Twin):
+def _unknowns(healthy_calibration: Calibration | Twin, twin: Twin, channels: tuple[str, ...]) -> Unknowns:
+    if isinstance(healthy_calibration, Twin):
         return unknowns_of(twin, channels, search_space(twin), Nuisances.usual(excitation=0.0))
-    wanted = known.posterior.channels
-    if channels != wanted:
+    calibrated = healthy_calibration.posterior.channels
+    if channels != calibrated:
         raise DataError(
-            f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(wanted)}; take "
+            f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
             "recording.picked([...])."
         )
-    return known.posterior.unknowns
+    return healthy_calibration.posterior.unknowns
 
 
 def _prior(
-    known: Calibration | Twin,
+    healthy_calibration: Calibration | Twin,
     unknowns: Unknowns,
     condition: OperatingCondition,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Prior:
     drift = np.zeros((len(unknowns), len(unknowns)))
-    if isinstance(known, Twin):
+    if isinstance(healthy_calibration, Twin):
         return Prior(unknowns.center, np.diag(unknowns.deviation**2), drift)
-    center, covariance = known.posterior.point.copy(), known.posterior.covariance.copy()
-    here = known.twin.at(_calibrated_at(known, condition, healthy))
+    center, covariance = healthy_calibration.posterior.point.copy(), healthy_calibration.posterior.covariance.copy()
+    here = healthy_calibration.twin.at(_calibrated_at(healthy_calibration, condition, healthy))
     there = carry_over(here, condition, bore_exponent=0.5)
-    moved = (there.values / here.values).log().numpy()
-    center[VALUES] += moved
-    uncertain = moved / 2
+    shift = (there.values / here.values).log().numpy()
+    center[VALUES] += shift
+    uncertain = shift / 2
     bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
     uncertain[bore] = 0.5 * abs(math.log(_viscosity(here) / _viscosity(there)))
     drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
-    if "excitation" in unknowns.scales:  # no healthy pump tells of it; `law` counts it
-        place = unknowns.index_of_scale("excitation")
-        covariance[place], covariance[:, place] = 0.0, 0.0
-        covariance[place, place] = HELD**2
+    if "excitation" in unknowns.scales:  # healthy recordings do not show it; `law` counts it
+        index = unknowns.index_of_scale("excitation")
+        covariance[index], covariance[:, index] = 0.0, 0.0
+        covariance[index, index] = FIXED_STD**2
     return Prior(center, covariance + drift, drift)
 
 
@@ -276,19 +290,19 @@ def _viscosity(twin: Twin) -> float:
 
 
 def _calibrated_at(
-    known: Calibration, condition: OperatingCondition, healthy: Sequence[Recording]
+    calibration: Calibration, condition: OperatingCondition, healthy: Sequence[Recording]
 ) -> OperatingCondition:
     """The calibrated condition nearest in pressure, with the mean oil temperature of the healthy recordings."""
     nearest = min(
-        (fit.condition for fit in known.fits),
-        key=lambda one: abs(math.log(one.discharge_pressure / condition.discharge_pressure)),
+        (fit.condition for fit in calibration.fits),
+        key=lambda recording: abs(math.log(recording.discharge_pressure / condition.discharge_pressure)),
     )
-    warm = [
-        one.condition.oil_temperature
-        for one in healthy
-        if one.condition is not None and one.recording_id in known.recording_ids
+    temperatures = [
+        recording.condition.oil_temperature
+        for recording in healthy
+        if recording.condition is not None and recording.recording_id in calibration.recording_ids
     ]
-    return nearest.replaced(oil_temperature=float(np.mean(warm))) if warm else nearest
+    return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
 
 
 def _severity(
@@ -302,7 +316,7 @@ def _severity(
 ) -> DimensionEstimate:
     """The severity with the interval of its profile, widened by the error of the fault's law."""
     below, above = interval_of(*profile)
-    found, typical = float(point[inversion.severity]), space.reference.severity
+    relative, typical = float(point[inversion.severity]), space.reference.severity
     most = float(inversion.upper[inversion.severity])
     low, high = (below or 0.0) if is_there else 0.0, most if above is None else above
     log_std = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
@@ -313,75 +327,81 @@ def _severity(
         verdict = "at bound"
     elif low == 0:
         verdict = "not detected"
-    middle = found if found > 0 else high
+    middle = relative if relative > 0 else high
     widened = (
         middle * math.exp(-math.hypot(math.log(middle / low), QUANTILE * law)) if low > 0 else 0.0,
         middle * math.exp(math.hypot(math.log(high / middle), QUANTILE * law)),
     )
     interval = (widened[0] * typical, min(widened[1], max(most, high)) * typical)
-    return DimensionEstimate(space.free[0], found * typical, interval, log_std, verdict)
+    return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
 def _further(
     space: FaultSpace, point: np.ndarray, covariance: np.ndarray, inversion: Inversion
 ) -> list[DimensionEstimate]:
-    found = []
-    for place, one in enumerate(space.free[1:], start=inversion.severity + 1):
-        std = float(np.sqrt(covariance[place, place]))
-        value = getattr(space.reference, one.name) * math.exp(float(point[place]))
+    estimates = []
+    for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
+        std = float(np.sqrt(covariance[index, index]))
+        value = getattr(space.reference, dimension.name) * math.exp(float(point[index]))
         interval = (value * math.exp(-QUANTILE * std), value * math.exp(QUANTILE * std))
-        found.append(DimensionEstimate(one, value, interval, std, _verdict(one, float(point[place]), std)))
-    return found
+        estimates.append(
+            DimensionEstimate(dimension, value, interval, std, _verdict(dimension, float(point[index]), std))
+        )
+    return estimates
 
 
-def _verdict(one: Dimension, coordinate: float, std: float) -> SeverityVerdict:
-    if abs(coordinate) > 3.99 * one.deviation:
+def _verdict(dimension: Dimension, coordinate: float, std: float) -> SeverityVerdict:
+    if abs(coordinate) > 3.99 * dimension.deviation:
         return "at bound"
-    if std > UNIDENTIFIED_SHARE * one.deviation:
+    if std > UNIDENTIFIED_SHARE * dimension.deviation:
         return "not identified"
     return "identified" if std <= IDENTIFIED_STD else "weak"
 
 
 def _traded(covariance: np.ndarray, inversion: Inversion) -> str | None:
-    place = inversion.severity
+    index = inversion.severity
     std = np.sqrt(np.diag(covariance))
-    correlation = np.abs(covariance[place] / np.maximum(std * std[place], 1e-300))
-    correlation[place] = 0.0
-    names = [*inversion.objective.unknowns.names, *(one.name for one in inversion.space.free)]
+    correlation = np.abs(covariance[index] / np.maximum(std * std[index], 1e-300))
+    correlation[index] = 0.0
+    names = [*inversion.objective.unknowns.names, *(dimension.name for dimension in inversion.space.free)]
     other = int(np.argmax(correlation))
     return names[other] if correlation[other] > TRADED else None
 
 
-def _recording_notes(known: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
+def _recording_notes(healthy_calibration: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
     assert recording.condition is not None
-    if isinstance(known, Calibration):
+    if isinstance(healthy_calibration, Calibration):
         pressure = recording.condition.discharge_pressure
-        calibrated = [fit.condition.discharge_pressure for fit in known.fits]
+        calibrated = [fit.condition.discharge_pressure for fit in healthy_calibration.fits]
         if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
-            at = ", ".join(f"{one / 1e6:.4g}" for one in calibrated)
+            at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
             yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
     if misfit > 2:
         yield f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another fault"
 
 
 def _notes(
-    known: Calibration | Twin, space: FaultSpace, estimates: Sequence[Severity], healthy: Sequence[Recording]
+    healthy_calibration: Calibration | Twin,
+    space: FaultSpace,
+    estimates: Sequence[Severity],
+    healthy: Sequence[Recording],
 ) -> Iterable[str]:
-    if isinstance(known, Twin):
+    if isinstance(healthy_calibration, Twin):
         yield "no healthy calibration of this pump was given: its values were free, and the severity is less certain."
-    told = {one.traded_with for one in estimates} - {None}
-    if told:
+    partners = {estimate.traded_with for estimate in estimates} - {None}
+    if partners:
         yield (
-            f"the severity is traded with {', '.join(sorted(map(str, told)))}: it is known no better than those are; a "
+            f"the severity is traded with {', '.join(sorted(map(str, partners)))}: it is known no better than these; a "
             "change from recording to recording is known better (repeatability)."
         )
-    flat = sorted({one.dimension.name for e in estimates for one in e.dimensions if one.verdict == "not identified"})
+    dimensions = [item for severity in estimates for item in severity.dimensions]
+    flat = sorted({item.dimension.name for item in dimensions if item.verdict == "not identified"})
     if flat:
         yield f"{', '.join(flat)}: not identified; the recording hardly says more than was assumed."
-    if "angle" in {one.name for one in space.free}:
+    if "angle" in {dimension.name for dimension in space.free}:
         yield (
             "amplitudes tell an angle only where the fault's lines meet those of the pressures, and not from the angle "
             "one piston further on: phases are dropped."
         )
     if not healthy and space.reference.label != "swash_plate":
-        yield "no healthy recordings were given: what a healthy pump shows in these lines is taken for the fault."
+        yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."

@@ -2,7 +2,7 @@
 
 A machine differs from every twin of it: its mounting is off, its housing bends, its slippers follow a recess in part.
 Such errors are not noise. They are the same in every recording and shared by neighboring lines, so that fifty lines do
-not average them away as fifty independent readings would. After Kennedy and O'Hagan (2001,
+not average them away as fifty independent ones would. After Kennedy and O'Hagan (2001,
 doi:10.1111/1467-9868.00294) measured minus simulated amplitudes are taken as noise plus a random function with the
 covariance
 
@@ -41,7 +41,7 @@ CROSS_TALK = 0.1
 RELATIVE_WIDTH = 0.1
 """Width of the half-normal density of the relative shares: twice the model error that `sigma` expects."""
 CHANCE = 4.0
-"""By how much -2 ln of the residuals' probability must fall before anything is said to lack: noise alone does so in a
+"""By how much -2 ln of the residuals' probability must fall before a discrepancy is stated: noise alone does so in a
 tenth of all cases."""
 SHARES = (1e-4, 5.0)
 """Within which shares are sought."""
@@ -50,31 +50,31 @@ CONSTANTS = Nuisances.usual()
 
 
 @dataclass(frozen=True, eq=False)
-class Linearized:
+class Linearization:
     """An objective around one point."""
 
     objective: Objective
     """The objective."""
     point: Float[np.ndarray, " unknown"]
     """Where it was linearized."""
-    residual: Float[np.ndarray, " reading"]
-    """Measured minus simulated reading [m/s^2]."""
-    slope: Float[np.ndarray, "reading unknown"]
-    """Derivatives of the simulated readings."""
-    sigma: Float[np.ndarray, " reading"]
+    residual: Float[np.ndarray, " observable"]
+    """Measured minus simulated observable [m/s^2]."""
+    slope: Float[np.ndarray, "observable unknown"]
+    """Derivatives of the simulated observables."""
+    sigma: Float[np.ndarray, " observable"]
     """Standard deviation without what the twin lacks [m/s^2]."""
 
     @property
-    def simulated(self) -> Float[np.ndarray, " reading"]:
-        """Simulated readings [m/s^2]."""
+    def simulated(self) -> Float[np.ndarray, " observable"]:
+        """Simulated observables [m/s^2]."""
         return self.objective.measured.numpy() - self.residual
 
 
-def linearized(objective: Objective, point: Float[np.ndarray, " unknown"]) -> Linearized:
+def linearize(objective: Objective, point: Float[np.ndarray, " unknown"]) -> Linearization:
     """`objective` around `point`, with exact derivatives."""
-    readings, slope = objective.sensitivity(torch.as_tensor(point))
-    residual = (objective.measured - readings).numpy()
-    return Linearized(objective, point, residual, slope.numpy(), objective.sigma.numpy())
+    observables, slope = objective.sensitivity(torch.as_tensor(point))
+    residual = (objective.measured - observables).numpy()
+    return Linearization(objective, point, residual, slope.numpy(), objective.sigma.numpy())
 
 
 @dataclass(frozen=True)
@@ -91,19 +91,19 @@ class Discrepancy:
     """Relative error of each line's own."""
 
 
-def discrepancy_of(around: Linearized) -> Discrepancy:
-    """What the residuals say the twin lacks; nothing where there are no more readings than coordinates."""
-    names = _held(around.objective)
+def estimate_discrepancy(around: Linearization) -> Discrepancy:
+    """Discrepancy that the residuals show; none where there are no more observables than coordinates."""
+    names = _fixed_constants(around.objective)
     width = np.array([1.0] * len(names) + [RELATIVE_WIDTH] * 3)
-    found = np.zeros(len(width))
+    shares = np.zeros(len(width))
     if around.slope.shape[0] > around.slope.shape[1]:
         blind = scipy.linalg.qr(around.slope / around.sigma[:, None])[0][:, around.slope.shape[1] :]
         scaled = blind / around.sigma[:, None]
         parts = [scaled.T @ part @ scaled for part in _parts(around, names)]
-        found = _most_probable(scaled.T @ around.residual, parts, width)
+        shares = _most_probable(scaled.T @ around.residual, parts, width)
     prior = [getattr(CONSTANTS, name) for name in names]
-    constants = tuple((name, float(s * d)) for name, s, d in zip(names, found, prior, strict=False))
-    excitation, path, line = (float(share) for share in found[len(names) :])
+    constants = tuple((name, float(s * d)) for name, s, d in zip(names, shares, prior, strict=False))
+    excitation, path, line = (float(share) for share in shares[len(names) :])
     return Discrepancy(constants, excitation, path, line)
 
 
@@ -122,71 +122,76 @@ def _most_probable(residual: np.ndarray, parts: list[np.ndarray], width: np.ndar
     bounds = [tuple(np.log(SHARES))] * len(parts)
     start = np.log(0.5 * width)
     result = scipy.optimize.minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    found: np.ndarray = np.exp(result.x)
+    shares: np.ndarray = np.exp(result.x)
     if residual @ residual - result.fun < CHANCE:
-        return np.zeros_like(found)
-    return np.where(found > 2 * SHARES[0], found, 0.0)
+        return np.zeros_like(shares)
+    return np.where(shares > 2 * SHARES[0], shares, 0.0)
 
 
-def noise_covariance(around: Linearized, lacking: Discrepancy) -> Float[np.ndarray, "reading reading"]:
-    """Covariance of measured minus simulated readings [(m/s^2)^2]: noise, and what the twin lacks."""
-    names = [name for name, _ in lacking.constants]
-    shares = [share / getattr(CONSTANTS, name) for name, share in lacking.constants]
-    shares += [lacking.excitation, lacking.path, lacking.line]
+def noise_covariance(around: Linearization, discrepancy: Discrepancy) -> Float[np.ndarray, "observable observable"]:
+    """Covariance of measured minus simulated observables [(m/s^2)^2]: noise, and what the twin lacks."""
+    names = [name for name, _ in discrepancy.constants]
+    shares = [share / getattr(CONSTANTS, name) for name, share in discrepancy.constants]
+    shares += [discrepancy.excitation, discrepancy.path, discrepancy.line]
     parts = _parts(around, names)
     return np.diag(around.sigma**2) + sum(s**2 * part for s, part in zip(shares, parts, strict=True))
 
 
-def _held(objective: Objective) -> list[str]:
+def _fixed_constants(objective: Objective) -> list[str]:
     """Constants that were not searched and matter here."""
     forced = objective.twin.fault is not None
     return [name for name in SCALES if name not in objective.unknowns.scales and (forced or name != "excitation")]
 
 
-def _parts(around: Linearized, names: list[str]) -> list[np.ndarray]:
+def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:
     """Covariance of each cause at a share of 1."""
     objective = around.objective
-    held = [np.outer(one, one) for one in _constant_slopes(objective, around.point, names)]
+    constants = [np.outer(slope, slope) for slope in _constant_slopes(objective, around.point, names)]
     comparisons = objective.comparisons
-    frequency = np.concatenate([np.tile(_frequency(one), len(one.measured)) for one in comparisons])
-    place = np.concatenate([np.full(one.measured.numel(), i) for i, one in enumerate(comparisons)])
-    channel = np.concatenate([np.repeat(one.measurement.channels, one.measured.shape[1]) for one in comparisons])
-    level, turned = _levels(objective, around.simulated)
-    alike = np.outer(level, level) + np.outer(turned, turned)
-    near = np.exp(-np.abs(frequency[:, None] - frequency) / COHERENCE) * alike
+    frequency = np.concatenate(
+        [np.tile(_frequency(comparison), len(comparison.measured)) for comparison in comparisons]
+    )
+    condition = np.concatenate([np.full(comparison.measured.numel(), i) for i, comparison in enumerate(comparisons)])
+    channel = np.concatenate(
+        [np.repeat(comparison.measurement.channels, comparison.measured.shape[1]) for comparison in comparisons]
+    )
+    level, quarter = _levels(objective, around.simulated)
+    similarity = np.outer(level, level) + np.outer(quarter, quarter)
+    nearness = np.exp(-np.abs(frequency[:, None] - frequency) / COHERENCE) * similarity
     return [
-        *held,
-        near * (place[:, None] == place),
-        near * (channel[:, None] == channel),
-        np.diag(level**2 + turned**2),
+        *constants,
+        nearness * (condition[:, None] == condition),
+        nearness * (channel[:, None] == channel),
+        np.diag(level**2 + quarter**2),
     ]
 
 
 def _frequency(comparison: Comparison) -> np.ndarray:
-    """Frequency [Hz] of each reading of a channel."""
+    """Frequency [Hz] of each observable of a channel."""
     lines = comparison.measurement.orders * comparison.twin.condition.shaft_frequency
     return np.tile(lines, 2) if comparison.has_phases else lines
 
 
 def _levels(objective: Objective, simulated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What an error of 1 does to each reading [m/s^2]: one in phase with the line, and one a quarter turn ahead of it.
+    """Effect of an error of 1 on each observable [m/s^2]: one in phase with the line, and one a quarter turn ahead of
+    it.
 
     Amplitudes know only the first. A line's level is the mean of the simulated and the measured one, and a share of
     the loudest channel's.
     """
-    levels, ahead, first = [], [], 0
-    for one in objective.comparisons:
-        own = simulated[first : first + one.measured.numel()].reshape(one.measured.shape)
-        count = len(one.measurement.orders)
-        line = own[:, :count] + 1j * own[:, count:] if one.has_phases else own.astype(complex)
-        square = (np.abs(line) ** 2 + one.measurement.amplitude**2) / 2
+    levels, quarters, first = [], [], 0
+    for comparison in objective.comparisons:
+        lines = simulated[first : first + comparison.measured.numel()].reshape(comparison.measured.shape)
+        count = len(comparison.measurement.orders)
+        line = lines[:, :count] + 1j * lines[:, count:] if comparison.has_phases else lines.astype(complex)
+        square = (np.abs(line) ** 2 + comparison.measurement.amplitude**2) / 2
         level = np.sqrt(square + CROSS_TALK**2 * square.max(axis=0)) * np.exp(1j * np.angle(line))
-        parts = (level.real, level.imag) if one.has_phases else (np.abs(level),)
-        quarter = (-level.imag, level.real) if one.has_phases else (np.zeros_like(own),)
+        parts = (level.real, level.imag) if comparison.has_phases else (np.abs(level),)
+        ahead = (-level.imag, level.real) if comparison.has_phases else (np.zeros_like(lines),)
         levels.append(np.concatenate(parts, axis=1).reshape(-1))
-        ahead.append(np.concatenate(quarter, axis=1).reshape(-1))
-        first += own.size
-    return np.concatenate(levels), np.concatenate(ahead)
+        quarters.append(np.concatenate(ahead, axis=1).reshape(-1))
+        first += lines.size
+    return np.concatenate(levels), np.concatenate(quarters)
 
 
 def _constant_slopes(objective: Objective, point: np.ndarray, names: list[str]) -> np.ndarray:
@@ -196,10 +201,10 @@ def _constant_slopes(objective: Objective, point: np.ndarray, names: list[str]) 
     unknowns, step = objective.unknowns, 1e-4
     rows = []
     for name in names:
-        moved = unknowns.own_scales.copy()
+        moved = unknowns.twin_scales.copy()
         moved[SCALES.index(name)] += step
-        other = replace(objective, unknowns=replace(unknowns, own_scales=moved))
+        other = replace(objective, unknowns=replace(unknowns, twin_scales=moved))
         with torch.no_grad():
-            pair = [one.readings(torch.as_tensor(point)).numpy() for one in (other, objective)]
+            pair = [shifted.observables(torch.as_tensor(point)).numpy() for shifted in (other, objective)]
         rows.append((pair[0] - pair[1]) / step * getattr(CONSTANTS, name))
     return np.stack(rows)

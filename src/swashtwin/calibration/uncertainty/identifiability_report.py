@@ -1,4 +1,4 @@
-"""The identifiability report: what a measurement tells of each coordinate, and of which only together."""
+"""The identifiability report: which coordinates a measurement determines, alone or in combination."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -11,9 +11,9 @@ from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES
 from swashtwin.calibration.uncertainty.discrepancy import (
     Discrepancy,
-    Linearized,
-    discrepancy_of,
-    linearized,
+    Linearization,
+    estimate_discrepancy,
+    linearize,
     noise_covariance,
 )
 from swashtwin.calibration.uncertainty.information import Gain, expected_information_gain
@@ -50,24 +50,26 @@ class Direction:
     @property
     def words(self) -> str:
         """What it combines, such as ``"K_v traded with K_Hz"``."""
-        named = sorted((one for one in self.weights if abs(one[1]) > SHOWN), key=lambda one: -abs(one[1]))
+        named = sorted(
+            (weight for weight in self.weights if abs(weight[1]) > SHOWN), key=lambda weight: -abs(weight[1])
+        )
         letters = [letter for letter, _ in named]
         if len(letters) == 1:
-            told = f"{letters[0]} alone"
+            combination = f"{letters[0]} alone"
         elif len(letters) == 2:
             same = named[0][1] * named[1][1] > 0
             kind = "product" if same else "ratio"
-            told = f"the {kind} of {letters[0]} and {letters[1]}"
+            combination = f"the {kind} of {letters[0]} and {letters[1]}"
         else:
-            told = ", ".join(letters[:-1]) + f" and {letters[-1]} together"
+            combination = ", ".join(letters[:-1]) + f" and {letters[-1]} together"
         if self.share > UNIDENTIFIED_SHARE:
             return f"flat: {' traded with '.join(letters)}"
-        return f"{told}: known to {self.share:.2g} of the prior"
+        return f"{combination}: known to {self.share:.2g} of the prior"
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiabilityReport:
-    """What can be told of what was searched, around one point."""
+    """What a measurement determines of the coordinates searched, around one point."""
 
     names: tuple[str, ...]
     """Coordinates, as in `Unknowns.names`."""
@@ -89,9 +91,9 @@ class IdentifiabilityReport:
     discrepancy: Discrepancy
     """What the twin lacks, as the lines show it."""
     profiles: tuple[Profile, ...] = ()
-    """Profile likelihoods, where they were asked for."""
+    """Profile likelihoods, if requested."""
     gains: tuple[Gain, ...] = ()
-    """What further measurements would tell, where that was asked for, the best first."""
+    """Gains of further measurements, the best first, if requested."""
 
     @property
     def share(self) -> Float[np.ndarray, " unknown"]:
@@ -104,18 +106,18 @@ class IdentifiabilityReport:
         by: dict[str, list[str]] = {}
         for name, standing in zip(self.names[VALUES], self.standing, strict=False):
             by.setdefault(standing, []).append(name)
-        told = [f"{', '.join(letters)}: {standing}." for standing, letters in by.items()]
-        told += [f"{one.words}." for one in self.directions]
-        told += _discrepancy_words(self.discrepancy)
+        sentences = [f"{', '.join(letters)}: {standing}." for standing, letters in by.items()]
+        sentences += [f"{direction.words}." for direction in self.directions]
+        sentences += _discrepancy_words(self.discrepancy)
         if self.gains:
-            told.append(f"The best further measurement: {self.gains[0].words}.")
-        return tuple(told)
+            sentences.append(f"The best further measurement: {self.gains[0].words}.")
+        return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
         return {
             "names": list(self.names),
-            "estimates": [asdict(one) for one in self.estimates],
+            "estimates": [asdict(item) for item in self.estimates],
             "std": self.std.tolist(),
             "prior_std": self.prior_std.tolist(),
             "correlation": self.correlation.tolist(),
@@ -123,8 +125,8 @@ class IdentifiabilityReport:
             "directions": [{"words": d.words, "share": d.share, "weights": dict(d.weights)} for d in self.directions],
             "condition_number": self.condition_number if np.isfinite(self.condition_number) else None,
             "discrepancy": {**asdict(self.discrepancy), "constants": dict(self.discrepancy.constants)},
-            "profiles": [one.to_dict() for one in self.profiles],
-            "gains": [one.to_dict() for one in self.gains],
+            "profiles": [item.to_dict() for item in self.profiles],
+            "gains": [item.to_dict() for item in self.gains],
             "words": list(self.words),
         }
 
@@ -136,7 +138,7 @@ def identifiability(
     with_profiles: bool = False,
     with_gains: bool = False,
 ) -> IdentifiabilityReport:
-    """What `objective` tells around `point`.
+    """Identifiability of the coordinates of `objective` around `point`.
 
     Parameters
     ----------
@@ -144,9 +146,9 @@ def identifiability(
     with_gains : compare further measurements too.
     """
     point = np.asarray(point, dtype=float)
-    around = linearized(objective, point)
-    lacking = discrepancy_of(around)
-    covariance = sandwich(around, noise_covariance(around, lacking))
+    around = linearize(objective, point)
+    discrepancy = estimate_discrepancy(around)
+    covariance = sandwich(around, noise_covariance(around, discrepancy))
     std, prior = np.sqrt(np.diag(covariance)), objective.unknowns.deviation
     correlation = covariance / np.outer(std, std)
     return IdentifiabilityReport(
@@ -158,22 +160,22 @@ def identifiability(
         standing=tuple(_standings(around, std)),
         directions=tuple(_directions(objective.unknowns.names[VALUES], covariance[VALUES, VALUES], prior[VALUES])),
         condition_number=_condition_number(around),
-        discrepancy=lacking,
+        discrepancy=discrepancy,
         profiles=profiles(objective, point) if with_profiles else (),
         gains=expected_information_gain(objective, point) if with_gains else (),
     )
 
 
-def _standings(around: Linearized, std: np.ndarray) -> Iterable[Standing]:
+def _standings(around: Linearization, std: np.ndarray) -> Iterable[Standing]:
     unknowns = around.objective.unknowns
     prior, point = unknowns.deviation, around.point
-    felt = np.linalg.norm(around.slope / around.sigma[:, None], axis=0) * prior
-    alone = prior / np.sqrt(1 + felt**2)  # were all others known
+    effect = np.linalg.norm(around.slope / around.sigma[:, None], axis=0) * prior
+    alone = prior / np.sqrt(1 + effect**2)  # were all others known
     margin = BOUND_MARGIN * (unknowns.upper - unknowns.lower)
     on_bound = (point - unknowns.lower < margin) | (unknowns.upper - point < margin)
     for i in range(len(point)):
         limit = IDENTIFIED_STD if i < len(PARAMETERS) else UNIDENTIFIED_SHARE * prior[i] / 2
-        if felt[i] < DEAD:
+        if effect[i] < DEAD:
             yield "dead"
         elif on_bound[i]:
             yield "at bound"
@@ -193,21 +195,21 @@ def _directions(letters: tuple[str, ...], covariance: np.ndarray, prior: np.ndar
         yield Direction(float(np.sqrt(max(value, 0.0))), weights)
 
 
-def _condition_number(around: Linearized) -> float:
+def _condition_number(around: Linearization) -> float:
     scaled = around.slope / around.sigma[:, None]
     values, rest = scaled[:, VALUES], scaled[:, CONSTANTS] * around.objective.unknowns.deviation[CONSTANTS]
     inner = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]), rest.T @ values)
     return float(np.linalg.cond(values.T @ values - values.T @ rest @ inner))
 
 
-def _discrepancy_words(lacking: Discrepancy) -> list[str]:
-    told = [f"the {name} may be off by {share:.0%}" for name, share in lacking.constants if share > 0.02]
+def _discrepancy_words(discrepancy: Discrepancy) -> list[str]:
+    causes = [f"the {name} may be off by {share:.0%}" for name, share in discrepancy.constants if share > 0.02]
     shapes = {
-        "lines of all channels by {:.0%} together": lacking.excitation,
-        "lines of one channel by {:.0%} together": lacking.path,
-        "single lines by {:.0%}": lacking.line,
+        "lines of all channels by {:.0%} together": discrepancy.excitation,
+        "lines of one channel by {:.0%} together": discrepancy.path,
+        "single lines by {:.0%}": discrepancy.line,
     }
-    told += [f"it misses {shape.format(share)}" for shape, share in shapes.items() if share > 0.02]
-    if not told:
+    causes += [f"it misses {shape.format(share)}" for shape, share in shapes.items() if share > 0.02]
+    if not causes:
         return ["The twin meets the lines as well as expected."]
-    return [f"What the twin lacks, as its residuals show: {'; '.join(told)}. The intervals allow for it."]
+    return [f"What the twin lacks, as its residuals show: {'; '.join(causes)}. The intervals allow for it."]

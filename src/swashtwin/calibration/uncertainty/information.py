@@ -1,10 +1,10 @@
-"""Which further measurement would tell most: expected information gain before anything is measured.
+"""Expected information gain of further measurements.
 
-Linearized at the values found, everything is normal, and a measurement's gain does not depend on what it will read:
+Linearization at the values found, everything is normal, and a measurement's gain does not depend on what it will read:
 half the fall of the logarithm of the posterior covariance's determinant (Bayesian D-optimality; Lindley 1956,
 doi:10.1214/aoms/1177728069, Chaloner and Verdinelli 1995, doi:10.1214/ss/1177009939), here of the six values with all
-nuisances integrated out. What the twin lacks is taken into account as it was estimated: a channel's error is the same
-in its next recording, so a repetition is worth little, and a place never measured much.
+nuisances integrated out. The discrepancy counts as estimated: a channel's error is the same in its next recording, so a
+repetition is worth little, and a new position much.
 
 Values that move with pressure and speed are not followed: at another condition the twin has the same films.
 """
@@ -21,7 +21,7 @@ from jaxtyping import Float
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
-from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, estimate_discrepancy, linearize, noise_covariance
 from swashtwin.foundation import InputError, MPa, mm, rpm
 from swashtwin.physics import Twin, prepare
 from swashtwin.pump import Fault, Sensor, SwashPlateDefect
@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Gain:
-    """What one further measurement would tell."""
+    """Information gain of one further measurement."""
 
     name: str
     """What to do."""
@@ -58,7 +58,7 @@ class Gain:
 
     @property
     def words(self) -> str:
-        """What it would tell."""
+        """The gain in a sentence."""
         letter, factor = max(self.narrower, key=lambda pair: pair[1])
         return f"{self.name}: {self.nats:.2f} nat; most for {letter}, whose interval shrinks {factor:.2g} times"
 
@@ -72,7 +72,7 @@ def expected_information_gain(
     point: Float[np.ndarray, " unknown"],
     candidates: Iterable[Candidate] | None = None,
 ) -> tuple[Gain, ...]:
-    """What each candidate would add to what `objective` tells at `point`, the best first.
+    """Information gain of each candidate beside the measurements of `objective`, at `point`, the best first.
 
     Parameters
     ----------
@@ -85,22 +85,22 @@ def expected_information_gain(
     """
     objective.require_amplitudes("the expected information gain")
     candidates = candidates_for(objective) if candidates is None else tuple(candidates)
-    _prepare([_limited(objective, one.twin) for one in candidates if one.twin is not None])
-    around = linearized(objective, point)
-    lacking = discrepancy_of(around)
-    now = _posterior(objective, np.asarray(point), lacking)
+    _prepare([_limited(objective, candidate.twin) for candidate in candidates if candidate.twin is not None])
+    around = linearize(objective, point)
+    discrepancy = estimate_discrepancy(around)
+    covariance = _posterior(objective, np.asarray(point), discrepancy)
     gains = []
-    for one in candidates:
+    for candidate in candidates:
         wider, moved = objective, np.asarray(point)
-        if one.sensor is not None:
-            wider, moved = _with_sensor(wider, moved, one.sensor)
-        if one.twin is not None:
-            wider = _with_twin(wider, moved, _limited(objective, one.twin))
-        then = _posterior(wider, moved, lacking)
-        narrower = np.sqrt(np.diag(now) / np.diag(then))
+        if candidate.sensor is not None:
+            wider, moved = _with_sensor(wider, moved, candidate.sensor)
+        if candidate.twin is not None:
+            wider = _with_twin(wider, moved, _limited(objective, candidate.twin))
+        covariance_after = _posterior(wider, moved, discrepancy)
+        narrower = np.sqrt(np.diag(covariance) / np.diag(covariance_after))
         letters = objective.unknowns.names[VALUES]
-        nats = (np.linalg.slogdet(now)[1] - np.linalg.slogdet(then)[1]) / 2
-        gains.append(Gain(one.name, float(nats), tuple(zip(letters, map(float, narrower), strict=True))))
+        nats = (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(covariance_after)[1]) / 2
+        gains.append(Gain(candidate.name, float(nats), tuple(zip(letters, map(float, narrower), strict=True))))
     return tuple(sorted(gains, key=lambda gain: -gain.nats))
 
 
@@ -110,33 +110,33 @@ def candidates_for(objective: Objective) -> tuple[Candidate, ...]:
     Sensors: at each place where one sits, the directions that it does not measure.
     """
     twin = objective.twin
-    measured = [one.twin.condition for one in objective.comparisons]
-    found = [
+    measured = [comparison.twin.condition for comparison in objective.comparisons]
+    candidates = [
         Candidate(f"also at {level / 1e6:g} MPa", twin.at(twin.condition.replaced(discharge_pressure=level)))
         for level in PRESSURES
-        if all(abs(one.discharge_pressure / level - 1) > 0.1 for one in measured)
+        if all(abs(condition.discharge_pressure / level - 1) > 0.1 for condition in measured)
     ]
-    found += [
+    candidates += [
         Candidate(f"also at {speed * 30 / math.pi:.0f} rev/min", twin.at(twin.condition.replaced(speed=speed)))
         for speed in SPEEDS
-        if all(abs(one.speed / speed - 1) > 0.1 for one in measured)
+        if all(abs(condition.speed / speed - 1) > 0.1 for condition in measured)
     ]
     other: Fault | None = DEFECT if twin.fault is None else None
     name = "also with a swash plate defect" if twin.fault is None else "also healthy"
-    found.append(Candidate(name, twin.with_fault(other)))
-    return (*found, *(Candidate(f"also {one.name}", sensor=one) for one in _free_sensors(objective)))
+    candidates.append(Candidate(name, twin.with_fault(other)))
+    return (*candidates, *(Candidate(f"also {sensor.name}", sensor=sensor) for sensor in _free_sensors(objective)))
 
 
 def _free_sensors(objective: Objective) -> list[Sensor]:
     channels = objective.comparisons[0].measurement.channels
     sensors = objective.twin.pump.sensors
-    idle = [one for one in sensors if one.name not in channels]
-    used = [(one.position, tuple(map(abs, one.direction))) for one in sensors]
-    for at in sensors:
+    idle = [sensor for sensor in sensors if sensor.name not in channels]
+    used = [(sensor.position, tuple(map(abs, sensor.direction))) for sensor in sensors]
+    for site in sensors:
         for axis, direction in DIRECTIONS.items():
-            if (at.position, direction) not in used:
-                used.append((at.position, direction))
-                idle.append(Sensor(f"{axis} where {at.name} sits", at.position, direction))
+            if (site.position, direction) not in used:
+                used.append((site.position, direction))
+                idle.append(Sensor(f"{axis} where {site.name} sits", site.position, direction))
     return idle
 
 
@@ -182,21 +182,23 @@ def _with_sensor(objective: Objective, point: np.ndarray, sensor: Sensor) -> tup
     """With one more channel in every comparison; its gain and residues are searched where those of the others are."""
     unknowns, moved = _with_channel(objective.unknowns, point, sensor.name)
     comparisons = []
-    for one in objective.comparisons:
-        pump = one.twin.pump
-        known = sensor.name in pump.channels
+    for comparison in objective.comparisons:
+        pump = comparison.twin.pump
+        is_known = sensor.name in pump.channels
         twin = (
-            one.twin
-            if known
-            else _sharing(one.twin, replace(one.twin, pump=replace(pump, sensors=(*pump.sensors, sensor))))
+            comparison.twin
+            if is_known
+            else _sharing(
+                comparison.twin, replace(comparison.twin, pump=replace(pump, sensors=(*pump.sensors, sensor)))
+            )
         )
-        channels = (*one.measurement.channels, sensor.name)
-        wider = replace(one.measurement, channels=channels)
-        full = _expected(replace(one, measurement=wider), twin, one.measurement.orders, unknowns, moved)
-        amplitude = np.concatenate([one.measurement.amplitude, full.measurement.amplitude[-1:]])
-        deviation = np.concatenate([one.measurement.deviation, np.zeros_like(amplitude[-1:])])
-        kept: Measurement = replace(wider, amplitude=amplitude, deviation=deviation)
-        comparisons.append(Comparison(twin, kept))
+        channels = (*comparison.measurement.channels, sensor.name)
+        wider = replace(comparison.measurement, channels=channels)
+        full = _expected(replace(comparison, measurement=wider), twin, comparison.measurement.orders, unknowns, moved)
+        amplitude = np.concatenate([comparison.measurement.amplitude, full.measurement.amplitude[-1:]])
+        deviation = np.concatenate([comparison.measurement.deviation, np.zeros_like(amplitude[-1:])])
+        measurement: Measurement = replace(wider, amplitude=amplitude, deviation=deviation)
+        comparisons.append(Comparison(twin, measurement))
     return replace(objective, comparisons=tuple(comparisons), unknowns=unknowns), moved
 
 
@@ -212,10 +214,10 @@ def _with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[
     rows = {name: list(getattr(unknowns, name)) for name in ("start", "center", "deviation", "lower", "upper")}
     rows["point"] = list(point)
 
-    def insert(place: int, name: str, like: int) -> None:
-        names.insert(place, name)
+    def insert(index: int, name: str, like: int) -> None:
+        names.insert(index, name)
         for label, row in rows.items():
-            row.insert(place, 0.0 if label == "point" else row[like])
+            row.insert(index, 0.0 if label == "point" else row[like])
 
     if unknowns.has_gains:
         insert(unknowns.first_of_path + unknowns.n_channels, f"gain {channel}", unknowns.first_of_path)
@@ -226,11 +228,11 @@ def _with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[
     return replace(unknowns, names=tuple(names), n_channels=unknowns.n_channels + 1, **arrays), moved
 
 
-def _posterior(objective: Objective, point: np.ndarray, lacking: Discrepancy) -> np.ndarray:
+def _posterior(objective: Objective, point: np.ndarray, discrepancy: Discrepancy) -> np.ndarray:
     """Covariance of the six values where every line is weighed as it deserves."""
-    around = linearized(objective, point)
+    around = linearize(objective, point)
     prior = objective.unknowns.deviation
-    root = np.linalg.cholesky(noise_covariance(around, lacking))
+    root = np.linalg.cholesky(noise_covariance(around, discrepancy))
     scaled = np.linalg.solve(root, around.slope) * prior
     covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
     return covariance[VALUES, VALUES]

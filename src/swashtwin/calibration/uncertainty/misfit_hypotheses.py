@@ -1,11 +1,11 @@
-"""What else would explain a misfit: simple mistakes, each tried by calibrating anew as if it had been made.
+"""Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had been made.
 
 Tried are two channels with each other's name, the other topology, one channel read in another unit, and each constant,
 searched from several places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was, which a
 number more does not do where it explains nothing, and where the fall is beyond chance (`BEYOND_CHANCE`): so a misfit
 within the model error that is allowed to every twin is explained too, if a single mistake explains it. Only mistakes of
-this list can be named; a twin that is wrong in another way (the timing of the ports, the place of a defect) is told by
-the misfit alone, or not at all.
+this list can be named; a twin that is wrong in another way (the timing of the ports, the place of a defect) shows
+in the misfit only, or not at all.
 """
 
 import math
@@ -28,9 +28,10 @@ BEYOND_CHANCE = 20.0
 """By how much the sum of squares over `Comparison.sigma` must fall: noise does so, with one to three numbers more and
 eight mistakes tried, once in a thousand cases."""
 ALIKE = 1.15
-"""Mistakes that leave up to this factor of the least misfit are suspected as well: the lines cannot tell them apart."""
+"""Mistakes that leave up to this factor of the least misfit are suspected as well: the lines do not distinguish
+them."""
 WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, gains=1.5)
-"""Priors of constants that may be wrong by mistake: wider than those of constants that nobody measured."""
+"""Priors of constants that may be wrong by mistake: wider than the usual ones."""
 AWAY = {
     "mount": (-0.5, 0.0, 0.5),
     "bearing": (-0.5, 0.0, 0.5),
@@ -51,7 +52,7 @@ _REFIT = GaussNewton(starts=1, most_iterations=8)
 
 
 @dataclass(frozen=True)
-class Suspicion:
+class MisfitHypothesis:
     """A mistake that would explain the misfit."""
 
     mistake: str
@@ -67,7 +68,7 @@ class Suspicion:
         return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}."
 
 
-def suspicions(objective: Objective, misfit: float) -> tuple[Suspicion, ...]:
+def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
     """Mistakes that would explain a misfit, the likeliest first; none where no single one does.
 
     Parameters
@@ -78,105 +79,108 @@ def suspicions(objective: Objective, misfit: float) -> tuple[Suspicion, ...]:
     if count * misfit**2 < BEYOND_CHANCE:
         return ()
     most = min(EXPLAINED * misfit, float(np.sqrt(misfit**2 - BEYOND_CHANCE / count)))
-    tried = [each for of_kind in (_swapped, _other_topology, _freed, _gains) for each in of_kind(objective, misfit)]
-    likely = sorted((one for one in tried if one.misfit < most), key=lambda one: one.misfit)
-    return tuple(one for one in likely if one.misfit <= ALIKE * likely[0].misfit)
+    mistakes = (_swap_channels, _change_topology, _free_constants, _free_gains)
+    hypotheses = [hypothesis for mistake in mistakes for hypothesis in mistake(objective, misfit)]
+    likely = sorted((item for item in hypotheses if item.misfit < most), key=lambda item: item.misfit)
+    return tuple(item for item in likely if item.misfit <= ALIKE * likely[0].misfit)
 
 
-def _refitted(objective: Objective) -> tuple[np.ndarray, float]:
-    """Point found anew, and the misfit there."""
+def _refit(objective: Objective) -> tuple[np.ndarray, float]:
+    """Point of another calibration, and the misfit there."""
     point = _REFIT.search(objective, seed=0).point
     with torch.no_grad():
         return point, float(objective.weighted_loss(torch.as_tensor(point)))
 
 
-def _swapped(objective: Objective, before: float) -> Iterator[Suspicion]:
+def _swap_channels(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     channels = objective.comparisons[0].measurement.channels
-    for one, other in combinations(channels, 2):
-        renamed = tuple({one: other, other: one}.get(name, name) for name in channels)
+    for first, second in combinations(channels, 2):
+        renamed = tuple({first: second, second: first}.get(name, name) for name in channels)
         changed = tuple(
             Comparison(each.twin, replace(each.measurement, channels=renamed)) for each in objective.comparisons
         )
-        _, misfit = _refitted(replace(objective, comparisons=changed))
-        yield Suspicion(f"{one} and {other} have each other's name: look at the wiring", misfit, before)
+        _, misfit = _refit(replace(objective, comparisons=changed))
+        yield MisfitHypothesis(f"{first} and {second} have each other's name: look at the wiring", misfit, before)
 
 
-def _other_topology(objective: Objective, before: float) -> Iterator[Suspicion]:
+def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     other: Topology = "T2" if objective.twin.topology == "T1" else "T1"
     changed = tuple(Comparison(replace(each.twin, topology=other), each.measurement) for each in objective.comparisons)
-    _, misfit = _refitted(replace(objective, comparisons=changed))
-    yield Suspicion(f"the bodies are joined as in topology {other}", misfit, before)
+    _, misfit = _refit(replace(objective, comparisons=changed))
+    yield MisfitHypothesis(f"the bodies are joined as in topology {other}", misfit, before)
 
 
-def _freed(objective: Objective, before: float) -> Iterator[Suspicion]:
-    """Each constant searched from other places, whether or not it was."""
+def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
+    """Each constant searched from other places, also one that was searched."""
     for name in SCALES:
         if name == "excitation" and objective.twin.fault is None:
             continue
-        own = float(objective.unknowns.own_scales[SCALES.index(name)])
-        unknowns = _with_scale(objective.unknowns, name, own)
-        place = unknowns.names.index(name)
-        begun = [replace(unknowns, start=_with_entry(unknowns.start, place, own + away)) for away in AWAY[name]]
-        point, misfit = min((_refitted(replace(objective, unknowns=one)) for one in begun), key=lambda one: one[1])
-        factor = float(np.exp(point[place] - own))
-        advice = IN_G if name == "sensor" and _is_gravity(factor) else ": search it from there, or mend the pump file"
-        told = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        yield Suspicion(told, misfit, before)
+        twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
+        unknowns = _with_scale(objective.unknowns, name, twin_value)
+        index = unknowns.names.index(name)
+        starts = [replace(unknowns, start=_with_entry(unknowns.start, index, twin_value + away)) for away in AWAY[name]]
+        point, misfit = min((_refit(replace(objective, unknowns=start)) for start in starts), key=lambda pair: pair[1])
+        factor = float(np.exp(point[index] - twin_value))
+        advice = (
+            IN_G if name == "sensor" and _is_gravity(factor) else ": search it from there, or correct the pump file"
+        )
+        mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
+        yield MisfitHypothesis(mistake, misfit, before)
 
 
-def _with_scale(unknowns: Unknowns, name: str, own: float) -> Unknowns:
+def _with_scale(unknowns: Unknowns, name: str, center: float) -> Unknowns:
     """`unknowns` with a constant searched under its wide prior, whatever it was before."""
     wide = getattr(WIDE, name)
     if name not in unknowns.scales:
-        more = _with_more(unknowns, (name,), own, wide)
+        more = _with_more(unknowns, (name,), center, wide)
         return replace(more, scales=(*unknowns.scales, name))
-    place, reach = unknowns.names.index(name), REACH * wide
+    index, reach = unknowns.names.index(name), REACH * wide
     return replace(
         unknowns,
-        deviation=_with_entry(unknowns.deviation, place, wide),
-        lower=_with_entry(unknowns.lower, place, own - reach),
-        upper=_with_entry(unknowns.upper, place, own + reach),
+        deviation=_with_entry(unknowns.deviation, index, wide),
+        lower=_with_entry(unknowns.lower, index, center - reach),
+        upper=_with_entry(unknowns.upper, index, center + reach),
     )
 
 
-def _with_entry(row: np.ndarray, place: int, value: float) -> np.ndarray:
+def _with_entry(row: np.ndarray, index: int, value: float) -> np.ndarray:
     changed = row.copy()
-    changed[place] = value
+    changed[index] = value
     return changed
 
 
-def _gains(objective: Objective, before: float) -> Iterator[Suspicion]:
+def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     """Each channel's gain searched: one that is far from the others' is in another unit."""
     channels = objective.comparisons[0].measurement.channels
     if objective.unknowns.has_gains or len(channels) < 2:
         return
     names = tuple(f"gain {name}" for name in channels)
     unknowns = replace(_with_more(objective.unknowns, names, 0.0, WIDE.gains), has_gains=True)
-    point, misfit = _refitted(replace(objective, unknowns=unknowns))
+    point, misfit = _refit(replace(objective, unknowns=unknowns))
     gains = np.exp([point[unknowns.names.index(name)] for name in names])
-    place = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
-    factor = float(gains[place] / np.median(gains))
+    index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
+    factor = float(gains[index] / np.median(gains))
     unit = IN_G if _is_gravity(factor) else ""
-    yield Suspicion(
-        f"{channels[place]} reads {factor:.2g} times what it should beside the others{unit}", misfit, before
+    yield MisfitHypothesis(
+        f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}", misfit, before
     )
 
 
 def _is_gravity(factor: float) -> bool:
-    """Whether readings that are `factor` times too large may be in g."""
+    """Whether samples that are `factor` times too large may be in g."""
     return abs(factor * GRAVITY - 1) < 0.3
 
 
 def _with_more(unknowns: Unknowns, names: tuple[str, ...], center: float, deviation: float) -> Unknowns:
     """`unknowns` with coordinates of one prior after the scales, all starting at its center."""
-    place, count = unknowns.first_of_path, len(names)
+    index, count = unknowns.first_of_path, len(names)
 
     def more(row: np.ndarray, value: float) -> np.ndarray:
-        return np.insert(row, place, np.full(count, value))
+        return np.insert(row, index, np.full(count, value))
 
     return replace(
         unknowns,
-        names=(*unknowns.names[:place], *names, *unknowns.names[place:]),
+        names=(*unknowns.names[:index], *names, *unknowns.names[index:]),
         start=more(unknowns.start, center),
         center=more(unknowns.center, center),
         deviation=more(unknowns.deviation, deviation),

@@ -12,7 +12,12 @@ from scipy.special import ndtr, ndtri
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
-from swashtwin.calibration.uncertainty.discrepancy import Linearized, discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import (
+    Linearization,
+    estimate_discrepancy,
+    linearize,
+    noise_covariance,
+)
 from swashtwin.foundation import InputError, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import LETTERS, PARAMETERS, Interfaces
@@ -54,7 +59,7 @@ class Estimate:
     """Where it was searched."""
     verdict: Verdict
     """``identified``; ``weak``: uncertain by more than a factor of 1.5; ``not identified``: the measurement hardly
-    says more than the prior (the bounds, or what is known of pumps of its type); ``at bound``: a bound stopped the
+    says more than the prior (the bounds, or the population of its type); ``at bound``: a bound stopped the
     search, often because a constant is wrong."""
     traded_with: str | None = None
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
@@ -84,11 +89,13 @@ def posterior_covariance(
     is the Fisher information's inverse where the twin meets the lines as expected; no coordinate is less certain than
     its prior.
     """
-    around = linearized(objective, point)
-    return sandwich(around, noise_covariance(around, discrepancy_of(around)))
+    around = linearize(objective, point)
+    return sandwich(around, noise_covariance(around, estimate_discrepancy(around)))
 
 
-def sandwich(around: Linearized, noise: Float[np.ndarray, "reading reading"]) -> Float[np.ndarray, "unknown unknown"]:
+def sandwich(
+    around: Linearization, noise: Float[np.ndarray, "observable observable"]
+) -> Float[np.ndarray, "unknown unknown"]:
     """The same where the covariance of measured minus simulated amplitudes is known."""
     prior = around.objective.unknowns.deviation
     scaled = around.slope / around.sigma[:, None] * prior  # in units of the priors: well conditioned if one is flat
@@ -107,11 +114,11 @@ def estimates_of(
     values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
-    found = []
+    estimates = []
     for i, name in enumerate(PARAMETERS):
         partner = int(np.argmax(correlation[i]))
         low, high = float(np.log(space.lower[i])), float(np.log(space.upper[i]))
-        found.append(
+        estimates.append(
             Estimate(
                 name=name,
                 letter=LETTERS[name],
@@ -125,7 +132,7 @@ def estimates_of(
                 traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
             )
         )
-    return tuple(found)
+    return tuple(estimates)
 
 
 def _interval(center: float, std: float, low: float, high: float) -> tuple[float, float]:
@@ -149,7 +156,7 @@ def _verdict(center: float, std: float, prior_std: float, low: float, high: floa
 
 
 _TRIES = 200
-"""How often a draw beyond the bounds is drawn anew before it is put on the bound."""
+"""Number of draws beyond the bounds after which the last one is put on the bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +173,10 @@ class Posterior:
     """Their covariance; its first six rows are the logarithms of the six values."""
     sampled: Float[np.ndarray, "sample unknown"] | None = None
     """Draws of a sampler (`sample_posterior`); None is the normal density (Laplace's approximation)."""
+
+    def __repr__(self) -> str:
+        kind = "normal density" if self.sampled is None else f"{len(self.sampled)} draws"
+        return f"<Posterior: {kind} of {', '.join(self.unknowns.names)}>"
 
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
         """`twin` with the values, scales and sensor path of `point`."""
@@ -200,8 +211,8 @@ class Posterior:
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
         unknowns = {name: _plain(value) for name, value in vars(self.unknowns).items()}
-        own = {name: _plain(getattr(self, name)) for name in ("channels", "point", "covariance", "sampled")}
-        return {"unknowns": unknowns, **own}
+        table = {name: _plain(getattr(self, name)) for name in ("channels", "point", "covariance", "sampled")}
+        return {"unknowns": unknowns, **table}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> "Posterior":
@@ -224,4 +235,4 @@ def _plain(value: Any) -> Any:
 def _back(value: Any) -> Any:
     if not isinstance(value, list):
         return value
-    return tuple(value) if all(isinstance(one, str) for one in value) else np.array(value, dtype=float)
+    return tuple(value) if all(isinstance(item, str) for item in value) else np.array(value, dtype=float)

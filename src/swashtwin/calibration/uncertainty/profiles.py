@@ -1,4 +1,4 @@
-"""Profile likelihood: how much worse the best fit becomes when one coordinate is held at other values.
+"""Profile likelihood: how much worse the best fit becomes when one coordinate is fixed at other values.
 
 A linearized interval sees only the neighborhood of the optimum; a profile follows the valley, however bent, and shows
 where it never rises: there the value is not identified (Raue et al. 2009, doi:10.1093/bioinformatics/btp358).
@@ -17,7 +17,7 @@ from jaxtyping import Float
 from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import VALUES
-from swashtwin.calibration.uncertainty.discrepancy import discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import COVERAGE
 from swashtwin.foundation import InputError
 from swashtwin.pump import PARAMETERS
@@ -27,7 +27,7 @@ THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 _MOST_POINTS, _MOST_STEPS = 30, 12
 
 
-class Valley(ABC):
+class ProfileProblem(ABC):
     """Least squares within bounds; each point is simulated with its derivatives."""
 
     lower: Float[np.ndarray, " unknown"]
@@ -41,12 +41,12 @@ class Valley(ABC):
     ) -> tuple[Float[np.ndarray, " residual"], Float[np.ndarray, "residual unknown"]]:
         """Residuals of unit variance at `point`, and their derivatives."""
 
-    def descend(self, point: np.ndarray, held: int | None) -> tuple[np.ndarray, float]:
-        """The lowest point reached from `point` with coordinate `held` kept, and its sum of squares."""
+    def descend(self, point: np.ndarray, fixed: int | None) -> tuple[np.ndarray, float]:
+        """The lowest point reached from `point` with coordinate `fixed` unchanged, and its sum of squares."""
         residual, slope = self.at(point)
         damping = 1e-6
         for _ in range(_MOST_STEPS):
-            step = self.step(point, residual, slope, held, damping)
+            step = self.step(point, residual, slope, fixed, damping)
             if 2 * -(residual @ slope @ step) - np.square(slope @ step).sum() < 0.01:
                 break
             trial = point + step
@@ -58,40 +58,40 @@ class Valley(ABC):
         return point, float(residual @ residual)
 
     def step(
-        self, point: np.ndarray, residual: np.ndarray, slope: np.ndarray, held: int | None, damping: float
+        self, point: np.ndarray, residual: np.ndarray, slope: np.ndarray, fixed: int | None, damping: float
     ) -> np.ndarray:
-        """A damped Gauss-Newton step that ends within the bounds; what stands on one and wants beyond stays."""
+        """A damped Gauss-Newton step within the bounds; a coordinate on a bound that would leave it stays."""
         downhill = -slope.T @ residual
         free = ~((point <= self.lower) & (downhill < 0) | (point >= self.upper) & (downhill > 0))
-        if held is not None:
-            free[held] = False
+        if fixed is not None:
+            free[fixed] = False
         step = np.zeros_like(point)
         part = slope[:, free]
         square = part.T @ part
         step[free] = np.linalg.solve(square + damping * np.diag(np.diag(square)), downhill[free])
         return np.clip(point + step, self.lower, self.upper) - point
 
-    def along(self, slope: np.ndarray, held: int) -> np.ndarray:
-        """How all coordinates go along the valley per unit of the held one."""
-        others = np.arange(slope.shape[1]) != held
+    def along(self, slope: np.ndarray, fixed: int) -> np.ndarray:
+        """Direction along the valley, per unit of the fixed coordinate."""
+        others = np.arange(slope.shape[1]) != fixed
         direction = np.ones(slope.shape[1])
-        direction[others] = -np.linalg.lstsq(slope[:, others], slope[:, held], rcond=None)[0]
+        direction[others] = -np.linalg.lstsq(slope[:, others], slope[:, fixed], rcond=None)[0]
         return direction
 
 
-def walk(
-    valley: Valley, best: Float[np.ndarray, " unknown"], least: float, held: int
+def profile_likelihood(
+    problem: ProfileProblem, best: Float[np.ndarray, " unknown"], least: float, fixed: int
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Values of coordinate `held`, rising, and how far the least sum of squares over all others rises there.
+    """Values of coordinate `fixed`, rising, and how far the least sum of squares over all others rises there.
 
     Parameters
     ----------
     best : where the sum of squares is `least`; the walk goes from there to both sides, until the rise is clear or a
         bound is met.
     """
-    points = [(float(best[held]), least)]
+    points = [(float(best[fixed]), least)]
     for side in (-1.0, 1.0):
-        points += _side(valley, best, least, held, side)
+        points += _side(problem, best, least, fixed, side)
     coordinate, height = np.array(sorted(points)).T
     return coordinate, height - height.min()
 
@@ -107,27 +107,29 @@ def interval_of(
     )
 
 
-def _side(valley: Valley, best: np.ndarray, least: float, held: int, side: float) -> list[tuple[float, float]]:
+def _side(
+    problem: ProfileProblem, best: np.ndarray, least: float, fixed: int, side: float
+) -> list[tuple[float, float]]:
     """Points of one side, from the best on outwards."""
-    reach = valley.upper[held] - valley.lower[held]
-    end = valley.upper[held] if side > 0 else valley.lower[held]
-    _, slope = valley.at(best)
-    direction = valley.along(slope, held)
+    reach = problem.upper[fixed] - problem.lower[fixed]
+    end = problem.upper[fixed] if side > 0 else problem.lower[fixed]
+    _, slope = problem.at(best)
+    direction = problem.along(slope, fixed)
     stride = float(np.clip(0.8 / np.linalg.norm(slope @ direction), 1e-4 * reach, reach / 8))
-    found: list[tuple[float, float]] = []
+    points: list[tuple[float, float]] = []
     point, height = best, least
-    while len(found) < _MOST_POINTS and abs(point[held] - end) > 1e-9 and height < least + 1.3 * THRESHOLD:
-        go = side * min(stride, abs(end - point[held]))
-        ahead = np.clip(point + go * direction, valley.lower, valley.upper)
+    while len(points) < _MOST_POINTS and abs(point[fixed] - end) > 1e-9 and height < least + 1.3 * THRESHOLD:
+        advance = side * min(stride, abs(end - point[fixed]))
+        ahead = np.clip(point + advance * direction, problem.lower, problem.upper)
         last, behind = height, point
-        point, height = valley.descend(ahead, held)
-        direction = (point - behind) / go
-        found.append((float(point[held]), height))
+        point, height = problem.descend(ahead, fixed)
+        direction = (point - behind) / advance
+        points.append((float(point[fixed]), height))
         if height - last < 0.3:
             stride = min(1.7 * stride, reach / 8)
         if abs(height - last) > 1.5:
             stride /= 1.5
-    return found
+    return points
 
 
 def _crossing(coordinate: np.ndarray, rise: np.ndarray) -> float | None:
@@ -142,7 +144,7 @@ def _crossing(coordinate: np.ndarray, rise: np.ndarray) -> float | None:
 
 
 _WIDER = 10.0
-"""By how much the priors of the six values are widened: they then say nothing, but keep flat valleys in place."""
+"""By how much the priors of the six values are widened: so wide, they only keep flat valleys in place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +154,7 @@ class Profile:
     name: str
     """Letter of the value, or name of the nuisance, as in `Unknowns.names`."""
     coordinate: Float[np.ndarray, " point"]
-    """Where it was held, rising: the logarithm, but for the residue of a housing mode."""
+    """Values at which it was fixed, rising: the logarithm, but for the residue of a housing mode."""
     rise: Float[np.ndarray, " point"]
     """Rise of the sum of squares above the least [1]: 2.71 ends the interval of 90 %."""
     best: float
@@ -208,20 +210,20 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """Profiles of several coordinates; of the six values by default."""
     names = objective.unknowns.names[VALUES] if names is None else names
-    valley = _Likelihood(objective, point)
+    problem = _WhitenedProblem(objective, point)
     with one_thread():
-        best, least = valley.descend(np.asarray(point, dtype=float), held=None)
-        found = [_walked(valley, best, least, objective.unknowns.names.index(name)) for name in names]
-    return tuple(found)
+        best, least = problem.descend(np.asarray(point, dtype=float), fixed=None)
+        result = [_profile_of(problem, best, least, objective.unknowns.names.index(name)) for name in names]
+    return tuple(result)
 
 
-class _Likelihood(Valley):
+class _WhitenedProblem(ProfileProblem):
     """Whitened least squares of all coordinates but one."""
 
     def __init__(self, objective: Objective, point: np.ndarray) -> None:
-        around, unknowns = linearized(objective, point), objective.unknowns
+        around, unknowns = linearize(objective, point), objective.unknowns
         self.objective, self.lower, self.upper = objective, unknowns.lower, unknowns.upper
-        self.root = np.linalg.cholesky(noise_covariance(around, discrepancy_of(around)))
+        self.root = np.linalg.cholesky(noise_covariance(around, estimate_discrepancy(around)))
         wider = np.where(np.arange(len(unknowns)) < len(PARAMETERS), _WIDER, 1.0)
         self.center, self.precision = unknowns.center, 1 / (unknowns.deviation * wider)
         self.simulations = 1
@@ -229,23 +231,23 @@ class _Likelihood(Valley):
     def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their derivatives."""
         self.simulations += 1
-        readings, slope = self.objective.sensitivity(torch.as_tensor(point))
+        observables, slope = self.objective.sensitivity(torch.as_tensor(point))
         lines = scipy.linalg.solve_triangular(
-            self.root, np.column_stack([(readings - self.objective.measured).numpy(), slope.numpy()]), lower=True
+            self.root, np.column_stack([(observables - self.objective.measured).numpy(), slope.numpy()]), lower=True
         )
         residual = np.concatenate([lines[:, 0], self.precision * (point - self.center)])
         return residual, np.concatenate([lines[:, 1:], np.diag(self.precision)])
 
 
-def _walked(valley: _Likelihood, best: np.ndarray, least: float, held: int) -> Profile:
-    before = valley.simulations
-    coordinate, rise = walk(valley, best, least, held)
+def _profile_of(problem: _WhitenedProblem, best: np.ndarray, least: float, fixed: int) -> Profile:
+    before = problem.simulations
+    coordinate, rise = profile_likelihood(problem, best, least, fixed)
     return Profile(
-        name=valley.objective.unknowns.names[held],
+        name=problem.objective.unknowns.names[fixed],
         coordinate=coordinate,
         rise=rise,
         best=float(coordinate[np.argmin(rise)]),
         interval=interval_of(coordinate, rise),
-        bounds=(float(valley.lower[held]), float(valley.upper[held])),
-        simulations=valley.simulations - before,
+        bounds=(float(problem.lower[fixed]), float(problem.upper[fixed])),
+        simulations=problem.simulations - before,
     )

@@ -16,14 +16,14 @@ from jaxtyping import Float
 
 from swashtwin.calibration.methods.search import Progress, one_thread
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.uncertainty.discrepancy import discrepancy_of, linearized, noise_covariance
+from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import Posterior, posterior_covariance
 from swashtwin.foundation import InputError, MissingExtraError, derive_seed
 
 TIMES = 50
 """Autocorrelation times that a chain must be long: below, emcee's own estimate of that time is not to be trusted."""
 ALIKE = 1.05
-"""Ratio of the spread of all halves of walkers to that within them up to which they tell the same."""
+"""Ratio of the spread of all halves of walkers to that within them up to which they agree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,32 +37,32 @@ class Sampling:
     autocorrelation_time: float
     """Steps after which the slowest coordinate has forgotten where it was."""
     effective_size: float
-    """Independent draws that tell as much of the slowest coordinate."""
+    """Number of independent draws with as much information on the slowest coordinate."""
     spread_ratio: Float[np.ndarray, " unknown"]
     """Spread of all halves of walkers over that within them, for each coordinate (Gelman and Rubin's R-hat, although
-    walkers of one ensemble are not independent); 1 where all tell the same."""
+    walkers of one ensemble are not independent); 1 where all agree."""
     steps: int
-    """Steps of each walker that were kept."""
+    """Steps of each walker after the burn-in."""
     simulations: int
     """How many parameter sets were simulated."""
 
     @property
     def is_converged(self) -> bool:
-        """Whether the chain is long enough, and its parts tell the same."""
+        """Whether the chain is long enough, and its parts agree."""
         return self.steps >= TIMES * self.autocorrelation_time and bool((self.spread_ratio < ALIKE).all())
 
     @property
     def words(self) -> str:
         """Whether to trust the draws."""
-        told = (
+        length = (
             f"{self.steps} steps are {self.steps / self.autocorrelation_time:.3g} autocorrelation times, and parts of "
             f"the chain differ by up to {self.spread_ratio.max():.3f}"
         )
         if self.is_converged:
-            return f"converged: {told}; {self.effective_size:.0f} independent draws."
-        wanted = int(np.ceil(1.2 * TIMES * self.autocorrelation_time / 100) * 100)
+            return f"converged: {length}; {self.effective_size:.0f} independent draws."
+        steps = int(np.ceil(1.2 * TIMES * self.autocorrelation_time / 100) * 100)
         return (
-            f"NOT converged: {told}, of {TIMES} and {ALIKE} that are needed; try steps={max(wanted, 2 * self.steps)}."
+            f"NOT converged: {length}, of {TIMES} and {ALIKE} that are needed; try steps={max(steps, 2 * self.steps)}."
         )
 
 
@@ -83,7 +83,7 @@ def sample_posterior(
     Parameters
     ----------
     point : a solution, around which the walkers start as its linearized posterior says.
-    steps : of each walker; half as many before them are thrown away.
+    steps : of each walker; half as many before them are discarded.
     walkers : four for each coordinate by default, at least 24.
     progress : called with (steps done, steps in all, least misfit of a walker).
 
@@ -101,19 +101,19 @@ def sample_posterior(
     laplace = Posterior(
         objective.unknowns, _channels(objective), np.asarray(point), posterior_covariance(objective, point)
     )
-    burnt, moves = steps // 2, [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+    burn_in, moves = steps // 2, [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
     sampler = emcee.EnsembleSampler(walkers, size, density, moves=moves, vectorize=True)
     generator = np.random.RandomState(derive_seed(seed, "emcee") % 2**32)  # the only kind that emcee takes
     start = emcee.State(laplace.draws(walkers, seed), random_state=generator.get_state())
     with one_thread():
-        for number, state in enumerate(sampler.sample(start, iterations=burnt + steps), 1):
+        for number, state in enumerate(sampler.sample(start, iterations=burn_in + steps), 1):
             if progress is not None and number % 20 == 0:
-                progress(number, burnt + steps, float(-2 * state.log_prob.max()))
-    chain = sampler.get_chain(discard=burnt)
+                progress(number, burn_in + steps, float(-2 * state.log_prob.max()))
+    chain = sampler.get_chain(discard=burn_in)
     time, ratio = chain_quality(chain)
     draws = chain.reshape(-1, size)
     posterior = Posterior(
-        objective.unknowns, _channels(objective), np.asarray(point), np.cov(draws.T), thinned(chain, time)
+        objective.unknowns, _channels(objective), np.asarray(point), np.cov(draws.T), thin(chain, time)
     )
     return Sampling(
         posterior=posterior,
@@ -130,9 +130,9 @@ class _Density:
     """Logarithm of the density at each row."""
 
     def __init__(self, objective: Objective, point: np.ndarray) -> None:
-        around = linearized(objective, point)
+        around = linearize(objective, point)
         self.objective, self.simulations = objective, 1
-        self.root = np.linalg.cholesky(noise_covariance(around, discrepancy_of(around)))
+        self.root = np.linalg.cholesky(noise_covariance(around, estimate_discrepancy(around)))
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         unknowns = self.objective.unknowns
@@ -142,7 +142,7 @@ class _Density:
             rows = torch.as_tensor(points[inside])
             self.simulations += len(rows)
             with torch.no_grad():
-                missed = (self.objective.readings(rows) - self.objective.measured).numpy()
+                missed = (self.objective.observables(rows) - self.objective.measured).numpy()
                 prior = self.objective.prior_loss(rows).numpy()
             white = scipy.linalg.solve_triangular(self.root, missed.T, lower=True)
             result[inside] = -0.5 * (np.square(white).sum(axis=0) + prior)
@@ -160,7 +160,7 @@ def chain_quality(
     return max(1.0, time), np.sqrt((half - 1) / half + between / within)
 
 
-def thinned(chain: Float[np.ndarray, "step walker unknown"], time: float) -> Float[np.ndarray, "draw unknown"]:
+def thin(chain: Float[np.ndarray, "step walker unknown"], time: float) -> Float[np.ndarray, "draw unknown"]:
     """At most about 2000 draws, no nearer than half an autocorrelation time in each walker."""
     stride = max(1, int(time / 2), len(chain) * chain.shape[1] // 2000)
     return chain[::stride].reshape(-1, chain.shape[-1])

@@ -30,10 +30,10 @@ from swashtwin.recordings import Recording, write_recording
 CLASSES = ("normal", "piston")
 
 
-def recording(name: str, label: str, *, pressure: float = 15, speed: float = 860, readings: int = 480) -> Recording:
+def recording(name: str, label: str, *, pressure: float = 15, speed: float = 860, samples: int = 480) -> Recording:
     draw = np.random.default_rng(list(name.encode()))
-    cycles = {"normal": 0.05, "piston": 0.15}[label] * np.arange(readings)
-    signal = np.sin(2 * np.pi * cycles + draw.uniform(0, 6)) + 0.3 * draw.normal(size=readings)
+    cycles = {"normal": 0.05, "piston": 0.15}[label] * np.arange(samples)
+    signal = np.sin(2 * np.pi * cycles + draw.uniform(0, 6)) + 0.3 * draw.normal(size=samples)
     condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(pressure))
     return Recording(signal[None], 1000.0, name, label=label, condition=condition)
 
@@ -154,7 +154,7 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
     [
         ({"sample_rate": 2000.0}, "sample rate 1000 Hz against 2000 Hz; bring it to the .* give resample"),
         ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
-        ({"unit": "g"}, "against g; state what a reading is: --calibration-factor"),
+        ({"unit": "g"}, "against g; state what a sample is: --calibration-factor"),
         ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
         ({"signal": np.random.default_rng(0).normal(size=(1, 79))}, "too few for one window"),
         ({"signal": np.full((1, 480), np.nan)}, "new"),

@@ -64,7 +64,7 @@ def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence
 
 def test_more_points_on_the_way_leave_a_smaller_gap(classifier: FittedClassifier) -> None:
     windows = cut_windows([recording("new", "valve_plate").relabeled(None)], length=128, classes=LABELS)
-    signal = classifier.normalization.applied(windows)
+    signal = classifier.normalization.apply(windows)
     gaps = []
     for steps in (2, 128):
         gradient, change = mean_gradients(classifier.network, signal, 1, 0, steps=steps)
@@ -144,8 +144,8 @@ def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, m
 
 
 def test_the_rms_of_all_bands_is_that_of_the_readings(evidence: Evidence) -> None:
-    readings = recording("new", "valve_plate").signal
-    np.testing.assert_allclose(np.sqrt((evidence.rms**2).sum(axis=1)), readings.std(axis=1), rtol=1e-3)
+    samples = recording("new", "valve_plate").signal
+    np.testing.assert_allclose(np.sqrt((evidence.rms**2).sum(axis=1)), samples.std(axis=1), rtol=1e-3)
 
 
 def test_evidence_is_json_and_of_one_recording(classifier: FittedClassifier, evidence: Evidence) -> None:

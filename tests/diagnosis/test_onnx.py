@@ -77,7 +77,7 @@ def test_the_file_scales_as_the_classifier_does_but_for_what_rests_on_a_whole_re
     opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
     given = windows().signal
     if normalization == "recording":
-        given = classifier.normalization.applied(windows())
+        given = classifier.normalization.apply(windows())
     told = opened.run(None, {"windows": given})[0]
     np.testing.assert_allclose(told, classifier.predict_proba(windows()), atol=1e-5)
     facts = opened.get_modelmeta().custom_metadata_map

@@ -54,9 +54,9 @@ def test_skewness_and_kurtosis_are_scipys():
     np.testing.assert_allclose(value["kurtosis"], stats.kurtosis(signal, axis=1, fisher=False))
 
 
-@pytest.mark.parametrize("readings", [255, 256, 1024])
-def test_the_bands_share_the_whole_mean_square_among_them(readings):
-    noise = np.random.default_rng(1).normal(size=(2000, readings))
+@pytest.mark.parametrize("samples", [255, 256, 1024])
+def test_the_bands_share_the_whole_mean_square_among_them(samples):
+    noise = np.random.default_rng(1).normal(size=(2000, samples))
     total = (10 ** band_energies(noise)).sum(axis=1)
     assert total.mean() == pytest.approx(1, abs=0.02)
 

@@ -16,8 +16,8 @@ from swashtwin.recordings import Recording, load_recordings, recording_groups, w
 CLASSES = ("normal", "leak")
 
 
-def recording(name: str, label: str = "normal", readings: int = 400, **facts) -> Recording:
-    noise = np.random.default_rng(list(name.encode())).normal(size=(1, readings))
+def recording(name: str, label: str = "normal", samples: int = 400, **facts) -> Recording:
+    noise = np.random.default_rng(list(name.encode())).normal(size=(1, samples))
     return Recording(noise, 1000.0, name, label=label, **facts)
 
 

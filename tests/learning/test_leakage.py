@@ -13,8 +13,8 @@ from swashtwin.learning.leakage.copies import copied_windows
 from swashtwin.recordings import Recording
 
 
-def recording(name: str, label: str = "normal", readings: int = 300, rate: float = 1000.0, **facts) -> Recording:
-    noise = np.random.default_rng(list(name.encode())).normal(size=(1, readings))
+def recording(name: str, label: str = "normal", samples: int = 300, rate: float = 1000.0, **facts) -> Recording:
+    noise = np.random.default_rng(list(name.encode())).normal(size=(1, samples))
     return Recording(noise, rate, name, label=label, **facts)
 
 
@@ -86,7 +86,7 @@ def test_copied_windows_say_whether_they_stand_in_two_roles():
     assert (across.first.role, across.first.start, across.again.role) == ("train", 100, "test")
 
 
-def test_constant_readings_are_no_copies():
+def test_constant_samples_are_no_copies():
     flat = [Recording(np.full((1, 50), 2.0), 10.0, name) for name in "ab"]
     assert copied_recordings(flat) == ()
 
@@ -95,7 +95,7 @@ def test_random_classes_get_a_warning_no_more_often_than_said():
     random = np.random.default_rng(0)
     base = [
         replace(
-            recording(f"r{place}", readings=64),
+            recording(f"r{place}", samples=64),
             signal=random.normal(random.normal(), random.lognormal(), (1, 64)),
             attributes={"bench": str(random.integers(3)), "shift": str(random.integers(2))},
         )

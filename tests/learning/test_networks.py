@@ -10,7 +10,7 @@ from swashtwin.learning.networks.registry import BUILT_IN
 
 
 def awake(module: torch.nn.Module) -> None:
-    """Make every weight positive, so that no ReLU sleeps and every reading that is in reach is felt."""
+    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is felt."""
     for weight in module.parameters():
         weight.data.abs_()
 
@@ -133,7 +133,7 @@ def test_the_documented_weight_shapes_hold():
 
 
 @pytest.mark.parametrize(
-    ("name", "settings", "readings"),
+    ("name", "settings", "samples"),
     [
         ("tcn", {"channels": (4, 4, 4), "kernel_size": 3, "stride": 4}, 116),
         ("tcn", {"channels": (4, 4), "kernel_size": 2, "stride": 1}, 7),
@@ -141,16 +141,16 @@ def test_the_documented_weight_shapes_hold():
         ("wdcnn", {}, 1520),
     ],
 )
-def test_a_step_in_the_middle_rests_on_as_many_readings_as_the_receptive_field_says(name, settings, readings):
+def test_a_step_in_the_middle_rests_on_as_many_readings_as_the_receptive_field_says(name, settings, samples):
     network = build_network(name, 1, 2, **settings).eval()
     awake(network)
     for stage in getattr(network, "stages", ()):
-        stage[3] = torch.nn.AvgPool1d(2)  # as wide as the maximum, which only one reading at a time reaches
+        stage[3] = torch.nn.AvgPool1d(2)  # as wide as the maximum, which only one sample at a time reaches
     windows = torch.rand(1, 1, 8 * 512, requires_grad=True)
     steps = network.steps(windows)
     steps[0, :, steps.shape[-1] // 2].sum().backward()
     seen = windows.grad[0, 0].nonzero().flatten()
-    assert seen.max() - seen.min() + 1 == network.receptive_field == readings
+    assert seen.max() - seen.min() + 1 == network.receptive_field == samples
 
 
 def test_the_tcn_answers_from_its_last_step_and_no_step_sees_a_later_reading():
@@ -169,7 +169,7 @@ def test_a_recurrent_network_remembers_the_whole_window(name):
 
 
 def test_a_patch_is_read_in_order_with_all_its_channels():
-    """One layer of a network that reads raw readings, computed by hand."""
+    """One layer of a network that reads raw samples, computed by hand."""
     network = build_network("lstm", 2, 3, hidden=4, layers=1, patch=3).eval()
     windows = torch.randn(5, 2, 6)
     cell = torch.nn.LSTMCell(6, 4)

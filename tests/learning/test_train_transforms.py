@@ -66,7 +66,7 @@ def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     assert np.array_equal(noisy.start, clean.start[which])
     added = noisy.signal - clean.signal[which]
     ratio = 10 * np.log10(clean.signal[which].var(axis=-1) / added.var(axis=-1))
-    assert 5.0 - 2 < ratio.min() < 7  # 64 readings tell a variance to a decibel or so
+    assert 5.0 - 2 < ratio.min() < 7  # 64 samples tell a variance to a decibel or so
     assert 3 + RANGE < ratio.max() < 7 + RANGE
     assert np.abs(np.median(ratio, axis=0) - (5 + RANGE / 2)).max() < 1
     assert np.abs(ratio[:, 0] - ratio[:, 1]).max() < 6  # one ratio for both channels of a window

@@ -59,7 +59,7 @@ def test_the_defaults_are_the_papers():
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_no_network_minds_a_single_window_left_over(name):
-    """Their number must not decide whether windows can be learnt: normalization has no deviation of one window."""
+    """Their number must not decide whether windows can be learned: normalization has no deviation of one window."""
     recording = np.random.default_rng(0).normal(size=(1, 513 * 9))
     windows = cut_windows([Recording(recording, 1000.0, label, label=label) for label in CLASSES], length=513)
     left = windows.subset(np.arange(17))
@@ -241,7 +241,7 @@ def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(
     windows = tones(gain=7.0)
     windows = replace(windows, signal=windows.signal * windows.target[:, None, None].astype(np.float32) + 3)
     noisy = windows.subset(windows.target == 1)
-    scaled = Normalization.fitted(kind, noisy).applied(noisy)
+    scaled = Normalization.fit(kind, noisy).apply(noisy)
     groups = {"window": np.arange(len(noisy)), "recording": noisy.recording_id, "set": np.zeros(len(noisy))}[kind]
     for name in np.unique(groups):
         part = scaled[groups == name].astype(float)
@@ -251,21 +251,21 @@ def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(
 
 def test_normalization_per_window_ignores_gain_and_none_keeps_it():
     quiet, loud = tones(), tones(gain=1000.0)
-    per_window = [Normalization.fitted("window", w).applied(w) for w in (quiet, loud)]
+    per_window = [Normalization.fit("window", w).apply(w) for w in (quiet, loud)]
     np.testing.assert_allclose(*per_window, atol=1e-4)
-    np.testing.assert_array_equal(Normalization.fitted("none", loud).applied(loud), loud.signal)
+    np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
 
 
 def test_set_statistics_come_from_training_alone():
     quiet, loud = tones(), tones("test ", gain=50.0)
-    assert Normalization.fitted("set", quiet).applied(loud).std() > 20
+    assert Normalization.fit("set", quiet).apply(loud).std() > 20
 
 
 def test_a_window_that_does_not_move_stays_finite():
     windows = tones()
     still = replace(windows, signal=np.zeros_like(windows.signal))
     for kind in ("window", "recording", "set"):
-        assert not Normalization.fitted(kind, still).applied(still).any()
+        assert not Normalization.fit(kind, still).apply(still).any()
 
 
 def test_predictions_are_probabilities_names_and_features():

@@ -16,9 +16,9 @@ CLASSES = ("normal", "swash_plate", "piston")
 
 
 def recording(
-    name: str, label: str | None = "normal", *, pressure: float = 15, readings: int = 1000, **facts
+    name: str, label: str | None = "normal", *, pressure: float = 15, samples: int = 1000, **facts
 ) -> Recording:
-    noise = np.random.default_rng(list(name.encode())).normal(size=(1, readings))
+    noise = np.random.default_rng(list(name.encode())).normal(size=(1, samples))
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(pressure))
     return Recording(noise, 1000.0, name, label=label, **{"condition": condition, **facts})
 
@@ -45,7 +45,7 @@ def test_a_window_holds_the_readings_from_its_start_on():
 
 
 def test_windows_do_not_overlap_unless_asked():
-    windows = cut_windows([recording("a", readings=1050)], length=100)
+    windows = cut_windows([recording("a", samples=1050)], length=100)
     assert windows.start.tolist() == list(range(0, 1000, 100))
 
 
@@ -108,8 +108,8 @@ def test_recordings_that_do_not_fit_together_are_refused_with_both_names_and_val
 
 
 def test_a_recording_too_short_for_one_window_is_named():
-    with pytest.raises(DataError, match=r"short has 150 readings .* one window of 200"):
-        cut_windows([recording("a"), recording("short", readings=150)], length=200)
+    with pytest.raises(DataError, match=r"short has 150 samples .* one window of 200"):
+        cut_windows([recording("a"), recording("short", samples=150)], length=200)
 
 
 def test_a_window_shorter_than_one_revolution_needs_permission_and_the_least_length_is_told():
@@ -172,7 +172,7 @@ def test_the_fingerprint_changes_with_one_reading_and_with_one_label():
 )
 def test_a_split_shares_no_recording_and_keeps_every_class_on_both_sides(sizes, fraction, seed, stride):
     recordings = [
-        recording(f"c{label}-{index}", f"class {label}", readings=100 * length, pressure=5 * (1 + index % 3))
+        recording(f"c{label}-{index}", f"class {label}", samples=100 * length, pressure=5 * (1 + index % 3))
         for label, (count, length) in enumerate(sizes)
         for index in range(count)
     ]

@@ -1,4 +1,4 @@
-"""How much each reading, and each frequency, of a window adds to a network's answer: integrated gradients.
+"""How much each sample, and each frequency, of a window adds to a network's answer: integrated gradients.
 
 Sundararajan, Taly and Yan 2017, arXiv:1703.01365. From silence (0 after the scaling) to the window x along a straight
 line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t with g the mean gradient of f on the way (completeness). The

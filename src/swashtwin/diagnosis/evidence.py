@@ -1,4 +1,4 @@
-"""Which lines, moments and known recordings speak for a verdict."""
+"""Which lines, moments and training recordings speak for a verdict."""
 
 import math
 from dataclasses import dataclass
@@ -64,15 +64,15 @@ class Evidence:
     gap: float
     """Share of `margin` that the sums below miss, since gradients were taken at finitely many points."""
     start: float
-    """Time of the first reading looked at [s]."""
+    """Time of the first sample looked at [s]."""
     channels: tuple[str, ...]
     """Channels."""
     unit: str
-    """Unit of the readings."""
+    """Unit of the samples."""
     moments: Float64[np.ndarray, "channel moment"]
     """What each moment adds; the moments are of equal length and their sum is `margin`."""
     peaks: Float64[np.ndarray, "channel moment"]
-    """Largest magnitude of the readings in each moment."""
+    """Largest magnitude of the samples in each moment."""
     moment: float
     """Length of a moment [s]."""
     bands: tuple[Band, ...]
@@ -80,7 +80,7 @@ class Evidence:
     lines: Float64[np.ndarray, "channel band"]
     """What each band adds; their sum is `margin`."""
     rms: Float64[np.ndarray, "channel band"]
-    """Root mean square of the readings in each band."""
+    """Root mean square of the samples in each band."""
     pistons: int | None
     """Number of pistons, where it was said."""
     nearest: tuple[Neighbor, ...]
@@ -91,8 +91,8 @@ class Evidence:
     def strongest(self, count: int = 3) -> list[tuple[str, Band, float]]:
         """(channel, band, share) of what speaks most for the verdict; shares are of all magnitudes together."""
         share = self.lines / max(float(np.abs(self.lines).sum()), 1e-300)
-        places = np.argsort(-share, axis=None)[:count]
-        picked = [np.unravel_index(place, share.shape) for place in places]
+        indices = np.argsort(-share, axis=None)[:count]
+        picked = [np.unravel_index(index, share.shape) for index in indices]
         return [(self.channels[c], self.bands[b], float(share[c, b])) for c, b in picked if share[c, b] > 0]
 
     def describe(self, band: Band) -> str:
@@ -109,21 +109,24 @@ class Evidence:
     def sentences(self) -> tuple[str, ...]:
         """The evidence in words."""
         label, rival = self.label.replace("_", " "), self.rival.replace("_", " ")
-        found = [
+        lines = [
             f"{self.describe(band)} on {channel} ({100 * share:.0f} %)" for channel, band, share in self.strongest()
         ]
-        said = [f"What speaks most for {label} rather than {rival}: {'; '.join(found) or 'no single line'}."]
+        sentences = [f"What speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."]
         if self.margin <= 0:
-            said.append(
-                f"The readings as a whole take away from {label}: to silence the network answers {label} even more "
+            sentences.append(
+                f"The samples as a whole take away from {label}: to silence the network answers {label} even more "
                 "firmly. Lines against silence say little of this verdict; lean on the nearest recordings and on the "
                 "checks."
             )
         if self.nearest:
-            near = ", ".join(f"{one.recording_id} ({one.label.replace('_', ' ')})" for one in self.nearest[:3])
-            same = sum(one.label == self.label for one in self.nearest)
-            said.append(f"Nearest known recordings: {near}; {same} of the {len(self.nearest)} nearest are {label}.")
-        return tuple(said)
+            neighbors = [f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]]
+            same = sum(near.label == self.label for near in self.nearest)
+            sentences.append(
+                f"Nearest training recordings: {', '.join(neighbors)}; {same} of the {len(self.nearest)} nearest are "
+                f"{label}."
+            )
+        return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, words and lists that JSON can hold."""
@@ -171,9 +174,9 @@ def explain(
         raise InputError(f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one.")
     if len(classifier.classes) < 2:
         raise InputError("a classifier of one class has nothing to decide.")
-    settled, parts = fit_to_recording(classifier, recording)
-    answers = [settled.answer(windows) for windows in parts()]
-    probability, features = (np.concatenate(one) for one in zip(*answers, strict=True))
+    scaled_classifier, parts = fit_to_recording(classifier, recording)
+    answers = [scaled_classifier.answer(windows) for windows in parts()]
+    probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
     ranked = sorted(diagnosis.probabilities, key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]))
     label, rival = (classifier.classes.index(name) for name in ranked[:2])
     logarithm = np.log(np.maximum(probability, 1e-12))
@@ -181,11 +184,11 @@ def explain(
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
-    scaled = settled.normalization.applied(windows)
-    gradient, change = mean_gradients(settled.network, scaled, label, rival)
+    scaled = scaled_classifier.normalization.apply(windows)
+    gradient, change = mean_gradients(scaled_classifier.network, scaled, label, rival)
     if not np.isfinite(gradient).all():
-        raise DataError(f"{recording.recording_id}: the network's gradients are not finite; is a reading too large?")
-    x, g, readings = (
+        raise DataError(f"{recording.recording_id}: the network's gradients are not finite; is a sample too large?")
+    x, g, samples = (
         part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64)
         for part in (scaled, gradient, windows.signal)
     )
@@ -202,11 +205,11 @@ def explain(
         channels=classifier.channels,
         unit=classifier.layout.unit,
         moments=np.add.reduceat(x * g, edges, axis=1) / count,
-        peaks=np.maximum.reduceat(np.abs(readings), edges, axis=1),
+        peaks=np.maximum.reduceat(np.abs(samples), edges, axis=1),
         moment=x.shape[1] / classifier.sample_rate / edges.size,
         bands=bands,
-        lines=_gathered(line_shares(x, g), bands, classifier.sample_rate, x.shape[1]) / count,
-        rms=np.sqrt(_gathered(_powers(readings), bands, classifier.sample_rate, x.shape[1])),
+        lines=_band_sums(line_shares(x, g), bands, classifier.sample_rate, x.shape[1]) / count,
+        rms=np.sqrt(_band_sums(_powers(samples), bands, classifier.sample_rate, x.shape[1])),
         pistons=pistons,
         nearest=_nearest(classifier, features),
         checks=_checks(diagnosis),
@@ -229,10 +232,10 @@ def _best_run(margin: Float64[np.ndarray, " window"]) -> int:
     return int(together.argmax())
 
 
-def _bands(sample_rate: float, shaft: float | None, readings: int) -> tuple[Band, ...]:
-    """Orders as far as the readings resolve them, and third octaves above; they cover all frequencies, without gap."""
+def _bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
+    """Orders as far as the samples resolve them, and third octaves above; they cover all frequencies, without gap."""
     nyquist, bands = sample_rate / 2, list[Band]()
-    edge, resolution = max(sample_rate / readings, 1.0), sample_rate / readings
+    edge, resolution = max(sample_rate / n_samples, 1.0), sample_rate / n_samples
     if shaft is not None and resolution < shaft / 4 and 1.5 * shaft < nyquist:
         edge = 0.5 * shaft
         bands.append(Band("below order 0.5", 0.0, edge))
@@ -257,19 +260,19 @@ def hertz(frequency: float) -> str:
     return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
 
 
-def _gathered(
-    lines: Float64[np.ndarray, "channel line"], bands: tuple[Band, ...], sample_rate: float, readings: int
+def _band_sums(
+    lines: Float64[np.ndarray, "channel line"], bands: tuple[Band, ...], sample_rate: float, n_samples: int
 ) -> Float64[np.ndarray, "channel band"]:
     """Sum of the lines in each band; the last holds the last line too."""
-    frequency = line_frequencies(readings, sample_rate)
-    place = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
-    return np.stack([np.bincount(place, weights=row, minlength=len(bands)) for row in lines])
+    frequency = line_frequencies(n_samples, sample_rate)
+    band = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
+    return np.stack([np.bincount(band, weights=row, minlength=len(bands)) for row in lines])
 
 
-def _powers(readings: np.ndarray) -> Float64[np.ndarray, "channel line"]:
+def _powers(samples: np.ndarray) -> Float64[np.ndarray, "channel line"]:
     """Mean square of each line, mean removed."""
-    moving = readings - readings.mean(axis=1, keepdims=True)
-    return np.asarray(np.maximum(line_shares(moving, moving), 0.0) / readings.shape[1], dtype=np.float64)
+    moving = samples - samples.mean(axis=1, keepdims=True)
+    return np.asarray(np.maximum(line_shares(moving, moving), 0.0) / samples.shape[1], dtype=np.float64)
 
 
 def _nearest(classifier: FittedClassifier, features: np.ndarray) -> tuple[Neighbor, ...]:

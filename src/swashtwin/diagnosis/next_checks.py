@@ -27,7 +27,7 @@ _BEFORE = Check(
 _PLAUSIBLE = (
     Check(
         "The trend of levels and orders against this machine's own healthy baseline (swashtwin signal trend).",
-        "A class learnt on other pumps is a comparison with them; a change of this pump at one operating point is not.",
+        "A learned class is a comparison with other pumps; a change of this pump at one operating point is not.",
     ),
 )
 
@@ -96,5 +96,5 @@ def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
     """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds for any fault."""
     if unknown:
         return (_BEFORE, *_PLAUSIBLE, Check(_OIL, "Whatever wears sheds particles."), Check(_DRAIN, "Most wear leaks."))
-    own = tuple(check for label in labels for check in CHECKS.get(label, _PLAUSIBLE))
-    return own if set(labels) == {"normal"} else (_BEFORE, *own)
+    checks = tuple(check for label in labels for check in CHECKS.get(label, _PLAUSIBLE))
+    return checks if set(labels) == {"normal"} else (_BEFORE, *checks)

@@ -24,7 +24,7 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     The one input, ``windows`` (window, channel, time), takes any number of windows of the classifier's layout in its
     unit, float32; the one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
     scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
-    the readings must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
+    the samples must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
     (whether the file scales by itself), ``temperature`` (by which `diagnose` would soften the probabilities, or null),
     ``manifest``, ``network`` and ``swashtwin`` (version).
 
@@ -78,23 +78,23 @@ class _Whole(nn.Module):
         self.register_buffer("deviation", torch.from_numpy(normalization.deviation)[:, None])
 
     def forward(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window class"]:
-        readings, mean, deviation = windows.double(), self.mean, self.deviation
+        samples, mean, deviation = windows.double(), self.mean, self.deviation
         if self.kind == "window":
-            mean = readings.mean(dim=-1, keepdim=True)
-            deviation = (readings - mean).square().mean(dim=-1, keepdim=True).sqrt()
+            mean = samples.mean(dim=-1, keepdim=True)
+            deviation = (samples - mean).square().mean(dim=-1, keepdim=True).sqrt()
             deviation = torch.where(deviation > 0, deviation, 1.0)
         if self.kind in ("window", "set"):
-            windows = ((readings - mean) / deviation).float()
+            windows = ((samples - mean) / deviation).float()
         return torch.softmax(self.network(windows), dim=-1)
 
 
 def _exportable(network: Network) -> Network:
     """A copy whose recurrent layers are ONNX's."""
-    own = copy.deepcopy(network)
+    exportable = copy.deepcopy(network)
     for name, part in network.named_modules():
         if isinstance(part, (nn.LSTM, nn.GRU)):
-            own.set_submodule(name, OnnxRecurrence(part))
-    return own
+            exportable.set_submodule(name, OnnxRecurrence(part))
+    return exportable
 
 
 def _facts(classifier: FittedClassifier) -> dict[str, object]:

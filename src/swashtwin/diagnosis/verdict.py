@@ -82,9 +82,9 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
             f"error_rate ({error_rate:g}) needs a classifier that was taught how far to trust itself; train it with "
             "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
-    settled, parts = fit_to_recording(classifier, recording)
-    answers = [settled.answer(windows) for windows in parts()]
-    probability, features = (np.concatenate(one) for one in zip(*answers, strict=True))
+    scaled_classifier, parts = fit_to_recording(classifier, recording)
+    answers = [scaled_classifier.answer(windows) for windows in parts()]
+    probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
     pooled = pooled_probabilities(probability)
     trust = trust_in(classifier, pooled, features, error_rate)
     if classifier.confidence is not None:
@@ -135,7 +135,7 @@ def _advice(difference: str) -> str:
     if difference.startswith("sample rate"):
         return 'bring it to the classifier\'s rate: index the file, and give resample = "..." in the index'
     if difference.startswith("unit"):
-        return 'state what a reading is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
+        return 'state what a sample is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
     return (
         "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
         "for each"

@@ -91,14 +91,14 @@ def read_artifact(
         raise ArtifactError(f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}.")
     try:
         note = json.loads(metadata[_KEY])
-        found, card, checksum = (str(note["kind"]), note["version"]), note["card"], note["sha256"]
+        identity, card, checksum = (str(note["kind"]), note["version"]), note["card"], note["sha256"]
     except (ValueError, KeyError, TypeError, RecursionError) as cause:
         raise ArtifactError(f"{path} is damaged: its card cannot be read; {advice}.") from cause
-    if found[0] != kind:
-        raise ArtifactError(f"{path} holds a {found[0][:40]!r}, not a {kind}; {advice}.")
-    if found[1] != version:
+    if identity[0] != kind:
+        raise ArtifactError(f"{path} holds a {identity[0][:40]!r}, not a {kind}; {advice}.")
+    if identity[1] != version:
         raise ArtifactError(
-            f"{path} has version {str(found[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
+            f"{path} has version {str(identity[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
         )
     if checksum != _checksum(kind, version, card, tensors):
         raise ArtifactError(f"{path} was changed after it was saved (its SHA-256 does not match); {advice}.")

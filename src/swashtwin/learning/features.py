@@ -73,7 +73,7 @@ def band_energies(
 
     The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
     """
-    readings = signal.shape[1]
+    length = signal.shape[1]
     spectrum = tapered_transform(signal)[:, 1:]
-    power = 2 * np.abs(spectrum) ** 2 / (readings * np.sum(hann_taper(readings) ** 2))
+    power = 2 * np.abs(spectrum) ** 2 / (length * np.sum(hann_taper(length) ** 2))
     return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))

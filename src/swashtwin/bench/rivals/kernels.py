@@ -84,7 +84,7 @@ class KernelColumns:
 
 
 def _scaled(windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
-    return Normalization.fitted("window", windows).applied(windows)
+    return Normalization.fit("window", windows).apply(windows)
 
 
 def _run_elsewhere(

@@ -28,7 +28,7 @@ class CellScore:
     n_windows: int
     """Test windows in the cell."""
     recall: float
-    """Share of them told right."""
+    """Share of them classified right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,11 @@ class Scores:
     n_recordings: int
     """Test recordings; the number of independent trials."""
     accuracy: float
-    """Share of the windows told right."""
+    """Share of the windows classified right."""
     accuracy_interval: tuple[float, float]
     """95 % interval of the accuracy, by bootstrap over the recordings."""
     recording_accuracy: float
-    """Share of the recordings told right, each by the mean log-probability of its windows."""
+    """Share of the recordings classified right, each by the mean log-probability of its windows."""
     macro_recall: float
     """Mean recall of the classes that have test windows (balanced accuracy)."""
     macro_f1: float
@@ -75,23 +75,23 @@ class Scores:
     """Why a number is NaN or rests on fewer classes than declared, by its name."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold; NaN becomes None."""
+        """The same as JSON can hold it; NaN becomes None."""
         plain = {item.name: _plain(getattr(self, item.name)) for item in fields(self) if item.name != "cells"}
         cells = [{item.name: _plain(getattr(cell, item.name)) for item in fields(cell)} for cell in self.cells]
         return {**plain, "cells": cells, "level_meaning": LEVELS.get(self.level or "")}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> "Scores":
-        """The scores that `to_dict` told, from their JSON."""
-        told = {item.name: table[item.name] for item in fields(cls)}
-        for name, value in told.items():
-            told[name] = math.nan if value is None and name != "level" else value
-        told["classes"] = tuple(told["classes"])
-        told["accuracy_interval"] = tuple(_number(value) for value in told["accuracy_interval"])
-        told["recall"] = {name: _number(value) for name, value in told["recall"].items()}
-        told["confusion"] = np.array(told["confusion"], dtype=np.int64).reshape(len(told["classes"]), -1)
-        told["cells"] = tuple(CellScore(**cell) for cell in told["cells"])
-        return cls(**told)
+        """The scores from what `to_dict` gave."""
+        values = {item.name: table[item.name] for item in fields(cls)}
+        for name, value in values.items():
+            values[name] = math.nan if value is None and name != "level" else value
+        values["classes"] = tuple(values["classes"])
+        values["accuracy_interval"] = tuple(_number(value) for value in values["accuracy_interval"])
+        values["recall"] = {name: _number(value) for name, value in values["recall"].items()}
+        values["confusion"] = np.array(values["confusion"], dtype=np.int64).reshape(len(values["classes"]), -1)
+        values["cells"] = tuple(CellScore(**cell) for cell in values["cells"])
+        return cls(**values)
 
 
 def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
@@ -177,8 +177,8 @@ def _recording_accuracy(
 ) -> float:
     hits = []
     for index in range(int(group.max()) + 1):
-        own = group == index
-        hits.append(int(pooled_probabilities(probability[own]).argmax()) == int(target[own][0]))
+        members = group == index
+        hits.append(int(pooled_probabilities(probability[members]).argmax()) == int(target[members][0]))
     return float(np.mean(hits))
 
 
@@ -206,8 +206,8 @@ def _reasons(
     for name in ("false_alarm_rate", "missed_fault_rate"):
         if math.isnan(values[name]):
             kind = "normal" if name == "false_alarm_rate" else "faulty"
-            known = "normal" in classes
-            reasons[name] = f"no {kind} test window" if known else "no class is called normal"
+            has_normal = "normal" in classes
+            reasons[name] = f"no {kind} test window" if has_normal else "no class is called normal"
     if math.isnan(values["macro_auroc"]):
         reasons["macro_auroc"] = "every test window is of one class"
     if math.isnan(interval[0]):

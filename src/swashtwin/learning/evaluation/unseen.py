@@ -15,8 +15,8 @@ def unseen_recordings(classifier: Classifier, recordings: Sequence[Recording]) -
     DataError
         Every recording had a part in it.
     """
-    known = set(classifier.manifest)
-    unseen = [one for one in recordings if one.recording_id not in known and not one.synthetic]
+    seen = set(classifier.manifest)
+    unseen = [recording for recording in recordings if recording.recording_id not in seen and not recording.synthetic]
     if not unseen:
         raise DataError(
             f"all {len(recordings)} recordings had a part in the classifier (its manifest); test on others, or train "

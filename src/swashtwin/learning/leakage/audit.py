@@ -40,14 +40,14 @@ class Audit:
     roles: Mapping[str, int]
     """Rows of each role."""
     facts: tuple[str, ...]
-    """What the table tells of a window; nothing was looked for in what it does not tell."""
+    """Facts that the table has of a window; nothing else was checked."""
     findings: tuple[AuditFinding, ...]
     """What was found, leaks first."""
 
     @property
     def has_leak(self) -> bool:
         """Whether a leak was found."""
-        return any(one.severity == "leak" for one in self.findings)
+        return any(finding.severity == "leak" for finding in self.findings)
 
 
 def audit(rows: Sequence[AuditRow], *, whole: Sequence[str] = ("recording",)) -> Audit:
@@ -66,12 +66,12 @@ def audit(rows: Sequence[AuditRow], *, whole: Sequence[str] = ("recording",)) ->
     Examples
     --------
     >>> rows = [AuditRow("a", "train", start=0, stop=100), AuditRow("a", "test", start=50, stop=150)]
-    >>> [(one.kind, one.severity) for one in audit(rows).findings]
+    >>> [(finding.kind, finding.severity) for finding in audit(rows).findings]
     [('overlap', 'leak'), ('shared_recording', 'leak')]
     """
-    told = _told(rows)
+    facts = _facts(rows)
     for name in whole:
-        if name not in told:
+        if name not in facts:
             raise InputError(f"the table does not tell the {name} of any window, so nothing can be said of it.")
     roles: dict[str, list[AuditRow]] = defaultdict(list)
     for row in rows:
@@ -81,46 +81,47 @@ def audit(rows: Sequence[AuditRow], *, whole: Sequence[str] = ("recording",)) ->
         message = f"every row has the role {rows[0].role!r}: there is no second side to overlap with."
         findings.append(AuditFinding("one_role", "warning", (rows[0].role,), (), 0, len(rows), message))
     for first, second in combinations(roles, 2):
-        findings += _between(first, roles[first], second, roles[second], whole, told)
+        findings += _between(first, roles[first], second, roles[second], whole, facts)
     for role, members in roles.items():
         findings += _within(role, members)
     findings += [*_classes(roles), *_one_specimen(rows)]
     order = {"leak": 0, "warning": 1, "note": 2}
     counts = {role: len(members) for role, members in roles.items()}
-    return Audit(counts, told, tuple(sorted(findings, key=lambda one: order[one.severity])))
+    return Audit(counts, facts, tuple(sorted(findings, key=lambda finding: order[finding.severity])))
 
 
-def _told(rows: Sequence[AuditRow]) -> tuple[str, ...]:
+def _facts(rows: Sequence[AuditRow]) -> tuple[str, ...]:
     """Facts that at least one row has."""
-    plain = ("recording", "window", "specimen", "channel", "start", "stop", "label", "sha256")
-    told = [name for name in plain if any(getattr(row, name) not in ("", None) for row in rows)]
-    return (*told, *dict.fromkeys(name for row in rows for name in row.groups))
+    names = ("recording", "window", "specimen", "channel", "start", "stop", "label", "sha256")
+    present = [name for name in names if any(getattr(row, name) not in ("", None) for row in rows)]
+    return (*present, *dict.fromkeys(name for row in rows for name in row.groups))
 
 
 def _between(
     first: str,
-    ones: Sequence[AuditRow],
+    first_rows: Sequence[AuditRow],
     second: str,
-    others: Sequence[AuditRow],
+    second_rows: Sequence[AuditRow],
     whole: Sequence[str],
-    told: Sequence[str],
+    facts: Sequence[str],
 ) -> Iterable[AuditFinding]:
     """What two roles share."""
     roles = (first, second)
-    overlap = _overlapping(ones, others)
+    overlap = _overlapping(first_rows, second_rows)
     if overlap:
         message = "windows of both roles cover the same moments of a recording; split first, cut windows afterwards"
         yield _finding("overlap", "leak", roles, [row.recording for row in overlap], len(overlap), message)
     for kind, key, message in (
-        ("duplicate", lambda row: row.sha256, "the same readings (by hash) stand in both roles; keep one copy"),
+        ("duplicate", lambda row: row.sha256, "the same samples (by hash) are in both roles; keep one copy"),
         ("shared_window", lambda row: row.window, "the same windows stand in both roles; each needs one role"),
     ):
-        names, count = _shared(ones, others, key)
+        names, count = _shared(first_rows, second_rows, key)
         if names:
             yield _finding(kind, "leak", roles, names, count, message)
-    parts: list[str] = ["recording", "specimen", *(name for name in told if any(name in row.groups for row in ones))]
+    groups = [name for name in facts if any(name in row.groups for row in first_rows)]
+    parts: list[str] = ["recording", "specimen", *groups]
     for part in parts:
-        names, count = _shared(ones, others, _key(part))
+        names, count = _shared(first_rows, second_rows, _key(part))
         if names:
             severity: Severity = "leak" if part in whole else "warning"
             yield _finding(f"shared_{part}", severity, roles, names, count, _ADVICE.get(part, _ADVICE[""]).format(part))
@@ -146,13 +147,13 @@ def _within(role: str, rows: Sequence[AuditRow]) -> Iterable[AuditFinding]:
     hashes = [row.sha256 for row in rows if row.sha256]
     twice = len(hashes) - len(set(hashes))
     if twice:
-        message = "readings stand in this role more than once (by hash); each copy counts again"
+        message = "samples are in this role more than once (by hash); each copy counts again"
         yield _finding("duplicate_within", "note", (role,), [], twice, message)
-    made = [row.recording for row in rows if row.synthetic]
-    if made and role != "train":
+    synthetic = [row.recording for row in rows if row.synthetic]
+    if synthetic and role != "train":
         message = "synthetic windows must not be tested on, nor chosen by; keep them in train"
         severity: Severity = "leak" if role in ("test", "validation") else "warning"
-        yield _finding("synthetic", severity, (role,), made, len(made), message)
+        yield _finding("synthetic", severity, (role,), synthetic, len(synthetic), message)
     if role == "test":
         crowded = _overlapping(rows, None)
         if crowded:
@@ -171,7 +172,7 @@ def _classes(roles: Mapping[str, Sequence[AuditRow]]) -> Iterable[AuditFinding]:
         holders = [role for role in seen if name in seen[role]]
         if len(holders) == 1 and len(roles) > 1:
             count = sum(row.label == name for row in roles[holders[0]])
-            message = "this class stands in one role only: it is either never learnt or never tested"
+            message = "this class stands in one role only: it is either never learned or never tested"
             yield _finding("class_in_one_role", "warning", (holders[0],), [name], count, message)
 
 
@@ -189,54 +190,54 @@ def _one_specimen(rows: Sequence[AuditRow]) -> Iterable[AuditFinding]:
 
 
 def _shared(
-    ones: Sequence[AuditRow], others: Sequence[AuditRow], key: Callable[[AuditRow], str]
+    first_rows: Sequence[AuditRow], second_rows: Sequence[AuditRow], key: Callable[[AuditRow], str]
 ) -> tuple[list[str], int]:
-    """Names that both have, and how many of `others` carry them."""
-    names = sorted(({key(row) for row in ones} & {key(row) for row in others}) - {""})
-    known = set(names)
-    return names, sum(key(row) in known for row in others)
+    """Names that both have, and how many of `second_rows` carry them."""
+    names = sorted(({key(row) for row in first_rows} & {key(row) for row in second_rows}) - {""})
+    shared = set(names)
+    return names, sum(key(row) in shared for row in second_rows)
 
 
-def _overlapping(ones: Sequence[AuditRow], others: Sequence[AuditRow] | None) -> list[AuditRow]:
-    """Rows of `others` that cover a moment of one of `ones`, or of the rows before where there are no others.
+def _overlapping(rows: Sequence[AuditRow], other_rows: Sequence[AuditRow] | None) -> list[AuditRow]:
+    """Rows of `other_rows` that cover a moment of one of `rows`, or of the rows before where there are no others.
 
     Channels are not told apart: two sensors at one moment saw the same event. Rows of one moment that differ in nothing
     but the channel are one window.
     """
-    found = []
-    sides = [(row, 0) for row in ones] + [(row, 1) for row in others or ()]
+    overlaps = []
+    sides = [(row, 0) for row in rows] + [(row, 1) for row in other_rows or ()]
     spans: dict[str, list[tuple[float, float, int, AuditRow]]] = defaultdict(list)
     for row, side in sides:
         if row.start is not None and row.stop is not None:
             spans[row.recording].append((row.start, row.stop, side, row))
     for members in spans.values():
-        members.sort(key=lambda one: one[:3])
-        if others is None:
-            distinct = sorted({(start, stop): row for start, stop, _, row in members}.items(), key=lambda one: one[0])
+        members.sort(key=lambda span: span[:3])
+        if other_rows is None:
+            distinct = sorted({(start, stop): row for start, stop, _, row in members}.items(), key=lambda span: span[0])
             last = float("-inf")
             for (start, stop), row in distinct:
-                found += [row] if start < last else []
+                overlaps += [row] if start < last else []
                 last = max(last, stop)
         else:
-            found += _covered(members)
-    return found
+            overlaps += _covered(members)
+    return overlaps
 
 
 def _covered(members: Sequence[tuple[float, float, int, AuditRow]]) -> list[AuditRow]:
     """Rows of side 1 that overlap one of side 0, of spans sorted by start."""
     ahead: list[tuple[float, AuditRow]] = []
-    last, found = float("-inf"), dict[int, AuditRow]()
+    last, overlaps = float("-inf"), dict[int, AuditRow]()
     for start, stop, side, row in members:
         if side == 0:
             last = max(last, stop)
-            found |= {id(one): one for end, one in ahead if end > start}
-            ahead = [(end, one) for end, one in ahead if end > start and id(one) not in found]
+            overlaps |= {id(earlier): earlier for end, earlier in ahead if end > start}
+            ahead = [(end, earlier) for end, earlier in ahead if end > start and id(earlier) not in overlaps]
         else:
             if start < last:
-                found[id(row)] = row
+                overlaps[id(row)] = row
             else:
                 ahead.append((stop, row))
-    return list(found.values())
+    return list(overlaps.values())
 
 
 def _finding(
@@ -245,8 +246,8 @@ def _finding(
     distinct = list(dict.fromkeys(names))
     shown = ", ".join(distinct[:_SHOWN]) + (f" and {len(distinct) - _SHOWN} more" if len(distinct) > _SHOWN else "")
     between = " and ".join(roles)
-    said = f"{between}: {message}" if between else message
+    text = f"{between}: {message}" if between else message
     row = "row" if windows == 1 else "rows"
     of = f" of {roles[-1]}" if roles else ""
-    said += f" ({shown + '; ' if shown else ''}{windows} {row}{of})."
-    return AuditFinding(kind, severity, roles, tuple(distinct[:_SHOWN]), len(distinct), windows, said)
+    text += f" ({shown + '; ' if shown else ''}{windows} {row}{of})."
+    return AuditFinding(kind, severity, roles, tuple(distinct[:_SHOWN]), len(distinct), windows, text)

@@ -52,7 +52,7 @@ class Confounding:
     is_warning: bool
     """Whether it should be looked at: `p_value` below the share of false alarms, and the dependence strong."""
     message: str
-    """What was found and what to do, in words."""
+    """The finding and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,55 +88,56 @@ def confounding(
         Fewer than two classes.
     """
     labeled = [recording for recording in recordings if recording.label]
-    classes, target = np.unique([str(one.label) for one in labeled], return_inverse=True)
+    classes, target = np.unique([str(recording.label) for recording in labeled], return_inverse=True)
     if len(classes) < 2:
         raise DataError(f"{len(classes)} class(es) among {len(recordings)} recordings; two can be told apart.")
-    machine = np.unique([one.specimen or one.recording_id for one in labeled], return_inverse=True)[1]
+    machine = np.unique([recording.specimen or recording.recording_id for recording in labeled], return_inverse=True)[1]
     columns = _columns(labeled)
     least = math.ceil(4 * len(columns) / false_alarms)  # dealings from which on Holm's least p can pass
     unit = machine if _ways_to_deal(machine, target) >= least else np.arange(len(labeled))
     count = max(_PERMUTATIONS, least)
-    dealt = _dealings(target, unit, count, seed)
-    raw = np.array([_p_value(_bins(column), target, dealt) for column in columns])
+    permuted = _dealings(target, unit, count, seed)
+    raw = np.array([_p_value(_bins(column), target, permuted) for column in columns])
     corrected = holm_correction(raw)
-    found = [
-        _told(column, float(p), target, machine, classes.tolist(), false_alarms, seed)
+    results = [
+        _result(column, float(p), target, machine, classes.tolist(), false_alarms, seed)
         for column, p in zip(columns, corrected, strict=True)
     ]
-    found += _one_machine_each(labeled, classes.tolist())
-    return tuple(sorted(found, key=lambda one: (not one.is_warning, one.p_value, -one.balanced_accuracy)))
+    results += _one_machine_each(labeled, classes.tolist())
+    return tuple(sorted(results, key=lambda result: (not result.is_warning, result.p_value, -result.balanced_accuracy)))
 
 
 def _columns(recordings: Sequence[Recording]) -> list[_Column]:
-    """Everything that is known or seen at once, left out where it is the same for all."""
+    """Every fact of the recordings that is not the same for all."""
     numbers: list[tuple[str, str, list[float]]] = [
-        ("sample rate", "set-up", [one.sample_rate for one in recordings]),
-        ("length", "set-up", [one.duration for one in recordings]),
-        ("speed", "condition", [stated_speed(one) or math.nan for one in recordings]),
-        ("discharge pressure", "condition", [stated_pressure(one) for one in recordings]),
-        ("oil temperature", "condition", [_temperature(one) for one in recordings]),
-        ("date", "place", [_date(one) for one in recordings]),
+        ("sample rate", "set-up", [recording.sample_rate for recording in recordings]),
+        ("length", "set-up", [recording.duration for recording in recordings]),
+        ("speed", "condition", [stated_speed(recording) or math.nan for recording in recordings]),
+        ("discharge pressure", "condition", [stated_pressure(recording) for recording in recordings]),
+        ("oil temperature", "condition", [_temperature(recording) for recording in recordings]),
+        ("date", "place", [_date(recording) for recording in recordings]),
     ]
     names: list[tuple[str, str, list[str]]] = [
-        ("specimen", "place", [one.specimen or "" for one in recordings]),
-        ("unit", "set-up", [one.unit for one in recordings]),
-        ("channels", "set-up", [", ".join(one.channels) for one in recordings]),
+        ("specimen", "place", [recording.specimen or "" for recording in recordings]),
+        ("unit", "set-up", [recording.unit for recording in recordings]),
+        ("channels", "set-up", [", ".join(recording.channels) for recording in recordings]),
     ]
-    shared = set.intersection(*({*one.channels} for one in recordings))
+    shared = set.intersection(*({*recording.channels} for recording in recordings))
     for channel in [name for name in recordings[0].channels if name in shared]:
-        rows = [one.signal[one.channels.index(channel)] for one in recordings]
+        rows = [recording.signal[recording.channels.index(channel)] for recording in recordings]
         numbers.append((f"offset of {channel}", "set-up", [float(np.nanmean(row)) for row in rows]))
         numbers.append((f"level of {channel}", "level", [float(np.nanstd(row)) for row in rows]))
         numbers.append((f"converter step of {channel}", "set-up", [_step(row) for row in rows]))
-    known = set.intersection(*({*one.attributes} for one in recordings)) - {*_COLUMNS, *_NAMES_OF_FILES, *_DATES}
-    names += [(name, "place", [str(one.attributes[name]) for one in recordings]) for name in sorted(known)]
+    attributes = set.intersection(*({*recording.attributes} for recording in recordings))
+    for name in sorted(attributes - {*_COLUMNS, *_NAMES_OF_FILES, *_DATES}):
+        names.append((name, "place", [str(recording.attributes[name]) for recording in recordings]))
     columns = [_Column(name, kind, np.array(values, dtype=np.float64), False) for name, kind, values in numbers]
     columns += [
         _Column(name, kind, np.unique(values, return_inverse=True)[1].astype(np.float64), True)
         for name, kind, values in names
         if 2 * len(set(values)) <= len(values)  # a name of its own for nearly each recording tells nothing
     ]
-    return [one for one in columns if np.unique(one.values).size > 1 and not np.isnan(one.values).all()]
+    return [column for column in columns if np.unique(column.values).size > 1 and not np.isnan(column.values).all()]
 
 
 def _temperature(recording: Recording) -> float:
@@ -161,7 +162,7 @@ def _date(recording: Recording) -> float:
 
 
 def _step(row: Float[np.ndarray, " time"]) -> float:
-    """Distance of neighboring converter steps, or NaN where readings are no steps of one size."""
+    """Distance of neighboring converter steps, or NaN where samples are no steps of one size."""
     values = np.unique(row)
     if not 2 < len(values) < len(row) / 2:
         return math.nan
@@ -171,12 +172,12 @@ def _step(row: Float[np.ndarray, " time"]) -> float:
 
 
 def _bins(column: _Column) -> Int64[np.ndarray, " recording"]:
-    """Bin of each recording; numbers of many values lie in bins of like count, what is not known has its own."""
-    known = column.values[~np.isnan(column.values)]
-    if column.is_name or np.unique(known).size <= _BINS:
+    """Bin of each recording; numbers of many values lie in bins of like count, missing values have their own."""
+    present = column.values[~np.isnan(column.values)]
+    if column.is_name or np.unique(present).size <= _BINS:
         return np.unique(column.values, return_inverse=True)[1].astype(np.int64)
-    count = min(_BINS, max(2, known.size // 8))  # few recordings in many bins tell nothing apart
-    edges = np.unique(np.quantile(known, np.linspace(0, 1, count + 1)[1:-1]))
+    count = min(_BINS, max(2, present.size // 8))  # few recordings in many bins tell nothing apart
+    edges = np.unique(np.quantile(present, np.linspace(0, 1, count + 1)[1:-1]))
     return np.where(np.isnan(column.values), len(edges) + 1, np.searchsorted(edges, column.values)).astype(np.int64)
 
 
@@ -201,24 +202,24 @@ def _dealings(
 def _p_value(
     bins: Int[np.ndarray, " recording"],
     target: Int[np.ndarray, " recording"],
-    dealt: Int[np.ndarray, "dealing recording"],
+    permuted: Int[np.ndarray, "dealing recording"],
 ) -> float:
     """Share of dealings, this one among them, whose mutual information with the bins is as great."""
     n_classes, cells = int(target.max()) + 1, (int(target.max()) + 1) * (int(bins.max()) + 1)
-    found = _information(np.bincount(bins * n_classes + target, minlength=cells), n_classes)
-    chance = [_information(np.bincount(bins * n_classes + row, minlength=cells), n_classes) for row in dealt]
-    return float((1 + np.count_nonzero(np.array(chance) >= found - 1e-12)) / (1 + len(chance)))
+    observed = _information(np.bincount(bins * n_classes + target, minlength=cells), n_classes)
+    chance = [_information(np.bincount(bins * n_classes + row, minlength=cells), n_classes) for row in permuted]
+    return float((1 + np.count_nonzero(np.array(chance) >= observed - 1e-12)) / (1 + len(chance)))
 
 
 def _information(counts: Int[np.ndarray, " cell"], n_classes: int) -> float:
     """Mutual information of bins and classes [nat]."""
     share = counts.reshape(-1, n_classes) / counts.sum()
-    alone = np.outer(share.sum(axis=1), share.sum(axis=0))
-    kept = share > 0
-    return float(np.sum(share[kept] * np.log(share[kept] / alone[kept])))
+    independent = np.outer(share.sum(axis=1), share.sum(axis=0))
+    positive = share > 0
+    return float(np.sum(share[positive] * np.log(share[positive] / independent[positive])))
 
 
-def _told(
+def _result(
     column: _Column,
     p_value: float,
     target: Int[np.ndarray, " recording"],
@@ -228,18 +229,18 @@ def _told(
     seed: int,
 ) -> Confounding:
     chance = 1 / len(classes)
-    reached = _held_out_accuracy(column, target, machine, seed)
-    is_warning = p_value <= false_alarms and (reached - chance) / (1 - chance) >= _EFFECT
+    accuracy = _held_out_accuracy(column, target, machine, seed)
+    is_warning = p_value <= false_alarms and (accuracy - chance) / (1 - chance) >= _EFFECT
     bins = _bins(column)
     renamed = column.is_name and np.unique(bins).size == len(classes) and _one_class_each_way(bins, target)
     kind = "label" if renamed else column.kind
     strength = "alone tells" if is_warning else "does not tell"
     message = (
-        f"{column.name} {strength} the class: {reached:.0%} of each class are told right by it alone, guessing gives "
+        f"{column.name} {strength} the class: {accuracy:.0%} of each class are told right by it alone, guessing gives "
         f"{chance:.0%} (p = {p_value:.2g})"
     )
-    said = f"{message}. A classifier can learn it in place of the fault; {_ADVICE[kind]}." if is_warning else message
-    return Confounding(column.name, kind, reached, chance, p_value, is_warning, said)
+    text = f"{message}. A classifier can learn it in place of the fault; {_ADVICE[kind]}." if is_warning else message
+    return Confounding(column.name, kind, accuracy, chance, p_value, is_warning, text)
 
 
 def _held_out_accuracy(
@@ -275,12 +276,12 @@ def _one_class_each_way(bins: Int[np.ndarray, " recording"], target: Int[np.ndar
 
 def _one_machine_each(recordings: Sequence[Recording], classes: Sequence[str]) -> list[Confounding]:
     """A warning for classes that stand on one specimen only, which has no other class."""
-    pairs = {(one.label, one.specimen) for one in recordings}
-    machines = {name: [held for label, held in pairs if label == name] for name in classes}
+    pairs = {(recording.label, recording.specimen) for recording in recordings}
+    machines = {name: [specimen for label, specimen in pairs if label == name] for name in classes}
     alone = [
         name
-        for name, held in machines.items()
-        if len(held) == 1 and held[0] and sum(specimen == held[0] for _, specimen in pairs) == 1
+        for name, specimens in machines.items()
+        if len(specimens) == 1 and specimens[0] and sum(specimen == specimens[0] for _, specimen in pairs) == 1
     ]
     if not alone:
         return []

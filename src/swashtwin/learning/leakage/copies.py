@@ -1,4 +1,4 @@
-"""Readings that stand in a set twice: byte for byte, or at another gain and offset."""
+"""Samples that are in a set twice: byte for byte, or at another gain and offset."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,8 +20,8 @@ _AT_ONCE = 512
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where readings stand."""
+class Location:
+    """Where samples are."""
 
     role: str
     """Name of the set, such as ``"train"``; empty where there is one only."""
@@ -30,17 +30,17 @@ class Place:
     channel: str
     """Channel."""
     start: int
-    """Index of the first reading."""
+    """Index of the first sample."""
 
 
 @dataclass(frozen=True)
 class Copy:
-    """Readings that are those of another place again."""
+    """Samples that occur a second time."""
 
-    first: Place
-    """Where they stand first."""
-    again: Place
-    """Where they stand again."""
+    first: Location
+    """Where they occur first."""
+    again: Location
+    """Where they occur again."""
     exact: bool
     """Whether every byte is the same; otherwise gain and offset differ."""
     gain: float
@@ -48,7 +48,7 @@ class Copy:
 
     @property
     def across(self) -> bool:
-        """Whether the two stand in different roles: a test then knows its answer."""
+        """Whether the two are in different roles: the answer of the test is then known from training."""
         return self.first.role != self.again.role
 
 
@@ -67,45 +67,45 @@ def copied_windows(roles: WindowSet | Mapping[str, WindowSet]) -> tuple[Copy, ..
     >>> noise = np.random.default_rng(0).normal(size=(1, 100))
     >>> sets = {name: cut_windows([Recording(gain * noise, 10.0, name)], length=100)
     ...         for name, gain in (("train", 1.0), ("test", -2.0))}
-    >>> [(one.again.recording_id, one.exact, round(one.gain, 3), one.across) for one in copied_windows(sets)]
+    >>> [(copy.again.recording_id, copy.exact, round(copy.gain, 3), copy.across) for copy in copied_windows(sets)]
     [('test', False, -2.0, True)]
     """
     sets = {"": roles} if isinstance(roles, WindowSet) else roles
-    places, rows = [], []
+    locations, rows = [], []
     for role, windows in sets.items():
         for signal, name, start in zip(windows.signal, windows.recording_id, windows.start, strict=True):
             for channel, row in zip(windows.channels, signal, strict=True):
-                places.append(Place(role, str(name), channel, int(start)))
+                locations.append(Location(role, str(name), channel, int(start)))
                 rows.append(row)
-    return tuple(_copies(places, rows))
+    return tuple(_copies(locations, rows))
 
 
 def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
     """Every channel of a recording that is another one again; only those of one length are compared."""
-    places, rows = [], []
+    locations, rows = [], []
     for recording in recordings:
         for channel, row in zip(recording.channels, recording.signal, strict=True):
-            places.append(Place("", recording.recording_id, channel, 0))
+            locations.append(Location("", recording.recording_id, channel, 0))
             rows.append(row)
-    return tuple(_copies(places, rows))
+    return tuple(_copies(locations, rows))
 
 
-def _copies(places: Sequence[Place], rows: Sequence[np.ndarray]) -> Iterator[Copy]:
+def _copies(locations: Sequence[Location], rows: Sequence[np.ndarray]) -> Iterator[Copy]:
     lengths: dict[int, list[int]] = {}
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         if np.isfinite(row).all() and np.ptp(row) > 0:
-            lengths.setdefault(len(row), []).append(place)
+            lengths.setdefault(len(row), []).append(index)
     for members in lengths.values():
         firsts: dict[bytes, int] = {}
         for member in members:
             digest = hashlib.sha256(np.ascontiguousarray(rows[member]).tobytes()).digest()
             first = firsts.setdefault(digest, member)
             if first != member:
-                yield Copy(places[first], places[member], True, 1.0)
+                yield Copy(locations[first], locations[member], True, 1.0)
         distinct = list(firsts.values())
-        for one, other in _alike([rows[member] for member in distinct]):
-            first, again = distinct[one], distinct[other]
-            yield Copy(places[first], places[again], False, _gain(rows[first], rows[again]))
+        for index, later in _alike([rows[member] for member in distinct]):
+            first, again = distinct[index], distinct[later]
+            yield Copy(locations[first], locations[again], False, _gain(rows[first], rows[again]))
 
 
 def _gain(first: np.ndarray, again: np.ndarray) -> float:
@@ -127,17 +127,17 @@ def _alike(rows: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
     parts = [np.stack(rows[at : at + _AT_ONCE]) for at in range(0, len(rows), _AT_ONCE)]
     seen = np.concatenate([_standardized(part) @ directions for part in parts])
     reach = float(np.sqrt(2 * (1 - SAME_SHAPE) * _DIRECTIONS))
-    tree, found = cKDTree(seen), set[int]()
-    for one in range(len(rows)):
-        if one in found:
+    tree, copies = cKDTree(seen), set[int]()
+    for index in range(len(rows)):
+        if index in copies:
             continue
-        near = {*tree.query_ball_point(seen[one], reach), *tree.query_ball_point(-seen[one], reach)}
-        for other in sorted(near):
-            if other > one and other not in found:
-                pair = _standardized(np.stack([rows[one], rows[other]]))
+        near = {*tree.query_ball_point(seen[index], reach), *tree.query_ball_point(-seen[index], reach)}
+        for later in sorted(near):
+            if later > index and later not in copies:
+                pair = _standardized(np.stack([rows[index], rows[later]]))
                 if abs(float(pair[0] @ pair[1])) >= SAME_SHAPE:
-                    found.add(other)
-                    yield one, other
+                    copies.add(later)
+                    yield index, later
 
 
 def _standardized(rows: np.ndarray) -> Float[np.ndarray, "row time"]:

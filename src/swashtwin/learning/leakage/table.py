@@ -43,13 +43,13 @@ class AuditRow:
     channel: str = ""
     """Sensor."""
     start: float | None = None
-    """Where it begins in the recording, in readings or seconds."""
+    """Where it begins in the recording, in samples or seconds."""
     stop: float | None = None
     """Where it ends, itself not included."""
     label: str = ""
     """Class."""
     sha256: str = ""
-    """Hash of its readings."""
+    """Hash of its samples."""
     synthetic: bool = False
     """Whether a model made it."""
     groups: Mapping[str, str] = field(default_factory=dict)
@@ -89,9 +89,9 @@ def read_audit_rows(
     reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count), restval="")
     names = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = names
-    known = _columns(path, names, columns or {}, groups)
+    column_of = _columns(path, names, columns or {}, groups)
     try:
-        rows = list(_rows(path, reader, known, groups))
+        rows = list(_rows(path, reader, column_of, groups))
     except csv.Error as cause:
         raise DataError(f"{path}, line {reader.line_num}: {cause}.") from cause
     if not rows:
@@ -115,53 +115,53 @@ def rows_of(folder: Path | str) -> list[AuditRow]:
         )
     return [
         AuditRow(
-            recording=one.recording_id,
+            recording=recording.recording_id,
             role=_role(path.stem),
-            specimen=one.specimen or "",
-            label=one.label or "",
-            sha256=one.fingerprint(),
-            synthetic=one.synthetic,
+            specimen=recording.specimen or "",
+            label=recording.label or "",
+            sha256=recording.fingerprint(),
+            synthetic=recording.synthetic,
         )
         for path in paths
-        for one in load_recordings(path)
+        for recording in load_recordings(path)
     ]
 
 
-def _columns(path: Path, names: list[str], given: Mapping[str, str], groups: tuple[str, ...]) -> dict[str, str]:
+def _columns(path: Path, names: list[str], named: Mapping[str, str], groups: tuple[str, ...]) -> dict[str, str]:
     """Column of each fact that the table has."""
     lowered = {name.lower(): name for name in names}
-    known = {}
+    column_of = {}
     for fact, aliases in ALIASES.items():
-        if fact in given:
-            known[fact] = given[fact]
+        if fact in named:
+            column_of[fact] = named[fact]
         else:
-            taken = {*given.values(), *groups}
-            found = [lowered[name] for name in (fact, *aliases) if lowered.get(name, "") not in {"", *taken}]
-            known |= {fact: found[0]} if found else {}
-    for column in [*known.values(), *groups]:
+            reserved = {*named.values(), *groups}
+            matches = [lowered[name] for name in (fact, *aliases) if lowered.get(name, "") not in {"", *reserved}]
+            column_of |= {fact: matches[0]} if matches else {}
+    for column in [*column_of.values(), *groups]:
         if column not in names:
             near = get_close_matches(column, names, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(names)}."
             raise DataError(f"{path} has no column {column!r}; {hint}")
     for fact in ("recording", "role"):
-        if fact not in known:
+        if fact not in column_of:
             raise DataError(
                 f"{path} has no column {fact!r}; it has {', '.join(names) or 'none'}. Say which one it is: "
                 f"--columns {fact}=COLUMN"
             )
-    return known
+    return column_of
 
 
 def _rows(
-    path: Path, reader: "csv.DictReader[str]", known: Mapping[str, str], groups: tuple[str, ...]
+    path: Path, reader: "csv.DictReader[str]", column_of: Mapping[str, str], groups: tuple[str, ...]
 ) -> Iterator[AuditRow]:
     for row in reader:
         where = f"{path}, line {reader.line_num}"
-        value = {fact: (row[column] or "").strip() for fact, column in known.items()}
+        value = {fact: (row[column] or "").strip() for fact, column in column_of.items()}
         for fact in ("recording", "role"):
             if not value[fact]:
-                raise DataError(f"{where}: {known[fact]} is empty; every window needs one.")
-        start, stop = (_number(value.get(fact, ""), f"{where}: {known.get(fact)}") for fact in ("start", "stop"))
+                raise DataError(f"{where}: {column_of[fact]} is empty; every window needs one.")
+        start, stop = (_number(value.get(fact, ""), f"{where}: {column_of.get(fact)}") for fact in ("start", "stop"))
         if start is not None and stop is not None and stop <= start:
             raise DataError(
                 f"{where}: stop ({stop:g}) must exceed start ({start:g}); stop is not itself in the window."
@@ -176,7 +176,7 @@ def _rows(
             stop=stop,
             label=value.get("class", ""),
             sha256=value.get("sha256", "").lower(),
-            synthetic=_truth(value.get("synthetic", ""), f"{where}: {known.get('synthetic')}"),
+            synthetic=_truth(value.get("synthetic", ""), f"{where}: {column_of.get('synthetic')}"),
             groups={name: (row[name] or "").strip() for name in groups},
         )
 
@@ -191,7 +191,7 @@ def _number(text: str, where: str) -> float | None:
     try:
         return float(text)
     except ValueError:
-        raise DataError(f"{where} = {text!r} is no number; give readings or seconds with a decimal point.") from None
+        raise DataError(f"{where} = {text!r} is no number; give samples or seconds with a decimal point.") from None
 
 
 def _truth(text: str, where: str) -> bool:

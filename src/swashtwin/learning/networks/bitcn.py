@@ -90,7 +90,7 @@ class Branch(nn.Module):
         self.exit = nn.Conv1d(channels[-1], channels[-1], 1)
 
     def forward(self, x: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature step"]:
-        """Features per step; one step is `stride` readings."""
+        """Features per step; one step is `stride` samples."""
         features: Tensor = self.exit(self.units(self.entry(x)))
         return features
 
@@ -130,9 +130,9 @@ class BiTCN(Network):
         `causal`.
     dropout : share of the features dropped in training.
     reduction : ratio by which squeeze-and-excitation narrows its hidden layer.
-    stride : readings per step. 1 is the paper's 1×1 convolution at a branch's entry; above 1, the entry takes patches
-        of `stride` readings without overlap, and training costs about that many times less.
-    causal : whether no step of a branch sees later readings; otherwise each convolution is centered.
+    stride : samples per step. 1 is the paper's 1×1 convolution at a branch's entry; above 1, the entry takes patches
+        of `stride` samples without overlap, and training costs about that many times less.
+    causal : whether no step of a branch sees later samples; otherwise each convolution is centered.
     attention : whether each residual unit ends in squeeze-and-excitation.
     bidirectional : whether there is an inverse branch.
 
@@ -193,7 +193,7 @@ class BiTCN(Network):
 
     @property
     def receptive_field(self) -> int:
-        """Readings on which one step of one branch rests, before squeeze-and-excitation looks at the whole window.
+        """Samples on which one step of one branch rests, before squeeze-and-excitation looks at the whole window.
 
         stride · (1 + (kernel_size - 1) · Σ dilations)
         """

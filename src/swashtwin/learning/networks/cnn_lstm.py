@@ -12,7 +12,7 @@ from swashtwin.learning.networks.network import Network
 class CNNLSTM(Network):
     """Convolutions followed by LSTM, Pan, He, Tang and Meng 2018 (DOI 10.5545/sv-jme.2018.5249).
 
-    Two convolutions with ReLU and maximum pooling by 2 make steps out of readings, one LSTM reads the steps, and its
+    Two convolutions with ReLU and maximum pooling by 2 make steps out of samples, one LSTM reads the steps, and its
     state after the last one is what is known of the window. That order is theirs; the sizes, batch normalization and
     the strides are **our reading**. Weights, with C = `n_channels`, F = `width`, H = `hidden`:
 
@@ -30,7 +30,7 @@ class CNNLSTM(Network):
     n_classes : classes told apart.
     width : features of the first convolution; the second has twice as many.
     hidden : size of the LSTM's state.
-    stride : readings from step to step of the first convolution, which has 64 taps.
+    stride : samples from step to step of the first convolution, which has 64 taps.
     dropout : share of the features dropped in training.
     """
 

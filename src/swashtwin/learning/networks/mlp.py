@@ -14,8 +14,8 @@ class MLP(Network):
     """Fully connected network (the field's ANN), layers and dropout after Wang, Yan and Oates 2017.
 
     Three layers of 500 with ReLU, as in their baseline (DOI 10.1109/IJCNN.2017.7966039), with one share of dropout for
-    all layers. **Our reading**: it sees the levels of the spectrum (`SpectrumLines`) and not the readings, because on
-    readings of unknown phase it would be a straw man. Weights, with C = `n_channels`, L = `n_lines`, H_i =
+    all layers. **Our reading**: it sees the levels of the spectrum (`SpectrumLines`) and not the samples, because on
+    samples of unknown phase it would be a straw man. Weights, with C = `n_channels`, L = `n_lines`, H_i =
     ``hidden[i]``:
 
     ============ ===================

@@ -12,8 +12,8 @@ from swashtwin.learning.networks.network import Network, whole_patches
 class Recurrent(Network):
     """Base of the recurrent networks; a subclass says which cell, and whether it reads both ways.
 
-    A step takes `patch` readings of every channel at once. **Our reading**, for lack of any in the paper: 128 steps of
-    16 readings can be learnt through, 2,048 steps of one reading hardly can, and would make the network a straw man.
+    A step takes `patch` samples of every channel at once. **Our reading**, for lack of any in the paper: 128 steps of
+    16 samples can be learned through, 2,048 steps of one sample hardly can, and would make the network a straw man.
     Weights, with C = `n_channels`, H = `hidden`, p = `patch`, g = 4 for LSTM and 3 for GRU, d = 2 where both ways are
     read, else 1; each direction has its own:
 
@@ -30,7 +30,7 @@ class Recurrent(Network):
     n_classes : classes told apart.
     hidden : size of the state of each layer and direction.
     layers : recurrent layers above each other.
-    patch : readings per step; 1 is the raw signal.
+    patch : samples per step; 1 is the raw signal.
     dropout : share of the features dropped in training, between the layers and at the end.
     """
 
@@ -90,7 +90,7 @@ class BiLSTM(Recurrent):
 class BiGRU(Recurrent):
     """Gated recurrent units of Cho et al. 2014 (DOI 10.3115/v1/D14-1179), read both ways, on patches.
 
-    Reading both ways is of Schuster and Paliwal 1997 (DOI 10.1109/78.650093).
+    Sample both ways is of Schuster and Paliwal 1997 (DOI 10.1109/78.650093).
     """
 
     name: ClassVar[str] = "bigru"

@@ -20,7 +20,7 @@ FLOOR = 1e-7
 def short_time_levels(
     windows: Float[Tensor, "window channel time"], frame: int, hop: int, n_bands: int
 ) -> Float[Tensor, "window level step"]:
-    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` readings every `hop` readings.
+    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` samples every `hop` samples.
 
     A window shorter than a frame is continued by zeros.
     """

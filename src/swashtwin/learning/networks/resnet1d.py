@@ -18,10 +18,10 @@ class ResidualBlock(nn.Module):
     def __init__(self, n_in: int, n_out: int) -> None:
         super().__init__()
         layers: list[nn.Module] = []
-        for place, kernel_size in enumerate(_KERNELS):
+        for index, kernel_size in enumerate(_KERNELS):
             layers += [
                 nn.ConstantPad1d(((kernel_size - 1) // 2, kernel_size // 2), 0.0),
-                nn.Conv1d(n_out if place else n_in, n_out, kernel_size, bias=False),
+                nn.Conv1d(n_out if index else n_in, n_out, kernel_size, bias=False),
                 nn.BatchNorm1d(n_out),
                 nn.ReLU(),
             ]
@@ -38,7 +38,7 @@ class ResNet1d(Network):
     """Residual network for time series, Wang, Yan and Oates 2017 (DOI 10.1109/IJCNN.2017.7966039).
 
     Three blocks of three convolutions and the mean over time, as theirs; the strided convolution before them is **our
-    reading**, since at 2,048 readings a window their network costs minutes an epoch. Weights, with C = `n_channels`,
+    reading**, since at 2,048 samples a window their network costs minutes an epoch. Weights, with C = `n_channels`,
     F_i = ``channels[i]``, F_{-1} = F_0, p = `stride`:
 
     ===================================== =================
@@ -55,7 +55,7 @@ class ResNet1d(Network):
     n_channels : channels of a window.
     n_classes : classes told apart.
     channels : features of each block.
-    stride : readings per step of the network.
+    stride : samples per step of the network.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class ResNet1d(Network):
 
     @property
     def receptive_field(self) -> int:
-        """Readings on which one step rests before the mean over time: stride · (1 + 13 blocks)."""
+        """Samples on which one step rests before the mean over time: stride · (1 + 13 blocks)."""
         taps = sum(kernel_size - 1 for kernel_size in _KERNELS) * len(self.settings["channels"])
         return int(self.settings["stride"] * (1 + taps))
 

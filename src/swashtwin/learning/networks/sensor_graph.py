@@ -11,14 +11,14 @@ from swashtwin.learning.networks.network import Network
 
 
 class SensorGraph(Network):
-    """Graph convolution over sensors with a learnt adjacency, after Wu et al. 2019 (DOI 10.24963/ijcai.2019/264).
+    """Graph convolution over sensors with a learned adjacency, after Wu et al. 2019 (DOI 10.24963/ijcai.2019/264).
 
     Each channel is a node. One encoder, the same for all nodes, makes features of each node's signal; then, layer after
-    layer, every node mixes them with those of the nodes that it learnt to listen to, H ← H + ReLU(A H W), with
+    layer, every node mixes them with those of the nodes that it learned to listen to, H ← H + ReLU(A H W), with
 
         A = softmax over columns of E_1 E_2ᵀ / √d,
 
-    E_1 and E_2 (channels, d) being learnt: no one tells how sensors hang together. The graph convolution is Kipf and
+    E_1 and E_2 (channels, d) being learned: no one tells how sensors hang together. The graph convolution is Kipf and
     Welling's (DOI 10.48550/arXiv.1609.02907). **Our reading**: the encoder, the skip, no ReLU within the softmax, and
     that the nodes are laid side by side at the end and not averaged, since which sensor hears a fault tells where it
     is. With one channel A is 1 and the network is its encoder. Weights, with C = `n_channels`, F = `width`, d =
@@ -41,7 +41,7 @@ class SensorGraph(Network):
     width : features of each node.
     layers : graph convolutions.
     embedding : numbers by which a node tells what it listens to, and what it has to say.
-    stride : readings from step to step of the encoder's first convolution, which has 64 taps.
+    stride : samples from step to step of the encoder's first convolution, which has 64 taps.
     dropout : share of the features dropped in training.
     """
 

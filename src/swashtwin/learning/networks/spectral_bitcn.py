@@ -1,4 +1,4 @@
-"""BiTCN that reads a window as the ear does: as levels in bands, and not as readings."""
+"""BiTCN that reads a window as the ear does: as levels in bands, and not as samples."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -16,7 +16,7 @@ PARTS = ("frames", "lines", "envelope")
 """What the network is given of a window, one by one: what `parts` may leave out."""
 
 _SHORTEST_FRAME = 8
-"""Readings of a frame that has a spectrum to speak of; one of a single reading says nothing at all."""
+"""Samples of a frame that has a spectrum to speak of; one of a single sample says nothing at all."""
 
 _LINES, _LINE_SHARE, _LINE_BANDS = 200, 200 / 1024, 32
 _ENVELOPE_LINES, _ENVELOPE_SHARE, _ENVELOPE_FROM = 64, 64 / 1024, (0.0, 1000 / 12800)
@@ -26,13 +26,13 @@ class SpectralBiTCN(Network):
     """BiTCN over short-time spectra, beside the lines and envelopes of the whole window; ours, and the default.
 
     The two branches of the paper's `BiTCN` (DOI 10.1177/00202940261419020), dilated causal residual units with
-    squeeze-and-excitation, here read levels of 24 bands in frames of 256 readings, 64 readings apart: about 30 steps
+    squeeze-and-excitation, here read levels of 24 bands in frames of 256 samples, 64 samples apart: about 30 steps
     instead of 2048, whose receptive field is the whole window. Their sum's mean and greatest value over time stand
     beside a hidden layer over what has no moment: the window's lines up to a fifth of half the sample rate, its
     envelopes' (all of it, and above 1 kHz at 25.6 kHz), their bands and the shape of their distributions.
 
     Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window shares with another. A
-    convolution over readings has to find levels itself. `study ablation` takes it apart.
+    convolution over samples has to find levels itself. `study ablation` takes it apart.
 
     Levels are scaled by what the training windows have of them, and in training noise of `noise` of their deviation is
     added, which is what a gain or a mounting that differs a little does to them.
@@ -52,7 +52,7 @@ class SpectralBiTCN(Network):
     n_classes : classes told apart.
     parts : which of `PARTS` it is given.
     kernel_size, channels, dilations, reduction, causal, attention, bidirectional : of the branches, as in `BiTCN`.
-    frame, hop : readings of a frame, and from one to the next.
+    frame, hop : samples of a frame, and from one to the next.
     n_bands : logarithmic bands of a frame.
     hidden : size of the hidden layer.
     dropout : share of the features dropped in training; a third of it within the branches.
@@ -102,7 +102,7 @@ class SpectralBiTCN(Network):
         if noise < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) must not be negative.")
         if frame < _SHORTEST_FRAME:
-            raise InputError(f"{self.name}: frame ({frame}) must be at least {_SHORTEST_FRAME} readings.")
+            raise InputError(f"{self.name}: frame ({frame}) must be at least {_SHORTEST_FRAME} samples.")
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,

@@ -33,9 +33,9 @@ class TemporalBlock(nn.Module):
 class TCN(Network):
     """Temporal convolutional network of Bai, Kolter and Koltun 2018 (DOI 10.48550/arXiv.1803.01271).
 
-    Blocks of growing dilation, read at the last step, which sees `receptive_field` readings back. Their blocks, weight
-    normalization and reading at the last step are kept; the strided convolution at the entry is **our reading**, since
-    they had no signals of thousands of readings. Weights, with C = `n_channels`, F_i = ``channels[i]``, k =
+    Blocks of growing dilation, read at the last step, which sees `receptive_field` samples back. Their blocks, weight
+    normalization and the readout of the last step are kept; the strided convolution at the entry is **our reading**,
+    since they had no signals of thousands of samples. Weights, with C = `n_channels`, F_i = ``channels[i]``, k =
     `kernel_size`, p = `stride`:
 
     ==================================== =================
@@ -53,7 +53,7 @@ class TCN(Network):
     kernel_size : taps of each convolution.
     channels : features of each block; the dilations are 1, 2, 4, 8, ...
     dropout : share of the features dropped in training.
-    stride : readings per step of the network; 1 reads every reading by itself.
+    stride : samples per step of the network; 1 reads every sample by itself.
 
     Examples
     --------
@@ -90,12 +90,12 @@ class TCN(Network):
 
     @property
     def receptive_field(self) -> int:
-        """Readings on which one step rests: stride · (1 + 2 (kernel_size - 1) (2^blocks - 1))."""
+        """Samples on which one step rests: stride · (1 + 2 (kernel_size - 1) (2^blocks - 1))."""
         taps = 2 * (self.settings["kernel_size"] - 1) * (2 ** len(self.settings["channels"]) - 1)
         return int(self.settings["stride"] * (1 + taps))
 
     def steps(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature step"]:
-        """Features of each step, none of which saw a later reading."""
+        """Features of each step, none of which saw a later sample."""
         features: Tensor = self.blocks(self.entry(whole_patches(windows, self.settings["stride"])))
         return features
 

@@ -8,16 +8,16 @@ from torch.nn import functional
 
 from swashtwin.learning.networks.network import Network
 
-_SHORTEST = 1024  # readings that the five poolings leave at least one step of
+_SHORTEST = 1024  # samples that the five poolings leave at least one step of
 
 
 class WDCNN(Network):
     """Deep convolutional network with wide first-layer kernels, Zhang et al. 2017 (DOI 10.3390/s17020425).
 
-    Sizes are theirs, made for windows of 2,048 readings: five convolutions with batch normalization, ReLU and maximum
+    Sizes are theirs, made for windows of 2,048 samples: five convolutions with batch normalization, ReLU and maximum
     pooling by 2, the first of 64 taps and a stride of 16, then a fully connected layer of `hidden`. **Our reading**
-    where a window is no 2,048 readings long: what is left after the last pooling is averaged to the three steps that
-    2,048 readings leave, and windows under 1,024 readings get zeros before them. Weights, with C = `n_channels`:
+    where a window is no 2,048 samples long: what is left after the last pooling is averaged to the three steps that
+    2,048 samples leave, and windows under 1,024 samples get zeros before them. Weights, with C = `n_channels`:
 
     ================== ==============
     ``stages.0.0``     (16, C, 64)
@@ -44,7 +44,7 @@ class WDCNN(Network):
 
     name: ClassVar[str] = "wdcnn"
     receptive_field: ClassVar[int] = 1520
-    """Readings on which one step after the last pooling rests."""
+    """Samples on which one step after the last pooling rests."""
 
     def __init__(self, n_channels: int, n_classes: int, *, hidden: int = 100) -> None:
         super().__init__(n_channels=n_channels, n_classes=n_classes, hidden=hidden)

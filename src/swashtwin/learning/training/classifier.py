@@ -51,7 +51,7 @@ class FittedClassifier:
 
     @property
     def sample_rate(self) -> float:
-        """Readings per second and channel [Hz]."""
+        """Samples per second and channel [Hz]."""
         return self.layout.sample_rate
 
     @property
@@ -61,12 +61,12 @@ class FittedClassifier:
 
     @property
     def length(self) -> int:
-        """Readings per window and channel."""
+        """Samples per window and channel."""
         return self.layout.length
 
     def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedClassifier":
         """The same classifier with the scaling of one recording, whose windows `parts` gives in parts."""
-        return replace(self, normalization=self.normalization.settled(parts))
+        return replace(self, normalization=self.normalization.fixed_for(parts))
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1.
@@ -91,7 +91,7 @@ class FittedClassifier:
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
         """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on.
 
-        The features are `extract_features`'s of the readings as they are, not the network's own: in its last layer
+        The features are `extract_features`'s of the samples as they are, not the network's own: in its last layer
         a class that it never saw fell among the known ones (docs/diagnosis.md).
         """
         return self.predict_proba(windows), extract_features(windows).values
@@ -100,7 +100,7 @@ class FittedClassifier:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
         device = next(self.network.parameters()).device
-        signal = torch.from_numpy(self.normalization.applied(windows))
+        signal = torch.from_numpy(self.normalization.apply(windows))
         with torch.no_grad():
             parts = [step(batch.to(device)).cpu().numpy() for batch in signal.split(_BATCH)]
         return np.concatenate(parts)

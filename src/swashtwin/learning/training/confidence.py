@@ -16,7 +16,7 @@ from swashtwin.foundation import InputError
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """A temperature, prediction sets and a threshold for what is unknown, learnt from validation recordings."""
+    """A temperature, prediction sets and a threshold for what is unknown, learned from validation recordings."""
 
     temperature: float
     """T by which log-probabilities of a recording are divided: p_c^(1/T) / Σ p^(1/T) (Guo and others 2017,
@@ -36,7 +36,7 @@ class Confidence:
 
     @property
     def n_recordings(self) -> int:
-        """Validation recordings it was learnt from."""
+        """Validation recordings it was learned from."""
         return int(self.nonconformity_score.size)
 
     def temperature_scaled(

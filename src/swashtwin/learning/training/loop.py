@@ -25,7 +25,7 @@ from swashtwin.learning.windows.splitting import check_disjoint
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 
 _BATCH = 256
-"""Windows that pass the network together where nothing is learnt; memory only, no result depends on it."""
+"""Windows that pass the network together where nothing is learned; memory only, no result depends on it."""
 
 
 def fit(
@@ -75,18 +75,18 @@ def fit(
     if validation is not None:
         used |= {*validation.recording_id.tolist(), *validation.manifest}
     run = _description(network, windows, settings, seed, validation, sorted(used), device)
-    normalization = Normalization.fitted(settings.normalization, windows)
-    with _random_state_kept(device), _deterministic(settings.deterministic), _one_thread():
+    normalization = Normalization.fit(settings.normalization, windows)
+    with _keep_random_state(device), _deterministic_kernels(settings.deterministic), _one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
         optimizer = torch.optim.Adam(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         history = _start(checkpoint, resume, run, trained, optimizer)
         clean = _tensors(trained, windows, normalization, device)
-        held = None if validation is None else _tensors(trained, validation, normalization, device)
+        validation_tensors = None if validation is None else _tensors(trained, validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         condition = conditions_of(windows, settings)
-        epoch_data = partial(_in_epoch, trained, windows, clean, normalization, settings, seed)
+        epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
         if not history:
             trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
         for number in range(len(history) + 1, settings.epochs + 1):
@@ -95,7 +95,7 @@ def fit(
             loss, accuracy = _train_epoch(
                 trained, optimizer, epoch_data(number), condition, weights, settings, seed, number
             )
-            history += (Epoch(number, loss, accuracy, *_validated(trained, held)),)
+            history += (Epoch(number, loss, accuracy, *_validation_scores(trained, validation_tensors)),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
             if progress is not None:
@@ -173,10 +173,10 @@ def _description(
 
 
 @contextmanager
-def _random_state_kept(device: str) -> Iterator[None]:
+def _keep_random_state(device: str) -> Iterator[None]:
     """Within it, seeding torch leaves the caller's random numbers as they were."""
-    place = torch.device(device)
-    with torch.random.fork_rng(devices=[place.index or 0] if place.type == "cuda" else []):
+    target = torch.device(device)
+    with torch.random.fork_rng(devices=[target.index or 0] if target.type == "cuda" else []):
         yield
 
 
@@ -192,7 +192,7 @@ def _one_thread() -> Iterator[None]:
 
 
 @contextmanager
-def _deterministic(wanted: bool) -> Iterator[None]:
+def _deterministic_kernels(wanted: bool) -> Iterator[None]:
     cudnn = torch.backends.cudnn
     before = cudnn.deterministic, cudnn.benchmark
     if wanted:
@@ -217,7 +217,7 @@ def _start(
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 
-def _in_epoch(
+def _epoch_tensors(
     network: Network,
     windows: WindowSet,
     clean: tuple[Tensor, Tensor],
@@ -237,7 +237,7 @@ def _in_epoch(
 
 def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
     """(windows as the network represents them, their classes)."""
-    signal = torch.from_numpy(normalization.applied(windows))
+    signal = torch.from_numpy(normalization.apply(windows))
     with torch.no_grad():
         represented = torch.cat([network.represent(batch.to(device)) for batch in signal.split(_BATCH)])
     return represented, torch.from_numpy(windows.target).to(device)
@@ -262,7 +262,7 @@ def _train_epoch(
     signal, target = data
     torch.manual_seed(derive_seed(seed, "dropout", number))
     ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
-    order, place = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
+    order, condition_of = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
     draw = stream(seed, "mixup", number)
     network.train()
     total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
@@ -279,7 +279,7 @@ def _train_epoch(
         if share < 1:
             loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)
         if settings.alignment != "none":
-            loss = loss + settings.alignment_weight * misalignment(features, place[batch], settings.alignment)
+            loss = loss + settings.alignment_weight * misalignment(features, condition_of[batch], settings.alignment)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -287,18 +287,16 @@ def _train_epoch(
         right += (scores.argmax(dim=1) == classes).sum()
     mean = float(total) / len(target)
     if not math.isfinite(mean):
-        raise InputError(
-            f"the loss is {mean} in epoch {number}; the learning rate is too high, or a reading too large."
-        )
+        raise InputError(f"the loss is {mean} in epoch {number}; the learning rate is too high, or a sample too large.")
     return mean, float(right) / len(target)
 
 
-def _validated(network: Network, held: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
+def _validation_scores(network: Network, tensors: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
     """(mean loss, accuracy) on the validation windows, or nothing where there are none."""
-    if held is None:
+    if tensors is None:
         return ()
     network.eval()
     with torch.no_grad():
-        scores = torch.cat([network.head(network.encode(batch)) for batch in held[0].split(_BATCH)])
-    loss = functional.cross_entropy(scores, held[1])
-    return float(loss), float((scores.argmax(dim=1) == held[1]).float().mean())
+        scores = torch.cat([network.head(network.encode(batch)) for batch in tensors[0].split(_BATCH)])
+    loss = functional.cross_entropy(scores, tensors[1])
+    return float(loss), float((scores.argmax(dim=1) == tensors[1]).float().mean())

@@ -13,7 +13,7 @@ from swashtwin.learning.windows.window_set import WindowSet
 class Normalization:
     """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
 
-    ``"window"``: over each window by itself. ``"recording"``: over all the windows given of its recording. ``"set"``:
+    ``"window"``: over each window by itself. ``"recording"``: over all windows of its recording. ``"set"``:
     over the training windows, kept here. ``"none"``: not at all. A channel that does not move is not divided.
     """
 
@@ -25,7 +25,7 @@ class Normalization:
     """Each channel is divided by it if `kind` is ``"set"``, in the windows' unit; else ones."""
 
     @classmethod
-    def fitted(cls, kind: str, windows: WindowSet) -> "Normalization":
+    def fit(cls, kind: str, windows: WindowSet) -> "Normalization":
         """Normalization with the statistics of the training windows."""
         if kind == "set":
             signal = windows.signal
@@ -33,20 +33,20 @@ class Normalization:
             return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
         return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
 
-    def settled(self, parts: Callable[[], Iterable[WindowSet]]) -> "Normalization":
-        """The same for the windows of one recording that come in parts, each of which knows nothing of the others.
+    def fixed_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "Normalization":
+        """The same for one recording whose windows come in parts.
 
         Parameters
         ----------
-        parts : gives the parts; it is called where the scaling rests on the whole recording.
+        parts : gives the parts; it is called where the scaling depends on the whole recording.
         """
         if self.kind != "recording":
             return self
         mean, deviation = _together([_moments(windows.signal) for windows in parts()])
         return Normalization("set", mean, deviation)
 
-    def applied(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
-        """The readings of `windows`, scaled."""
+    def apply(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
+        """The samples of `windows`, scaled."""
         if self.kind == "window":
             mean = windows.signal.mean(axis=2, dtype=np.float64)
             deviation = windows.signal.std(axis=2, dtype=np.float64)
@@ -66,8 +66,8 @@ def _of_recordings(
     mean = np.empty((len(windows), windows.n_channels))
     deviation = np.empty_like(mean)
     for name in np.unique(windows.recording_id):
-        own = windows.recording_id == name
-        mean[own], deviation[own] = _together([_moments(windows.signal[own])])
+        members = windows.recording_id == name
+        mean[members], deviation[members] = _together([_moments(windows.signal[members])])
     return mean, deviation
 
 

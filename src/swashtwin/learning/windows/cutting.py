@@ -23,7 +23,7 @@ def cut_windows(
     classes: Sequence[str] | None = None,
     allow_partial_revolution: bool = False,
 ) -> WindowSet:
-    """Windows of equal length, in the recordings' order; readings left over at a recording's end are dropped.
+    """Windows of equal length, in the recordings' order; samples left over at a recording's end are dropped.
 
     Give exactly one of `length`, `duration` and `like`. Cut first and split afterwards: the split keeps each recording
     on one side, however the windows overlap.
@@ -31,9 +31,9 @@ def cut_windows(
     Parameters
     ----------
     recordings : in memory or in their files: these are read in blocks, and only windows are kept.
-    length : readings per window.
+    length : samples per window.
     duration : seconds per window [s].
-    stride : readings from one window's start to the next one's; the default, `length`, lets none overlap.
+    stride : samples from one window's start to the next one's; the default, `length`, lets none overlap.
     like : windows whose length and classes are taken over, and whose sample rate, channels and unit must be met.
     classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels found, sorted.
     allow_partial_revolution : accept windows shorter than one turn of the shaft. Not advised: such a window sees
@@ -58,7 +58,7 @@ def cut_windows(
     length = _window_length(recordings[0].sample_rate, length, duration, like)
     stride = length if stride is None else stride
     if stride < 1:
-        raise InputError(f"stride ({stride} readings) must be at least 1; {length} lets no window overlap.")
+        raise InputError(f"stride ({stride} samples) must be at least 1; {length} lets no window overlap.")
     _require_one_layout(recordings, length, like)
     classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
     for recording in recordings:
@@ -115,14 +115,14 @@ def _require_distinct(recordings: Sequence[Recording]) -> None:
 
 def _window_length(sample_rate: float, length: int | None, duration: float | None, like: WindowSet | None) -> int:
     if sum(value is not None for value in (length, duration, like)) != 1:
-        raise InputError("give exactly one of length (readings), duration (seconds) and like (a window set).")
+        raise InputError("give exactly one of length (samples), duration (seconds) and like (a window set).")
     if like is not None:
         return like.length
     wanted = length if length is not None else round((duration or 0.0) * sample_rate)
     if wanted < 2:
         raise InputError(
-            f"a window of {wanted} reading(s) is too short to learn from; length counts readings, duration seconds "
-            f"(0.1 s is {round(0.1 * sample_rate)} readings at {sample_rate:g} Hz)."
+            f"a window of {wanted} sample(s) is too short to learn from; length counts samples, duration seconds "
+            f"(0.1 s is {round(0.1 * sample_rate)} samples at {sample_rate:g} Hz)."
         )
     return wanted
 
@@ -158,10 +158,10 @@ def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None)
 
 
 def _require_long_enough(recording: Recording, length: int, allow_partial_revolution: bool) -> None:
-    readings = recording.n_samples
-    if readings < length:
+    count = recording.n_samples
+    if count < length:
         raise DataError(
-            f"{recording.recording_id} has {readings} readings ({recording.duration:.3g} s), too few for one window of "
+            f"{recording.recording_id} has {count} samples ({recording.duration:.3g} s), too few for one window of "
             f"{length}; shorten the window or leave the recording out."
         )
     shaft = stated_speed(recording)
@@ -170,7 +170,7 @@ def _require_long_enough(recording: Recording, length: int, allow_partial_revolu
     least = math.ceil(recording.sample_rate / shaft * (1 - 1e-9))
     if length < least:
         raise InputError(
-            f"a window of {length} readings is shorter than one revolution of {recording.recording_id} "
+            f"a window of {length} samples is shorter than one revolution of {recording.recording_id} "
             f"({shaft * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
             f"{least} or more, or allow_partial_revolution=True."
         )
@@ -195,8 +195,8 @@ def _assembled(recordings: Sequence[Recording], length: int, stride: int, classe
     conditions = [recording.condition for recording in recordings]
     pressure = [math.nan if condition is None else condition.discharge_pressure for condition in conditions]
     speed = [
-        (stated_speed(one) or math.nan) * 2 * math.pi if condition is None else condition.speed
-        for one, condition in zip(recordings, conditions, strict=True)
+        (stated_speed(recording) or math.nan) * 2 * math.pi if condition is None else condition.speed
+        for recording, condition in zip(recordings, conditions, strict=True)
     ]
     target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
     return WindowSet(

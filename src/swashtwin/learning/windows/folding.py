@@ -71,13 +71,13 @@ def group_folds(
 
 def without_overlap(windows: WindowSet) -> WindowSet:
     """The windows of each recording that begin no sooner than the one kept before them ends."""
-    kept, ends = [], dict[str, int]()
-    for place in np.lexsort((windows.start, windows.recording_id)):
-        name, start = str(windows.recording_id[place]), int(windows.start[place])
+    indices, ends = [], dict[str, int]()
+    for index in np.lexsort((windows.start, windows.recording_id)):
+        name, start = str(windows.recording_id[index]), int(windows.start[index])
         if start >= ends.get(name, start):
-            kept.append(int(place))
+            indices.append(int(index))
             ends[name] = start + windows.length
-    return windows.subset(np.array(sorted(kept), dtype=np.int64))
+    return windows.subset(np.array(sorted(indices), dtype=np.int64))
 
 
 def _splitter(dealing: Dealing, n_folds: int, test_fraction: float, seed: int) -> Any:
@@ -100,8 +100,8 @@ def _require_every_class(
 ) -> None:
     present = np.bincount(windows.target[trained], minlength=len(windows.classes))
     if not present.all():
-        held = ", ".join(np.unique(groups[tested]).tolist()[:3])
+        names = ", ".join(np.unique(groups[tested]).tolist()[:3])
         raise DataError(
-            f"with {held} held out nothing of class {windows.classes[int(present.argmin())]} is left to train on; "
+            f"with {names} held out nothing of class {windows.classes[int(present.argmin())]} is left to train on; "
             "take fewer folds, another group, or record the class in more groups."
         )

@@ -15,16 +15,16 @@ from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 
 @dataclass(frozen=True)
 class WindowLayout:
-    """What windows must have in common to be learnt from together."""
+    """What windows must have in common to be learned from together."""
 
     sample_rate: float
-    """Readings per second and channel [Hz]."""
+    """Samples per second and channel [Hz]."""
     channels: tuple[str, ...]
     """Name of each channel, in order."""
     unit: str
     """Unit of every channel."""
     length: int
-    """Readings per window and channel."""
+    """Samples per window and channel."""
 
     def difference(self, other: "WindowLayout") -> str | None:
         """Words for the first thing in which `other` differs, with both values, or None where nothing does."""
@@ -37,7 +37,7 @@ class WindowLayout:
         if self.unit != other.unit:
             return f"unit {self.unit} against {other.unit}"
         if self.length != other.length:
-            return f"window length {self.length} against {other.length} readings"
+            return f"window length {self.length} against {other.length} samples"
         return None
 
 
@@ -50,7 +50,7 @@ class WindowSet:
     """
 
     signal: Float32[np.ndarray, "window channel time"]
-    """Readings in `unit`."""
+    """Samples in `unit`."""
     target: Int64[np.ndarray, " window"]
     """Index into `classes`; -1 where the class is not known."""
     classes: tuple[str, ...]
@@ -64,11 +64,11 @@ class WindowSet:
     speed: Float[np.ndarray, " window"]
     """Angular speed of the shaft [rad/s]; NaN where not known."""
     start: Int64[np.ndarray, " window"]
-    """Index in the recording of each window's first reading."""
+    """Index in the recording of each window's first sample."""
     synthetic: Bool[np.ndarray, " window"]
     """Whether a model made it."""
     sample_rate: float
-    """Readings per second and channel [Hz]."""
+    """Samples per second and channel [Hz]."""
     channels: tuple[str, ...]
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
@@ -125,7 +125,7 @@ class WindowSet:
 
     @property
     def length(self) -> int:
-        """Readings per window and channel."""
+        """Samples per window and channel."""
         return int(self.signal.shape[2])
 
     @property
@@ -170,8 +170,8 @@ class WindowSet:
         missing condition.
         """
         cells = {(name, pressure): 0 for name in self.classes for pressure in sorted_pressures(self.cell_pressure)}
-        known = self.target >= 0
-        for name, pressure in zip(self.label[known], self.cell_pressure[known], strict=True):
+        labeled = self.target >= 0
+        for name, pressure in zip(self.label[labeled], self.cell_pressure[labeled], strict=True):
             cells[str(name), None if np.isnan(pressure) else float(pressure)] += 1
         return cells
 
@@ -190,7 +190,7 @@ class WindowSet:
             )
 
     def fingerprint(self) -> str:
-        """SHA-256 over every reading and every fact of the set, hexadecimal."""
+        """SHA-256 over every sample and every fact of the set, hexadecimal."""
         digest = hashlib.sha256(repr((self.classes, self.layout)).encode())
         for name in _PER_WINDOW:
             array = np.ascontiguousarray(getattr(self, name))
@@ -200,8 +200,8 @@ class WindowSet:
 
 def sorted_pressures(pressure: Float[np.ndarray, " window"]) -> list[float | None]:
     """Each pressure that occurs once, ascending [Pa]; None, last, stands for NaN."""
-    known: list[float | None] = [float(value) for value in np.unique(pressure[~np.isnan(pressure)])]
-    return [*known, None] if np.isnan(pressure).any() else known
+    values: list[float | None] = [float(value) for value in np.unique(pressure[~np.isnan(pressure)])]
+    return [*values, None] if np.isnan(pressure).any() else values
 
 
 def distinct_values(values: Float[np.ndarray, " window"]) -> tuple[float, ...]:

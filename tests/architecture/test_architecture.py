@@ -3,22 +3,14 @@
 import ast
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
-
-import swashtwin
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
-from swashtwin.foundation import MPa
-from swashtwin.recordings import write_index, write_recording
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "swashtwin"
@@ -103,33 +95,3 @@ def test_no_module_evaluates_its_annotations_late_or_has_a_name_that_says_nothin
     for module in MODULES:
         assert "from __future__ import annotations" not in (PACKAGE / module).read_text(encoding="utf-8")
         assert not {"utils", "helpers", "common", "misc"} & set(re.split(r"[/.]", module))
-
-
-def test_the_readme_shows_the_walk_as_it_is_run() -> None:
-    walk = (ROOT / "examples" / "walk.py").read_text(encoding="utf-8")
-    steps = walk[walk.index("recordings = load_recordings") :]
-    assert steps.strip() in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def test_the_walk_runs_from_recordings_to_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-    _write_rig(tmp_path / "rig")
-    quick = {
-        "calibrate": partial(swashtwin.calibrate, method=swashtwin.GaussNewton(starts=1)),
-        "fit": partial(swashtwin.fit, settings=swashtwin.TrainingSettings(epochs=1)),
-        "BiTCN": partial(swashtwin.BiTCN, stride=32, channels=(8, 8)),
-    }
-    for name, function in quick.items():  # the walk as it stands takes half an hour
-        monkeypatch.setitem(swashtwin.__dict__, name, function)
-    names = runpy.run_path(str(ROOT / "examples" / "walk.py"))
-    assert names["scores"].n_windows == len(names["test"])
-    assert set(names["calibration"].recording_ids) <= set(names["train"].recording_id)
-    assert "<svg" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-
-
-def _write_rig(folder: Path) -> None:
-    size = RigSize(specimens=2, repeats=2, duration=1.3)
-    recordings = [recording for recording, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
-    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
-    write_index(recordings, files, folder)

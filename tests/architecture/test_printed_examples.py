@@ -1,11 +1,19 @@
-"""The examples of docs/extending.md run as printed."""
+"""README's example and those of docs/extending.md run as printed."""
 
+import os
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commandline import run
+from typer.core import TyperGroup
+from typer.main import get_command
 
+from swashtwin.cli import app
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
@@ -32,6 +40,20 @@ def _own_registries(monkeypatch: pytest.MonkeyPatch) -> None:
         del registry[name]
 
 
+def test_readmes_example_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (rig,) = re.findall(r"`swashtwin (bench rig [^`]*)`", (ROOT / "README.md").read_text(encoding="utf-8"))
+    run(*shlex.split(rig))
+    (example,) = blocks("README.md", "python")
+    check = "assert set(calibration.recording_ids) <= set(train.recording_ids)"
+    command = [sys.executable, "-c", f"{example}\n{check}"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    assert float(process.stdout) > 0.6
+    assert "<svg" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.usefixtures("_own_registries")
 def test_each_example_of_extending_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -41,3 +63,19 @@ def test_each_example_of_extending_runs_as_printed(tmp_path: Path, monkeypatch: 
     assert names["twin"].label == "cracked_plate"
     assert names["more"].synthetic.all()
     assert names["recording"].unit == "m/s^2"
+
+
+@pytest.mark.parametrize("document", ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+def test_every_printed_command_is_one_that_the_shell_takes(document: str) -> None:
+    for block in blocks(document, "(?:sh)?"):
+        for name, value in re.findall(r'^(\w+)="?([^"\n]*)"?$', block, flags=re.MULTILINE):
+            block = block.replace(f"${name}", value)
+        for line in re.findall(r"^(?:\.venv/bin/)?swashtwin (.+)$", block, flags=re.MULTILINE):
+            words, command = shlex.split(re.split(r" {3}", line)[0], comments=True), get_command(app)
+            while isinstance(command, TyperGroup):
+                assert words[0] in command.commands, line
+                command = command.commands[words.pop(0)]
+            try:
+                command.make_context("swashtwin", words)
+            except Exception as error:
+                pytest.fail(f"{line}: {error}")

@@ -45,7 +45,7 @@ class RigSize:
 
 SIZES = MappingProxyType(
     {
-        "tiny": RigSize(specimens=2, repeats=2, duration=1.5),
+        "tiny": RigSize(specimens=2, repeats=2, duration=1.25),
         "small": RigSize(specimens=6, repeats=3),
         "paper": RigSize(specimens=6, repeats=4),
     }

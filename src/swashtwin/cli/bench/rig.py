@@ -30,6 +30,7 @@ class RigFormat(StrEnum):
 class RigSizeName(StrEnum):
     """Number and length of the rig's recordings."""
 
+    tiny = "tiny"
     small = "small"
     paper = "paper"
 

@@ -1,6 +1,7 @@
 """The command line, run within the tests."""
 
 import json
+import re
 from typing import Any
 
 from typer.testing import CliRunner, Result
@@ -13,10 +14,16 @@ DEFECT = ("--fault", "swash_plate:depth=0.08mm")
 QUICK = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
 
 
+PYTHON_WORDS = re.compile(r"[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")
+"""What looks like a call or an argument of Python, which no error in the shell may hold."""
+
+
 def run(*words: object, code: int = 0) -> Result:
     """What a command printed, after it ended with `code`."""
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == code, result.output
+    if code == 3:
+        assert not PYTHON_WORDS.search(result.stderr), result.stderr
     return result
 
 

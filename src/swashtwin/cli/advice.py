@@ -10,30 +10,60 @@ from contextlib import contextmanager
 
 from swashtwin.foundation import SwashTwinError
 
+_CALL = r"[A-Za-z_][\w.]*\((?:[^()]|\([^()]*\))*\)"
 _UNITS = {"MPa": "MPa", "rpm": "rpm", "mm": "mm", "um": "um", "deg": "deg", "celsius": "degC"}
+_OPTIONS = {"length": "window", "by": "group"}
+"""Options that are not called as their parameters are."""
 
 _ADVICE: tuple[tuple[str, str], ...] = (
-    (r"(?: in both)? with recording\.picked\((?:\[\.\.\.\]|\.\.\.)\)", " with --channels"),
-    (r"recording\.picked\((?:\[\.\.\.\]|\.\.\.)\)", "--channels"),
-    (r"; (?:a|one) \w+ is saved with \w+\(\w+, path\)|; a network is saved with save_amortized\(method, path\)", ""),
-    (r"; save one with save_classifier\(\w+, path\)", "; swashtwin train writes one"),
-    (r"; windows are saved with save_windows\(windows, path\)", "; swashtwin synthesize writes windows"),
-    (r"save_\w+\((\w+, )?path\)", "the command that makes it"),
-    (r"; in Python [^;.]*(?:\.\w+[^;.)]*\))*(?=[;.)])", ""),
+    (r"with recording\.picked\(\[?\.\.\.\]?\)", 'by channels = ["..."] in the index'),
+    (r"recording\.picked\(\[?\.\.\.\]?\)", 'channels = ["..."] in the index'),
+    (rf"give it one with {_CALL}", "label it in the index"),
+    (rf"name the test side with {_CALL}", "name the test recordings in an index of their own"),
+    (rf"an attribute of the recordings is given as {_CALL}", "give one of them, or an attribute of the recordings"),
+    (rf"call {_CALL} with the same network before loading", "install the package that registers it"),
+    (r"calibrate it: learn_confidence\([^()]*\)", "calibrate it: train --validation-fraction 0.2"),
+    (r"; (?:build it|cut them) with (?:classes=[\w.]+|\([^()]*\([^()]*\)\))", ""),
+    (rf", or (?:choose the film yourself: {_CALL}|use a twin with bandwidth=[\d.]+|take contact=\"\w+\")", ""),
+    (r"; use bandwidth=[\d.]+", "; raise the sample rate"),
+    (r"take length (?=[\d<])", "take --window "),
+    (rf"(?:with )?{_CALL}, or (?=by |--)", ""),
+    (rf"{_CALL} \((--[^)]*)\)", r"\1"),
+    (rf"; in Python {_CALL}(?:, {_CALL})*", ""),
+    (rf"(?:, or |: ){_CALL}(?=[.,;])", ""),
+    (r"\bband=\(([\d.e+<x>]+), ([\d.e+<x>]+)\)", r'--band "\1-\2 Hz"'),
+    (r"\bseeds=\((\d+),\)", r"--seeds \1"),
 )
-"""(pattern, words of the shell) of each advice, the longer ones first."""
+"""(pattern, words of the shell) of what functions are advised, in the order in which they are applied."""
 
 
 def in_options(text: str) -> str:
-    """An error text with every Python call in it said as options."""
+    """An error text with every piece of Python in it said as options.
+
+    Examples
+    --------
+    >>> in_options("Pressures are in Pa: 15 MPa is MPa(15).")
+    'Pressures are in Pa: 15 MPa is "15 MPa".'
+    >>> in_options("continue it with resume=True, or delete it to start again.")
+    'continue it with --resume, or delete it to start again.'
+    """
+    text = re.sub(rf"\b({'|'.join(_UNITS)})\(([^()]*)\)", _quantity, text)
     for pattern, words in _ADVICE:
         text = re.sub(pattern, words, text)
-    return re.sub(rf"\b({'|'.join(_UNITS)})\(([^()]*)\)", _quantity, text)
+    return re.sub(r"\b([a-z_]+)=(\w+|'\w+'|\"\w+\"|\.\.\.)?(?![\w=])", _option, text)
 
 
 def _quantity(match: re.Match[str]) -> str:
     """``"15 MPa"`` of ``MPa(15)``."""
     return f'"{match[2]} {_UNITS[match[1]]}"'
+
+
+def _option(match: re.Match[str]) -> str:
+    """``--no-phases`` of ``phases=False``, ``--lines shaft`` of ``lines='shaft'``."""
+    name, value = _OPTIONS.get(match[1], match[1]).replace("_", "-"), (match[2] or "").strip("'\".")
+    if value in ("True", "False"):
+        return f"--{'no-' if value == 'False' else ''}{name}"
+    return f"--{name} {value}".rstrip()
 
 
 _SINGLE_FILE = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}

@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import typer
 
+from swashtwin.cli.advice import in_options
+
 T = TypeVar("T")
 
 _UNLIMITED = 200  # columns where no terminal limits a table
@@ -32,8 +34,8 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Print a line to standard error, beside the progress."""
-    typer.echo(text, err=True)
+    """Print a line to standard error, beside the progress; advice of the library is said as options."""
+    typer.echo(in_options(text), err=True)
 
 
 def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:

@@ -168,14 +168,14 @@ def list_pumps(as_json: Json = False) -> None:
 
 def new_pump(
     name: Annotated[str, typer.Argument(help="Name of the new pump.")],
-    like: Annotated[str, typer.Option(help="Pump to copy, by name or .toml file.")] = "25scy14-1b",
+    original: Annotated[str, typer.Option("--pump", help="Pump to copy, by name or .toml file.")] = "25scy14-1b",
     out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
     as_json: Json = False,
 ) -> None:
     """Write a commented copy of a pump file, for you to edit."""
     import swashtwin.pump as pump
 
-    path = pump.new_pump(name, like=like, folder=out)
+    path = pump.new_pump(name, like=original, folder=out)
     tell({"pump": path}, as_json, lambda: say(f"{path}\nEdit it, then: swashtwin twin pump show {path}"))
 
 

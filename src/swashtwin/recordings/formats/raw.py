@@ -64,6 +64,10 @@ def load_extra(module: str, extra: str = "readers") -> Any:
         ) from cause
 
 
+_USUAL_FACTORS = {"m/s^2": 1.0, "g": 9.80665}
+"""m/s^2 per usual unit, so that most files are read without loading the registry of units (0.3 s)."""
+
+
 def acceleration_factor(unit: str) -> float | None:
     """m/s^2 per `unit`, or None where it is a unit of something else.
 
@@ -79,6 +83,8 @@ def acceleration_factor(unit: str) -> float | None:
     >>> acceleration_factor("g"), acceleration_factor("mm/s^2"), acceleration_factor("Pa")
     (9.80665, 0.001, None)
     """
+    if unit in _USUAL_FACTORS:
+        return _USUAL_FACTORS[unit]
     spelled = _SPELLINGS.get(unit.strip(), unit.strip())
     if spelled == "1":
         return None

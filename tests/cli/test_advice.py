@@ -1,0 +1,78 @@
+"""Errors in the shell speak of options, never of Python calls."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from commandline import PYTHON_WORDS, one_line, run
+
+import swashtwin
+from swashtwin.cli.advice import in_options
+
+PACKAGE = Path(swashtwin.__file__).parent
+NO_COMMAND = {
+    "diagnosis/fault_classifier.py": "scikit-learn's interface, which takes arrays",
+    "calibration/uncertainty/sampling.py": "sampling the posterior has no command",
+}
+"""Modules whose errors no command can raise, and why."""
+
+
+def text_of(node: ast.AST) -> str:
+    """Text of an expression, ``7`` for whatever is filled in."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(value.value if isinstance(value, ast.Constant) else "7" for value in node.values)
+    return text_of(node.left) + text_of(node.right) if isinstance(node, ast.BinOp) else ""
+
+
+def error_texts() -> Iterator[tuple[str, str]]:
+    """(where, text) of every text in a ``raise`` of the package."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and name not in NO_COMMAND:
+                pending: list[ast.AST] = [node]
+                while pending:
+                    part = pending.pop()
+                    if text := text_of(part):
+                        yield f"{name}:{node.lineno}", text
+                    else:
+                        pending += ast.iter_child_nodes(part)
+
+
+def test_no_error_of_the_package_shows_python_in_the_shell() -> None:
+    texts = list(error_texts())
+    assert len(texts) > 500
+    assert [(where, shown) for where, text in texts if PYTHON_WORDS.search(shown := in_options(text))] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("860 rev/min is rpm(860).", '860 rev/min is "860 rpm".'),
+        ("resume=True needs checkpoint=, the file.", "--resume needs --checkpoint, the file."),
+        ("calibrate with phases=False.", "calibrate with --no-phases."),
+        ("needs a fault; use lines='piston'.", "needs a fault; use --lines piston."),
+        ("use band=(0, 1200).", 'use --band "0-1200 Hz".'),
+        ("select its recordings: --specimen, or recordings.where(specimen=...).", "select its recordings: --specimen."),
+        ("leave the solver at HarmonicBalance() (--solver harmonic-balance).",
+         "leave the solver at --solver harmonic-balance."),
+        ("a classifier is saved with save_classifier(classifier, path), or by swashtwin train",
+         "a classifier is saved by swashtwin train"),
+        ("take length 1787 or more, or allow_partial_revolution=True.",
+         "take --window 1787 or more, or --allow-partial-revolution."),
+        ("there are 2 channel(s) of 1 class(es), a==b", "there are 2 channel(s) of 1 class(es), a==b"),
+    ],
+)  # fmt: skip
+def test_advice_is_said_as_options(text: str, shown: str) -> None:
+    assert in_options(text) == shown
+
+
+def test_an_error_that_a_python_caller_would_mend_by_a_call_names_the_option(tmp_path: Path) -> None:
+    words = ("--speed", "860 rpm", "--pressure", "15 MPa", "--solver", "rk4", "--step", "1 ms")
+    line = one_line(run("twin", "simulate", *words, "--out", tmp_path / "x.h5", code=3))
+    assert "--solver harmonic-balance" in line
+    assert not re.search("HarmonicBalance", line)

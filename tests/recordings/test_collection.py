@@ -224,15 +224,15 @@ def test_a_class_of_one_group_stays_in_training() -> None:
 
 
 def test_a_split_that_cannot_be_is_refused() -> None:
-    apart = Recordings([make("a", specimen="A"), make("b", label="piston", specimen="B")])
+    disjoint = Recordings([make("a", specimen="A"), make("b", label="piston", specimen="B")])
     with pytest.raises(DataError, match="every split by specimen takes a class out of training"):
-        apart.split(by="specimen")
+        disjoint.split(by="specimen")
     with pytest.raises(DataError, match="there is only one specimen"):
         Recordings([make("a", specimen="A"), make("b", specimen="A")]).split(by="specimen")
     with pytest.raises(LeakError, match="b is synthetic"):
         Recordings([make("a"), make("b", synthetic=True)]).split()
     with pytest.raises(InputError, match=r"at most 0\.5"):
-        apart.split(test=0.7)
+        disjoint.split(test=0.7)
     with pytest.raises(InputError, match="no recording has the attribute 'dya'"):
         Recordings(rig()).split(by="dya")
 

@@ -8,7 +8,7 @@ import pytest
 
 from swashtwin.foundation import DataError, MissingExtraError
 from swashtwin.recordings import Options, Recording, load_recording, write_recording
-from swashtwin.recordings.formats import subprocess_reader as apart
+from swashtwin.recordings.formats import subprocess_reader
 
 SIGNAL = np.random.default_rng(0).standard_normal((2, 400))
 
@@ -22,10 +22,10 @@ def write_parquet(path: Path, **columns: object) -> Path:
 
 def test_a_parquet_table_has_its_units_its_rate_and_nan_for_what_is_missing(tmp_path: Path) -> None:
     columns = {"time [ms]": np.arange(400) / 4, "x [g]": [None, *SIGNAL[0, 1:]], "note": ["a"] * 400}
-    back = load_recording(write_parquet(tmp_path / "a.parquet", **columns))
-    assert (back.channels, back.unit, back.sample_rate) == (("x",), "m/s^2", 4000.0)
-    assert np.isnan(back.signal[0, 0])
-    np.testing.assert_allclose(back.signal[0, 1:], SIGNAL[0, 1:] * 9.80665)
+    loaded = load_recording(write_parquet(tmp_path / "a.parquet", **columns))
+    assert (loaded.channels, loaded.unit, loaded.sample_rate) == (("x",), "m/s^2", 4000.0)
+    assert np.isnan(loaded.signal[0, 0])
+    np.testing.assert_allclose(loaded.signal[0, 1:], SIGNAL[0, 1:] * 9.80665)
 
 
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
@@ -34,16 +34,16 @@ def test_time_stamps_of_a_parquet_table_give_the_rate(unit: str, tmp_path: Path)
 
     start = datetime(2026, 4, 10, 16, 22)
     stamps = polars.Series([start + timedelta(milliseconds=2 * i) for i in range(400)]).cast(polars.Datetime(unit))
-    back = load_recording(write_parquet(tmp_path / "a.parquet", time=stamps, x=SIGNAL[0]), unit="1")
-    assert (back.channels, back.sample_rate) == (("x",), 500.0)
+    loaded = load_recording(write_parquet(tmp_path / "a.parquet", time=stamps, x=SIGNAL[0]), unit="1")
+    assert (loaded.channels, loaded.sample_rate) == (("x",), 500.0)
 
 
 def test_an_archive_of_arrays_gives_vectors_rate_and_unit(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=SIGNAL[0], both=SIGNAL.T, fs=12800.0, unit="g", sensor=np.array("352C33"))
-    back = load_recording(tmp_path / "a.npz", channels=["both*"])
-    assert (back.channels, back.sample_rate) == (("both(:,1)", "both(:,2)"), 12800.0)
-    np.testing.assert_allclose(back.signal, SIGNAL * 9.80665)
-    assert back.attributes["sensor"] == "352C33"
+    loaded = load_recording(tmp_path / "a.npz", channels=["both*"])
+    assert (loaded.channels, loaded.sample_rate) == (("both(:,1)", "both(:,2)"), 12800.0)
+    np.testing.assert_allclose(loaded.signal, SIGNAL * 9.80665)
+    assert loaded.attributes["sensor"] == "352C33"
 
 
 def test_a_time_vector_of_an_archive_gives_the_rate(tmp_path: Path) -> None:
@@ -72,9 +72,9 @@ def write_mdf(path: Path, *groups: tuple[str, np.ndarray, float, str]) -> Path:
 
 def test_channels_of_one_rate_are_chosen_from_a_measurement_of_several(tmp_path: Path) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("acc", SIGNAL[0], 25600.0, "g"), ("speed", SIGNAL[1, :50], 100.0, "rpm"))
-    back = load_recording(path, channels=["acc"])
-    assert (back.unit, back.sample_rate) == ("m/s^2", 25600.0)
-    np.testing.assert_allclose(back.signal[0], SIGNAL[0] * 9.80665)
+    loaded = load_recording(path, channels=["acc"])
+    assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
+    np.testing.assert_allclose(loaded.signal[0], SIGNAL[0] * 9.80665)
     with pytest.raises(DataError, match="columns of several lengths"):
         load_recording(path)
 
@@ -91,14 +91,14 @@ def test_a_library_that_crashes_on_a_file_does_not_take_the_reader_with_it(
 ) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
     load_recording(path)
-    for name, value, said in (
+    for name, value, message in (
         ("json.dumps", lambda _: "{", "the library that reads it crashed"),  # ends the other process
         ("_PATIENCE", -1.0, "no end was found"),
     ):
         with monkeypatch.context() as patch:
             patch.setattr(f"swashtwin.recordings.formats.subprocess_reader.{name}", value)
-            with pytest.raises(DataError, match=f"damaged: {said}"):
-                apart.read_in_subprocess("mdf", path, Options())
+            with pytest.raises(DataError, match=f"damaged: {message}"):
+                subprocess_reader.read_in_subprocess("mdf", path, Options())
     assert load_recording(path).sample_rate == 1000.0
 
 
@@ -106,10 +106,10 @@ def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypat
     path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
     (tmp_path / "asammdf.py").write_text("raise ImportError('asammdf')")
     monkeypatch.syspath_prepend(tmp_path)
-    apart.stop()
+    subprocess_reader.stop()
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[mdf\]"'):
         load_recording(path)
-    apart.stop()
+    subprocess_reader.stop()
 
 
 # ---- the time column
@@ -123,12 +123,12 @@ def test_a_time_in_minutes_is_not_taken_for_seconds(tmp_path: Path) -> None:
         load_recording(tmp_path / "a.csv", unit="1")
 
 
-@pytest.mark.parametrize("place", [0, 17, 59])
+@pytest.mark.parametrize("index", [0, 17, 59])
 @pytest.mark.parametrize("error", [0.4, 3.0])
-def test_one_wrong_reading_of_the_time_does_not_shift_the_rate(place: int, error: float, tmp_path: Path) -> None:
+def test_one_wrong_sample_of_the_time_does_not_shift_the_rate(index: int, error: float, tmp_path: Path) -> None:
     recording = Recording(SIGNAL[:1, :60], 25600.0, "a", unit="1")
     time = recording.time
-    time[place] += error / 25600 * (-1 if place == 0 else 1)
+    time[index] += error / 25600 * (-1 if index == 0 else 1)
     lines = "".join(f"{t!r},{x!r}\n" for t, x in zip(time.tolist(), recording.signal[0].tolist(), strict=True))
     (tmp_path / "a.csv").write_text("time [s],x\n" + lines)
     assert load_recording(tmp_path / "a.csv", unit="1").sample_rate == 25600.0
@@ -145,10 +145,10 @@ def test_reading_a_file_runs_no_module_of_the_current_folder(tmp_path: Path, mon
     file = write_parquet(tmp_path / "a.parquet", x=SIGNAL[0])
     for name in ("polars", "json"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'was_here')!r}, 'w')\n", encoding="utf-8")
-    apart.stop()
+    subprocess_reader.stop()
     monkeypatch.chdir(tmp_path)
     try:
         assert load_recording(file, sample_rate=1000.0, unit="1").signal.shape[1] == 400
     finally:
-        apart.stop()
+        subprocess_reader.stop()
     assert not (tmp_path / "was_here").exists()

@@ -38,12 +38,12 @@ def test_mutated_files_are_refused_in_one_line_or_read_with_the_right_rate(
     kinds: list[str] = []
     failures: list[tuple[int, str, str]] = []
 
-    def told(number: int, kind: str, said: str) -> None:
+    def report(number: int, kind: str, message: str) -> None:
         kinds.append(kind)
         if kind in fuzzer.FAILURES:
-            failures.append((number, kind, said))
+            failures.append((number, kind, message))
 
-    fuzzer.fuzz(name, 0, 60, 1, tmp_path, told)
+    fuzzer.fuzz(name, 0, 60, 1, tmp_path, report)
     assert not failures
     assert len(kinds) == 60
     assert kinds.count("refused") > 15
@@ -56,6 +56,6 @@ def test_a_wrong_rate_would_be_seen(fuzzer: ModuleType, tmp_path: Path) -> None:
     path.write_bytes(content[:24] + slower + content[32:])
     assert fuzzer.outcome("wav", path, content, in_blocks=False)[0] == "wrong_rate"
     path.write_bytes(content[:24] + slower[:4] + content[28:])
-    kind, said = fuzzer.outcome("wav", path, content, in_blocks=False)
+    kind, message = fuzzer.outcome("wav", path, content, in_blocks=False)
     assert kind == "refused"
-    assert "12800 Hz of 2 channels with 32 bits are not the 204800 bytes per second" in said
+    assert "12800 Hz of 2 channels with 32 bits are not the 204800 bytes per second" in message

@@ -63,23 +63,23 @@ def test_an_index_gives_back_whatever_was_written(facts: dict[str, Any], suffix:
     condition = OperatingCondition(**facts["condition"]) if facts["condition"] else None
     recording = Recording(**{**facts, "signal": np.array(facts["signal"])[None], "condition": condition})
     path = write_recording(recording, tmp_path / f"one.{suffix}")
-    (back,) = load_recordings(write_index([recording], [path], tmp_path))
-    np.testing.assert_array_equal(back.signal, recording.signal)
+    (loaded,) = load_recordings(write_index([recording], [path], tmp_path))
+    np.testing.assert_array_equal(loaded.signal, recording.signal)
     for name in ("recording_id", "channels", "unit", "label", "specimen", "synthetic"):
-        assert getattr(back, name) == getattr(recording, name)
-    assert back.sample_rate == pytest.approx(recording.sample_rate, rel=1e-14)
-    assert {key: back.attributes[key] for key in recording.attributes} == dict(recording.attributes)
-    assert (back.condition is None) == (recording.condition is None)
-    if back.condition is not None and recording.condition is not None:
+        assert getattr(loaded, name) == getattr(recording, name)
+    assert loaded.sample_rate == pytest.approx(recording.sample_rate, rel=1e-14)
+    assert {key: loaded.attributes[key] for key in recording.attributes} == dict(recording.attributes)
+    assert (loaded.condition is None) == (recording.condition is None)
+    if loaded.condition is not None and recording.condition is not None:
         for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
-            assert getattr(back.condition, name) == pytest.approx(getattr(recording.condition, name), rel=1e-12)
+            assert getattr(loaded.condition, name) == pytest.approx(getattr(recording.condition, name), rel=1e-12)
 
 
 def test_recordings_come_in_the_order_of_the_index(tmp_path: Path) -> None:
-    made = [make("b"), make("a", "piston"), make("c")]
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in made]
-    write_index(made, files, tmp_path)
-    assert [one.recording_id for one in load_recordings(tmp_path)] == ["b", "a", "c"]
+    recordings = [make("b"), make("a", "piston"), make("c")]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
+    write_index(recordings, files, tmp_path)
+    assert [recording.recording_id for recording in load_recordings(tmp_path)] == ["b", "a", "c"]
     assert tomllib.loads((tmp_path / "recordings.toml").read_text())["classes"] == ["normal", "piston"]
 
 
@@ -116,7 +116,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("format = 1", r"no \[\[recording\]\] entry"),
         ("recording = [1]", "format = None"),
@@ -137,8 +137,8 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         (f'format = 1\n[[recording]]\nfile = "a.csv"\nnames = [1, 2]\n{FACTS}', "names = .* must be a list of texts"),
     ],
 )  # fmt: skip
-def test_a_wrong_index_is_refused_in_one_line(text: str, said: str, tmp_path: Path) -> None:
-    with pytest.raises(SwashTwinError, match=said) as caught:
+def test_a_wrong_index_is_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(SwashTwinError, match=message) as caught:
         load_recordings(save(tmp_path, text))
     assert "\n" not in str(caught.value)
 
@@ -170,7 +170,7 @@ def test_a_full_disk_leaves_the_old_index(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(OSError, match="No space"):
         save_index({"format": 1}, path)
     assert path.read_text() == "old"
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.csv", "b.csv", "recordings.toml"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv", "recordings.toml"]
 
 
 # ---- proposals
@@ -188,9 +188,9 @@ def rig(tmp_path: Path) -> Path:
 def test_a_proposal_reads_label_speed_and_pressure_from_names(rig: Path) -> None:
     proposal = propose_index(rig, sample_rate="25.6 kHz", unit="g")
     save_index(proposal.index, rig / "recordings.toml")
-    back = load_recordings(rig)
-    assert [one.label for one in back] == ["normal", "swash_plate", "normal"]
-    pressures = [one.condition.discharge_pressure for one in back if one.condition]
+    loaded = load_recordings(rig)
+    assert [recording.label for recording in loaded] == ["normal", "swash_plate", "normal"]
+    pressures = [recording.condition.discharge_pressure for recording in loaded if recording.condition]
     assert pressures == [15e6, 15e6, 10e6]
     assert proposal.index["defaults"]["speed"] == "860 rpm"
     assert proposal.skipped == ()
@@ -200,8 +200,8 @@ def test_a_proposal_obeys_a_pattern(rig: Path) -> None:
     pattern = r"(?P<specimen>\w+)/(?P<label>[a-z_]+?)_(?P<pressure>\d+)MPa_(?P<speed>\d+)rpm_(?P<repeat>\d)"
     proposal = propose_index(rig, label_pattern=pattern, sample_rate="25.6 kHz", unit="g", include=["A01/*"])
     save_index(proposal.index, rig / "recordings.toml")
-    back = load_recordings(rig)
-    assert [(one.label, one.specimen, one.attributes["repeat"]) for one in back] == [
+    loaded = load_recordings(rig)
+    assert [(recording.label, recording.specimen, recording.attributes["repeat"]) for recording in loaded] == [
         ("normal", "A01", "1"),
         ("swash_plate", "A01", "1"),
     ]
@@ -217,8 +217,8 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         write_recording(make(name, None), rig / name / f"{name}.mat")
     write_recording(make("own", "piston"), rig / "own.h5")
     pattern = r"(?P<label>normal|swash_plate|own)(_(?P<pressure>\d+)MPa)?.*?_?(?P<repeat>\d?)\."
-    found = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).facts
-    assert found == (
+    sentences = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).facts
+    assert sentences == (
         "label: normal (1), swash_plate (1), says its name",
         "speed: 860 rpm (2), says its name",
         "discharge_pressure: 15 MPa (2), says its name",
@@ -226,26 +226,26 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         "unit: m/s^2 (2), says the flag",
         "channels: x, y (2), says the file",
     )
-    found = propose_index(rig, include=["normal/*", "own.h5"]).facts
-    assert found[0] == "label: normal (1), says the folder's name; piston (1), says the file"
-    assert found[1] == "sample_rate: 1000 Hz (2), says the file"
-    found = propose_index(
+    sentences = propose_index(rig, include=["normal/*", "own.h5"]).facts
+    assert sentences[0] == "label: normal (1), says the folder's name; piston (1), says the file"
+    assert sentences[1] == "sample_rate: 1000 Hz (2), says the file"
+    proposal = propose_index(
         rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
     )
-    assert "attribute repeat: 1 (2), says the pattern" in found.facts
-    assert "speed: 860 rpm (2), says the flag" in found.facts
+    assert "attribute repeat: 1 (2), says the pattern" in proposal.facts
+    assert "speed: 860 rpm (2), says the flag" in proposal.facts
 
 
-def test_a_proposal_asks_for_what_nobody_says(rig: Path) -> None:
-    asked = []
+def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
+    questions = []
 
     def ask(key: str, question: str) -> str | None:
-        asked.append((key, question))
+        questions.append((key, question))
         return {"sample_rate": "25.6 kHz", "unit": "g"}[key]
 
     proposal = propose_index(rig, ask=ask)
-    assert [key for key, _ in asked] == ["sample_rate", "unit"]
-    assert asked[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
+    assert [key for key, _ in questions] == ["sample_rate", "unit"]
+    assert questions[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
     assert proposal.index["defaults"] == {"sample_rate": "25.6 kHz", "unit": "g", "speed": "860 rpm"}
     with pytest.raises(DataError, match="neither the files nor the options state sample_rate of 3 files"):
         propose_index(rig, ask=lambda key, question: None)
@@ -269,7 +269,7 @@ def test_a_proposal_asks_how_the_class_is_written(tmp_path: Path) -> None:
     assert index["classes"] == ["7", "8"]
 
 
-def test_a_proposal_names_everything_that_nobody_says(rig: Path) -> None:
+def test_a_proposal_names_every_missing_fact(rig: Path) -> None:
     with pytest.raises(DataError, match=r"sample_rate of 3 files .*--sample-rate.*unit of 3 files .*--unit"):
         propose_index(rig)
 
@@ -283,7 +283,7 @@ def test_a_proposal_takes_facts_from_files_that_carry_them(tmp_path: Path) -> No
     assert len(proposal.skipped) == 1
     assert "notes.txt" in proposal.skipped[0]
     save_index(proposal.index, tmp_path / "recordings.toml")
-    assert [one.label for one in load_recordings(tmp_path)] == ["normal", "piston"]
+    assert [recording.label for recording in load_recordings(tmp_path)] == ["normal", "piston"]
 
 
 def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
@@ -329,10 +329,10 @@ def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: 
         resample="12 kHz",
         index_folder=tmp_path,
     )
-    back = load_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
-    assert {one.sample_rate for one in back} == {12000.0}
-    assert {one.label for one in back} == {"normal", "ball", "inner_race", "outer_race"}
-    normal = next(one for one in back if one.label == "normal")
+    loaded = load_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
+    assert {recording.sample_rate for recording in loaded} == {12000.0}
+    assert {recording.label for recording in loaded} == {"normal", "ball", "inner_race", "outer_race"}
+    normal = next(recording for recording in loaded if recording.label == "normal")
     assert normal.signal.shape == (1, 60985)
     assert "from 48000 Hz to 12000 Hz" in normal.attributes["resampled"]
     assert (normal.specimen, normal.attributes["speed"]) == ("DE-healthy", "1797 rpm")
@@ -349,9 +349,12 @@ def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_pat
         channels=["ch 0", "ch 1"],
         index_folder=tmp_path,
     )
-    back = load_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
-    assert [one.label for one in back] == ["healthy", *(f"cavitation{share}" for share in (25, 50, 75, 100))]
-    assert {(one.sample_rate, one.signal.shape) for one in back} == {(6400.0, (2, 32810))}
+    loaded = load_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
+    assert [recording.label for recording in loaded] == [
+        "healthy",
+        *(f"cavitation{share}" for share in (25, 50, 75, 100)),
+    ]
+    assert {(recording.sample_rate, recording.signal.shape) for recording in loaded} == {(6400.0, (2, 32810))}
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,7 @@ def test_noise_without_lines_contradicts_no_speed(seed: int) -> None:
 @pytest.mark.parametrize("unit", ["m/s^2", "1"])
 def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(rate: float, meant: str, unit: str) -> None:
     findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
-    (finding,) = [one for one in findings if one.kind == "rate"]
+    (finding,) = [finding for finding in findings if finding.kind == "rate"]
     assert finding.severity == "warning"
     assert f"{meant} meant?" in finding.message
 
@@ -201,8 +201,8 @@ def test_units_and_lengths_that_differ_are_found() -> None:
 
 def test_a_class_of_one_recording_or_one_specimen_is_found() -> None:
     report = inspect_recordings([good(), good(1), replace(good(2), label="piston"), replace(good(3), label=None)])
-    found = {finding.kind: finding.severity for finding in report.findings}
-    assert found == {"one_specimen": "note", "one_recording": "warning", "unlabeled": "note"}
+    severities = {finding.kind: finding.severity for finding in report.findings}
+    assert severities == {"one_specimen": "note", "one_recording": "warning", "unlabeled": "note"}
     assert not report.has_errors
 
 

@@ -17,7 +17,7 @@ def recording() -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor", "kept"),
+    ("unit", "factor", "expected"),
     [
         ("g", 9.80665, "m/s^2"),
         ("mg", 9.80665e-3, "m/s^2"),
@@ -28,11 +28,11 @@ def recording() -> Recording:
         ("1", 1.0, "1"),
     ],
 )
-def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, factor: float, kept: str) -> None:
+def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, factor: float, expected: str) -> None:
     (tmp_path / "a.csv").write_text("a\n1.5\n2.5\n")
-    back = load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
-    np.testing.assert_allclose(back.signal, [[1.5 * factor, 2.5 * factor]])
-    assert (back.unit, back.sample_rate) == (kept, 1000.0)
+    loaded = load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
+    np.testing.assert_allclose(loaded.signal, [[1.5 * factor, 2.5 * factor]])
+    assert (loaded.unit, loaded.sample_rate) == (expected, 1000.0)
 
 
 def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
@@ -41,13 +41,13 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
     with pytest.raises(DataError, match="calibration_factor"):
         load_recording(tmp_path / "a.wav", unit="g")
-    back = load_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
-    np.testing.assert_allclose(back.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
+    loaded = load_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
+    np.testing.assert_allclose(loaded.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
     assert load_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
 
 
 @pytest.mark.parametrize(
-    ("facts", "error", "said"),
+    ("facts", "error", "message"),
     [
         ({"sample_rate": 1000}, DataError, 'add unit = "g"'),
         ({"unit": "g"}, DataError, 'add sample_rate = "25.6 kHz"'),
@@ -76,10 +76,10 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_or_missing_fact_is_refused(
-    tmp_path: Path, facts: dict[str, object], error: type[Exception], said: str
+    tmp_path: Path, facts: dict[str, object], error: type[Exception], message: str
 ) -> None:
     (tmp_path / "a.csv").write_text("a,b\n1.5,2.5\n3.5,4.5\n")
-    with pytest.raises(error, match=said) as caught:
+    with pytest.raises(error, match=message) as caught:
         load_recording(tmp_path / "a.csv", **facts)
     assert "\n" not in str(caught.value)
 
@@ -103,15 +103,15 @@ def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"X105_DE_time": np.ones(10), "X105_FE_time": np.ones(9), "X105RPM": 1797.0})
     with pytest.raises(DataError, match="X105_DE_time: 10, X105_FE_time: 9"):
         load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g")
-    back = load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
-    assert back.channels == ("X105_DE_time",)
-    assert (back.condition, back.attributes["speed"], back.attributes["X105RPM"]) == (None, "1797 rpm", "1797")
+    loaded = load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
+    assert loaded.channels == ("X105_DE_time",)
+    assert (loaded.condition, loaded.attributes["speed"], loaded.attributes["X105RPM"]) == (None, "1797 rpm", "1797")
 
 
 def test_resampling_keeps_a_tone_and_says_so(tmp_path: Path) -> None:
     time = np.arange(4800) / 48000
     savemat(tmp_path / "a.mat", {"x": 3 + np.sin(2 * np.pi * 500 * time), "fs": 48000.0})
-    back = load_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
-    assert back.sample_rate == 12000.0
-    np.testing.assert_allclose(back.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * back.time[50:-50]), atol=2e-3)
-    assert "from 48000 Hz to 12000 Hz" in back.attributes["resampled"]
+    loaded = load_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
+    assert loaded.sample_rate == 12000.0
+    np.testing.assert_allclose(loaded.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * loaded.time[50:-50]), atol=2e-3)
+    assert "from 48000 Hz to 12000 Hz" in loaded.attributes["resampled"]

@@ -27,39 +27,39 @@ def recording() -> Recording:
 
 def test_hdf5_gives_back_the_whole_recording(recording: Recording, tmp_path: Path) -> None:
     synthetic = replace(recording, synthetic=True)
-    back = load_recording(write_recording(synthetic, tmp_path / "other_name.h5"))
+    loaded = load_recording(write_recording(synthetic, tmp_path / "other_name.h5"))
     for name in ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic"):
-        assert getattr(back, name) == getattr(synthetic, name)
-    np.testing.assert_array_equal(back.signal, synthetic.signal)
-    assert back.attributes["sensor"] == "352C33"
+        assert getattr(loaded, name) == getattr(synthetic, name)
+    np.testing.assert_array_equal(loaded.signal, synthetic.signal)
+    assert loaded.attributes["sensor"] == "352C33"
 
 
 def test_hdf5_gives_back_a_recording_of_which_little_is_known(tmp_path: Path) -> None:
     bare = Recording(signal=np.ones((1, 3)), sample_rate=1.5, recording_id="x", unit="1")
-    back = load_recording(write_recording(bare, tmp_path / "x.h5"))
-    assert (back.label, back.condition, back.specimen, back.unit) == (None, None, None, "1")
+    loaded = load_recording(write_recording(bare, tmp_path / "x.h5"))
+    assert (loaded.label, loaded.condition, loaded.specimen, loaded.unit) == (None, None, None, "1")
 
 
 @pytest.mark.parametrize("suffix", WRITABLE)
 def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path: Path, suffix: str) -> None:
     path = write_recording(recording, tmp_path / "deep" / f"a.{suffix}")
     write_index([recording], [path], tmp_path)
-    (back,) = load_recordings(tmp_path)
-    np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15)
-    assert back.condition is not None
+    (loaded,) = load_recordings(tmp_path)
+    np.testing.assert_allclose(loaded.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15)
+    assert loaded.condition is not None
     assert recording.condition is not None
-    assert back.condition.speed == pytest.approx(recording.condition.speed, rel=1e-12)
+    assert loaded.condition.speed == pytest.approx(recording.condition.speed, rel=1e-12)
     for name in ("sample_rate", "recording_id", "channels", "unit", "label", "specimen", "synthetic"):
-        assert getattr(back, name) == getattr(recording, name)
-    assert back.attributes["sensor"] == "352C33"
-    assert back.attributes["file"] == f"deep/a.{suffix}"
+        assert getattr(loaded, name) == getattr(recording, name)
+    assert loaded.attributes["sensor"] == "352C33"
+    assert loaded.attributes["file"] == f"deep/a.{suffix}"
 
 
 def test_a_universal_file_gives_back_its_time_responses(recording: Recording, tmp_path: Path) -> None:
-    back = load_recording(written(recording, tmp_path, "uff"))
-    np.testing.assert_allclose(back.signal, recording.signal, rtol=1e-9)
-    assert back.channels == ("point 0", "point 1")
-    assert (back.unit, back.sample_rate) == ("m/s^2", 25600.0)
+    loaded = load_recording(written(recording, tmp_path, "uff"))
+    np.testing.assert_allclose(loaded.signal, recording.signal, rtol=1e-9)
+    assert loaded.channels == ("point 0", "point 1")
+    assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
 
 
 @pytest.mark.parametrize("rate", [1000.0, 6400.0, 12000.0, 25600.0, 44100.0, 48000.0, 51200 / 3, 65536.0, 102400.0])
@@ -81,25 +81,25 @@ def test_matlab_7_3_is_read_like_version_5(tmp_path: Path) -> None:
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM"
     with path.open("r+b") as file:
         file.write(head)
-    back = load_recording(path, unit="1")
-    np.testing.assert_array_equal(back.signal[0], signal)
-    assert (back.channels, back.sample_rate) == (("X105_DE_time",), 12000.0)
+    loaded = load_recording(path, unit="1")
+    np.testing.assert_array_equal(loaded.signal[0], signal)
+    assert (loaded.channels, loaded.sample_rate) == (("X105_DE_time",), 12000.0)
 
 
 def test_a_matrix_becomes_one_channel_per_column(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"H": np.arange(30.0).reshape(10, 3), "rig": {"fs": 1000.0}})
-    back = load_recording(tmp_path / "a.mat", unit="1", channels=["H(:,3)"], names=["z"])
-    np.testing.assert_array_equal(back.signal[0], np.arange(2.0, 30.0, 3.0))
-    assert (back.channels, back.sample_rate) == (("z",), 1000.0)
+    loaded = load_recording(tmp_path / "a.mat", unit="1", channels=["H(:,3)"], names=["z"])
+    np.testing.assert_array_equal(loaded.signal[0], np.arange(2.0, 30.0, 3.0))
+    assert (loaded.channels, loaded.sample_rate) == (("z",), 1000.0)
 
 
 def test_vectors_of_a_foreign_hdf5_file_are_channels(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["run/acc"] = np.arange(20.0).reshape(10, 2)
         file["run/acc"].attrs.update({"unit": "g", "fs": 500.0})
-    back = load_recording(tmp_path / "a.h5")
-    assert (back.channels, back.sample_rate) == (("run/acc/0", "run/acc/1"), 500.0)
-    assert back.signal[1, 1] == pytest.approx(3 * 9.80665)
+    loaded = load_recording(tmp_path / "a.h5")
+    assert (loaded.channels, loaded.sample_rate) == (("run/acc/0", "run/acc/1"), 500.0)
+    assert loaded.signal[1, 1] == pytest.approx(3 * 9.80665)
 
 
 # ---- writing
@@ -121,7 +121,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_debris(
     with pytest.raises(OSError, match="No space"):
         write_recording(replace(recording, signal=recording.signal + 1), path)
     assert path.read_bytes() == old
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
 def test_a_rate_that_wav_cannot_hold_is_refused(recording: Recording, tmp_path: Path) -> None:

@@ -98,22 +98,22 @@ def test_only_a_file_with_a_speed_needs_a_reader_that_knows_of_it(tmp_path: Path
 def test_other_formats_keep_the_channels_and_lose_the_speed(tmp_path: Path, suffix: str) -> None:
     (block,) = blocks_of((50,))
     path = write_recording(block, tmp_path / f"a.{suffix}")
-    back = load_recording(path, **({"unit": "m/s^2"} if suffix == "wav" else {}))
-    assert back.speed is None
-    np.testing.assert_allclose(back.signal, block.signal, rtol=1e-6)
+    loaded = load_recording(path, **({"unit": "m/s^2"} if suffix == "wav" else {}))
+    assert loaded.speed is None
+    np.testing.assert_allclose(loaded.signal, block.signal, rtol=1e-6)
 
 
 def test_windows_of_a_recording_with_a_speed_are_those_of_one_without() -> None:
     (block,) = blocks_of((1000,))
     for name in ("signal", "speed", "recording_id"):
         with_speed, without = (
-            getattr(cut_windows([one], length=100), name) for one in (block, replace(block, speed=None))
+            getattr(cut_windows([recording], length=100), name) for recording in (block, replace(block, speed=None))
         )
         np.testing.assert_array_equal(with_speed, without)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"sample_rate": 500.0}, "sample_rate 500.0, the first one 1000.0"),
         ({"channels": ("x", "z")}, "channels"),
@@ -121,18 +121,20 @@ def test_windows_of_a_recording_with_a_speed_are_those_of_one_without() -> None:
         ({"speed": None}, "some have none"),
     ],
 )
-def test_a_block_that_does_not_continue_the_first_is_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+def test_a_block_that_does_not_continue_the_first_is_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
     first, second = blocks_of((10, 10))
-    for put_together in (join_blocks, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
-        with pytest.raises(DataError, match=said):
-            put_together([first, replace(second, **change)])
+    for join in (join_blocks, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
+        with pytest.raises(DataError, match=message):
+            join([first, replace(second, **change)])
     assert not list(tmp_path.iterdir())
 
 
 def test_no_block_is_no_recording(tmp_path: Path) -> None:
-    for put_together in (join_blocks, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
+    for join in (join_blocks, lambda blocks: write_blocks(blocks, tmp_path / "a.h5")):
         with pytest.raises(DataError, match="no block"):
-            put_together([])
+            join([])
     with pytest.raises(InputError, match="cannot be written block by block"):
         write_blocks(blocks_of((10,)), tmp_path / "a.wav")
     assert not list(tmp_path.iterdir())
@@ -159,7 +161,7 @@ def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(tmp_path: Pat
         write_blocks(blocks, tmp_path / "a.h5")
         limit += (tmp_path / "a.h5").stat().st_size
     (tmp_path / "a.h5").write_text("old")
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-B", "-c", FAILING],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(SOURCES)},
@@ -168,7 +170,7 @@ def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(tmp_path: Pat
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "File too large\n", "")
+    assert (process.returncode, process.stdout, process.stderr) == (0, "File too large\n", "")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.h5", "old")]
 
 
@@ -202,8 +204,8 @@ def test_memory_does_not_grow_with_a_recording_s_length(tmp_path: Path) -> None:
     """30 s of three channels at 51.2 kHz are 37 MB, and the arrays that make them several times that."""
     environment = {**os.environ, "PYTHONPATH": str(SOURCES)}
     command = [sys.executable, "-c", MEMORY]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-    assert int(done.stdout) < 20_000  # KiB
+    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert int(process.stdout) < 20_000  # KiB
 
 
 # ---- the twin's blocks
@@ -223,7 +225,7 @@ def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
         assert getattr(together, name) == getattr(whole, name)
 
 
-def test_blocks_of_no_reading_or_too_few_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
+def test_blocks_of_no_sample_or_too_few_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15)
     with pytest.raises(InputError, match="at least one reading"):
         list(steady_blocks(twin, 1e-6, 25600.0))
@@ -237,9 +239,9 @@ def test_a_streamed_profile_is_the_simulated_one(
     monkeypatch.setattr(transient, "BLOCK", 1000)
     twin, profile = Twin(pump, at_15, bandwidth=1000), OperatingProfile.run_up(at_15, 0.5, jitter=0.01)
     write_blocks(profile_blocks(twin, profile, 6400.0, seed=4), tmp_path / "a.h5")
-    whole, back = simulate_profile(twin, profile, 6400.0, seed=4), load_recording(tmp_path / "a.h5")
-    np.testing.assert_array_equal(back.signal, whole.signal)
-    np.testing.assert_array_equal(back.speed, whole.speed)
+    whole, loaded = simulate_profile(twin, profile, 6400.0, seed=4), load_recording(tmp_path / "a.h5")
+    np.testing.assert_array_equal(loaded.signal, whole.signal)
+    np.testing.assert_array_equal(loaded.speed, whole.speed)
 
 
 def test_a_signal_of_whole_revolutions_repeats(pump: Pump, at_15: OperatingCondition) -> None:
@@ -250,7 +252,7 @@ def test_a_signal_of_whole_revolutions_repeats(pump: Pump, at_15: OperatingCondi
 
 
 @pytest.mark.parametrize(
-    ("speed", "duration", "said"),
+    ("speed", "duration", "message"),
     [
         (rpm(860), 4.0, r"57\.3333 revolutions .* 3 s \(43 revolutions\)"),
         (rpm(860), 2.999, r"3 s \(43 revolutions\)"),
@@ -259,17 +261,17 @@ def test_a_signal_of_whole_revolutions_repeats(pump: Pump, at_15: OperatingCondi
     ],
 )
 def test_a_duration_that_does_not_repeat_is_answered_with_one_that_does(
-    at_15: OperatingCondition, speed: float, duration: float, said: str
+    at_15: OperatingCondition, speed: float, duration: float, message: str
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         whole_revolutions(at_15.replaced(speed=speed), duration, 25600.0)
 
 
 # ---- many files
 
 
-class Made(NamedTuple):
-    """What a run of a series was asked for."""
+class SeriesRun(NamedTuple):
+    """A run of a series, which notes the recordings that it was asked for."""
 
     blocks: list[int]
 
@@ -279,16 +281,16 @@ class Made(NamedTuple):
 
 
 def test_a_series_is_a_folder_with_an_index(tmp_path: Path) -> None:
-    made, told = Made([]), []
+    run, progress = SeriesRun([]), []
     index, ids = write_series(
-        tmp_path / "runs", 3, made.blocks_of, settings={"seed": 0}, bytes_each=9000,
-        progress=lambda *done: told.append(done),
+        tmp_path / "runs", 3, run.blocks_of, settings={"seed": 0}, bytes_each=9000,
+        progress=lambda *counts: progress.append(counts),
     )  # fmt: skip
-    back = load_recordings(index)
-    assert [one.recording_id for one in back] == ids == ["runs-0000", "runs-0001", "runs-0002"]
-    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    for number, one in enumerate(back):
-        np.testing.assert_array_equal(one.signal, join_blocks(blocks_of((300, 200), seed=number)).signal)
+    loaded = load_recordings(index)
+    assert [recording.recording_id for recording in loaded] == ids == ["runs-0000", "runs-0001", "runs-0002"]
+    assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    for number, recording in enumerate(loaded):
+        np.testing.assert_array_equal(recording.signal, join_blocks(blocks_of((300, 200), seed=number)).signal)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -296,10 +298,10 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
-    made = Made([])
+    run = SeriesRun([])
 
     def interrupted(number: int) -> Iterator[Recording]:
-        first, second = made.blocks_of(number)
+        first, second = run.blocks_of(number)
         yield first
         if number == 2:
             raise KeyboardInterrupt
@@ -309,24 +311,24 @@ def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None
     with pytest.raises(KeyboardInterrupt):
         write_series(tmp_path / "one" / "runs", 4, interrupted, settings=settings, bytes_each=9000)
     assert sorted(contents(tmp_path / "one" / "runs")) == ["runs-0000.h5", "runs-0001.h5", "series.json"]
-    made.blocks.clear()
-    write_series(tmp_path / "one" / "runs", 4, made.blocks_of, settings=settings, bytes_each=9000)
-    assert made.blocks == [2, 3]
-    write_series(tmp_path / "two" / "runs", 4, made.blocks_of, settings=settings, bytes_each=9000)
+    run.blocks.clear()
+    write_series(tmp_path / "one" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
+    assert run.blocks == [2, 3]
+    write_series(tmp_path / "two" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
     assert contents(tmp_path / "one" / "runs") == contents(tmp_path / "two" / "runs")
 
 
 def test_a_series_may_grow(tmp_path: Path) -> None:
-    made = Made([])
+    run = SeriesRun([])
     for count in (2, 3):
-        index, _ = write_series(tmp_path / "runs", count, made.blocks_of, settings={}, bytes_each=9000)
-    assert made.blocks == [0, 1, 2]
+        index, _ = write_series(tmp_path / "runs", count, run.blocks_of, settings={}, bytes_each=9000)
+    assert run.blocks == [0, 1, 2]
     assert len(load_recordings(index)) == 3
 
 
 def test_a_folder_made_with_other_settings_is_refused_and_the_difference_named(tmp_path: Path) -> None:
     def write(settings: dict[str, Any]) -> None:
-        write_series(tmp_path / "runs", 1, Made([]).blocks_of, settings=settings, bytes_each=9000)
+        write_series(tmp_path / "runs", 1, SeriesRun([]).blocks_of, settings=settings, bytes_each=9000)
 
     write({"seed": 0, "twin": {"fault": None, "values": (1.0, 2.0)}})
     before = contents(tmp_path / "runs")
@@ -348,14 +350,14 @@ def test_a_folder_of_something_else_and_a_file_are_refused(tmp_path: Path) -> No
     (tmp_path / "a.txt").touch()
     for target in (tmp_path, tmp_path / "a.txt"):
         with pytest.raises(InputError, match="choose a new folder"):
-            write_series(target, 1, Made([]).blocks_of, settings={}, bytes_each=9000)
+            write_series(target, 1, SeriesRun([]).blocks_of, settings={}, bytes_each=9000)
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_a_disk_without_room_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_space_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=2_000_000_000 + (1 << 24)))
-    made = Made([])
+    run = SeriesRun([])
     with pytest.raises(InputError, match=r"has 2 GB free, and 3 such recordings take 2\.1 GB"):
-        write_series(tmp_path / "runs", 3, made.blocks_of, settings={}, bytes_each=700_000_000)
-    assert not made.blocks
+        write_series(tmp_path / "runs", 3, run.blocks_of, settings={}, bytes_each=700_000_000)
+    assert not run.blocks

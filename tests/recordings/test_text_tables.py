@@ -28,23 +28,23 @@ TABLES = {
 def test_every_dialect_of_a_text_table_is_read(text: str, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(gzip.compress(text.encode()) if suffix.endswith("gz") else text.encode())
-    back = load_recording(path, sample_rate=100, unit="1")
-    np.testing.assert_allclose(back.signal, [[1.5, -0.3], [2, 4]])
-    assert back.channels == ("a", "b")
-    assert back.recording_id == "a"
+    loaded = load_recording(path, sample_rate=100, unit="1")
+    np.testing.assert_allclose(loaded.signal, [[1.5, -0.3], [2, 4]])
+    assert loaded.channels == ("a", "b")
+    assert loaded.recording_id == "a"
 
 
 def test_a_told_dialect_is_obeyed(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2\n7,5\n8,5\n")
-    back = load_recording(tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1)
-    np.testing.assert_array_equal(back.signal, [[7.5, 8.5]])
+    loaded = load_recording(tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1)
+    np.testing.assert_array_equal(loaded.signal, [[7.5, 8.5]])
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1", "utf-8-sig"])
 def test_text_of_another_encoding_is_read(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "a.csv").write_bytes("Zeit [s];Gehäuse [m/s²]\n0;1\n0,1;2\n0,2;3\n".encode(encoding))
-    back = load_recording(tmp_path / "a.csv")
-    assert (back.channels, back.unit, back.sample_rate) == (("Gehäuse",), "m/s^2", 10.0)
+    loaded = load_recording(tmp_path / "a.csv")
+    assert (loaded.channels, loaded.unit, loaded.sample_rate) == (("Gehäuse",), "m/s^2", 10.0)
 
 
 def test_a_number_with_a_comma_is_not_guessed_to_be_two_columns(tmp_path: Path) -> None:
@@ -57,9 +57,9 @@ def test_a_coarsely_rounded_time_column_is_uniform(tmp_path: Path) -> None:
     time = np.round(np.arange(2000) / 25600, 4)
     rows = "\n".join(f"{t:.4f};{x}" for t, x in zip(time, range(2000), strict=True))
     (tmp_path / "a.csv").write_text("time;x [g]\n" + rows + "\n")
-    back = load_recording(tmp_path / "a.csv")
-    assert back.sample_rate == 25600.0
-    assert "time_gaps" not in back.attributes
+    loaded = load_recording(tmp_path / "a.csv")
+    assert loaded.sample_rate == 25600.0
+    assert "time_gaps" not in loaded.attributes
 
 
 def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
@@ -67,9 +67,9 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
     time[60:] += 0.5
     rows = "\n".join(f"{t:.2f},{x}" for t, x in zip(time, range(100), strict=True))
     (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
-    back = load_recording(tmp_path / "a.csv", unit="1")
-    assert back.sample_rate == 100.0
-    assert back.attributes["time_gaps"] == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
+    loaded = load_recording(tmp_path / "a.csv", unit="1")
+    assert loaded.sample_rate == 100.0
+    assert loaded.attributes["time_gaps"] == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
 
 
 def test_a_short_row_is_named(tmp_path: Path) -> None:
@@ -86,5 +86,5 @@ def test_a_word_among_the_numbers_is_refused(tmp_path: Path) -> None:
 
 def test_a_blank_field_is_nan(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a,b\n1.5,2\n,3\n2.5,NaN\n")
-    back = load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
-    assert np.isnan(back.signal).tolist() == [[False, True, False], [False, False, True]]
+    loaded = load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+    assert np.isnan(loaded.signal).tolist() == [[False, True, False], [False, False, True]]

@@ -132,16 +132,16 @@ def equations(target: Objective, values: Tensor) -> Probe:
     return probe
 
 
-def forces_in_time(given: Probe, step: float, n: int) -> Tensor:
+def forces_in_time(probe: Probe, step: float, n: int) -> Tensor:
     """Forces [N, N m] at every half step."""
     time_of = step / 2 * torch.arange(2 * n + 1, dtype=torch.float64)
-    return (torch.exp(1j * time_of[:, None] * given.frequency) @ given.force).real
+    return (torch.exp(1j * time_of[:, None] * probe.frequency) @ probe.force).real
 
 
-def eager_states(given: Probe, step: float, n: int) -> Tensor:
+def eager_states(probe: Probe, step: float, n: int) -> Tensor:
     """States after each of `n` Runge-Kutta steps from rest, as a loop that autograd records."""
-    state = state_matrix(given.mass, given.damping, given.stiffness)
-    force = forces_in_time(given, step, n) / given.mass.diagonal()
+    state = state_matrix(probe.mass, probe.damping, probe.stiffness)
+    force = forces_in_time(probe, step, n) / probe.mass.diagonal()
     push = torch.cat([torch.zeros_like(force), force], dim=1).unbind(0)
     x, states = torch.zeros(26, dtype=torch.float64), []
     for i in range(n):
@@ -169,17 +169,17 @@ def eager_row() -> Row:
     """The rival's loss, extrapolated from a few hundred steps."""
     target = objective()
     values = target.twin.values.requires_grad_()
-    given = equations(target, values.detach())
-    step = 0.8 * rk4_limit(state_matrix(given.mass, given.damping, given.stiffness))
+    probe = equations(target, values.detach())
+    step = 0.8 * rk4_limit(state_matrix(probe.mass, probe.damping, probe.stiffness))
     share = STEPS / math.ceil(REVOLUTIONS * target.twin.condition.period / step)
     value_s = seconds(lambda: eager_loss(target, values.detach(), step, STEPS), 3) / share
     before = memory()
     gradient_s = seconds(lambda: torch.autograd.grad(eager_loss(target, values, step, STEPS), values), 3) / share
     peak = (memory() - before) / share
     with torch.no_grad():
-        states = eager_states(given, step, STEPS)
-        force = forces_in_time(given, step, STEPS)
-        ours = rk4_trajectory(given.mass, given.damping, given.stiffness, force, step)[1:]
+        states = eager_states(probe, step, STEPS)
+        force = forces_in_time(probe, step, STEPS)
+        ours = rk4_trajectory(probe.mass, probe.damping, probe.stiffness, force, step)[1:]
     error = float((states - ours).abs().max() / ours.abs().max())
     return Row("one loss, eager Runge-Kutta loop (extrapolated)", value_s, gradient_s, peak, error)
 

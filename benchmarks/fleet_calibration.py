@@ -95,11 +95,11 @@ def main() -> None:
     for name in NUISANCES:
         figures_by_kind = [pair for seed in options.seeds for pair in of_fleet(seed, name)]
         for kind in dict.fromkeys(kind for kind, _ in figures_by_kind):
-            some = [values for each, values in figures_by_kind if each == kind]
-            joined = {metric: np.concatenate([values[metric] for values in some]) for metric in some[0]}
+            of_kind = [values for each, values in figures_by_kind if each == kind]
+            joined = {metric: np.concatenate([values[metric] for values in of_kind]) for metric in of_kind[0]}
             means = {metric: float(values.mean()) if len(values) else None for metric, values in joined.items()}
-            by_value = np.mean([values["error"] for values in some], axis=0).round(3).tolist()
-            rows.append({"twin": kind, "nuisances": name, "pumps": len(some), **means, "error_by_value": by_value})
+            by_value = np.mean([values["error"] for values in of_kind], axis=0).round(3).tolist()
+            rows.append({"twin": kind, "nuisances": name, "pumps": len(of_kind), **means, "error_by_value": by_value})
     if options.json:
         print(json.dumps({"rows": rows, "seeds": options.seeds}))
         return

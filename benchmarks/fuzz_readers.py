@@ -70,8 +70,8 @@ def _matlab_7_3(folder: Path) -> Path:
         for name, value in {"x": recording().signal, "fs": np.array([[RATE]])}.items():
             file[name] = value
             file[name].attrs["MATLAB_class"] = np.bytes_("double")
-    with path.open("r+b") as opened:
-        opened.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
     return path
 
 
@@ -177,9 +177,9 @@ def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Cal
     warnings.simplefilter("ignore")
     valid = FORMATS[name](folder)
     content, suffix = valid.read_bytes(), "".join(valid.suffixes)
-    kind, said = outcome(name, valid, content, in_blocks=True)
+    kind, message = outcome(name, valid, content, in_blocks=True)
     if kind != "same":
-        raise ValueError(f"the valid {name} file is {kind}: {said}")
+        raise ValueError(f"the valid {name} file is {kind}: {message}")
     for number in range(first, first + count):
         generator = np.random.default_rng([seed, *name.encode(), number])
         path = folder / f"mutated_{number}{suffix}"
@@ -212,13 +212,13 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
                 last = process.stdout.readline() if ready else "hang"
                 if not last.endswith("\n"):
                     break
-                number, kind, said = json.loads(last)
+                number, kind, message = json.loads(last)
                 counts[kind] += 1
                 if finished > 0:
                     slowest = max(slowest, time.perf_counter() - asked_at)
                 asked_at, finished = time.perf_counter(), number + 1
                 if kind in FAILURES:
-                    failures.append({"number": number, "kind": kind, "said": said})
+                    failures.append({"number": number, "kind": kind, "said": message})
             if last == "hang":
                 process.kill()
         if finished < count:
@@ -243,17 +243,17 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--inside", nargs=4, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.inside:
-        name, first, count, seed = given.inside
+    options = parser.parse_args()
+    if options.inside:
+        name, first, count, seed = options.inside
         with tempfile.TemporaryDirectory() as folder:
             fuzz(name, int(first), int(count), int(seed), Path(folder),
                  lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
         return 0
     results = []
-    for name in FORMATS if given.format == "all" else [given.format]:
-        results.append(_run(name, given.count, given.seed))
-        if not given.json:
+    for name in FORMATS if options.format == "all" else [options.format]:
+        results.append(_run(name, options.count, options.seed))
+        if not options.json:
             result = results[-1]
             print(
                 f"{name:13s} {result['seconds']:7.1f} s  slowest {result['slowest_s']:.2f} s  {result['outcomes']}",
@@ -261,8 +261,8 @@ def main() -> int:
             )
             for failure in results[-1]["failures"][:8]:
                 print("   ", failure, flush=True)
-    if given.json:
-        print(json.dumps({"rate": RATE, "seed": given.seed, "results": results}))
+    if options.json:
+        print(json.dumps({"rate": RATE, "seed": options.seed, "results": results}))
     return int(any(result["failures"] for result in results))
 
 

@@ -113,39 +113,39 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=200, help="single windows")
     parser.add_argument("--only", nargs="*", help="names of networks, beside the paper's BiTCN")
     parser.add_argument("--json", type=Path, help="file to write")
-    given = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
-    result = measured(given)
+    result = measured(options)
     print(
-        f"{given.windows} windows of {given.channels} x {given.length}, batches of {given.batch}, one thread, "
+        f"{options.windows} windows of {options.channels} x {options.length}, batches of {options.batch}, one thread, "
         f"torch {torch.__version__}, {platform.machine()}, load {os.getloadavg()[0]:.1f}"
     )
     for row, facts in result.items():
         print(line(row, facts))
-    if given.json:
-        given.json.write_text(json.dumps({"settings": vars(given) | {"json": None}, "rows": result}, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps({"settings": vars(options) | {"json": None}, "rows": result}, indent=1))
 
 
-def measured(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
+def measured(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Everything known of each row."""
-    rows = contenders(given.only)
+    rows = contenders(options.only)
     networks = {
-        row: build_network(name, given.channels, len(CLASSES), **settings) for row, (name, settings) in rows.items()
+        row: build_network(name, options.channels, len(CLASSES), **settings) for row, (name, settings) in rows.items()
     }
-    shape = given.channels, given.length
-    steps = {row: trainer(network, given.batch, *shape) for row, network in networks.items()}
-    trained = in_turns(steps, given.steps, time.process_time)
+    shape = options.channels, options.length
+    steps = {row: trainer(network, options.batch, *shape) for row, network in networks.items()}
+    trained = in_turns(steps, options.steps, time.process_time)
     with tempfile.TemporaryDirectory() as folder:
         answering = {row: answerers(network, *shape, Path(folder)) for row, network in networks.items()}
         times, together = (
             in_turns(
                 {f"{row} by {by}": call for row, calls in answering.items() for by, call in calls[count].items()},
-                -(-given.calls // count),
+                -(-options.calls // count),
                 time.thread_time,
             )
             for count in (1, TOGETHER)
         )
-    epoch = {row: float(np.median(spent["cpu"])) * given.windows / given.batch for row, spent in trained.items()}
+    epoch = {row: float(np.median(spent["cpu"])) * options.windows / options.batch for row, spent in trained.items()}
     return {
         row: {
             "parameters": sum(weight.numel() for weight in network.parameters()),

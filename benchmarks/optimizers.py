@@ -152,10 +152,10 @@ def run(case: Case, method: Calibrator) -> tuple[Search, float]:
     return method.search(case.objective, seed=case.seed), time.perf_counter() - started
 
 
-def row(name: str, start: str, given: Sequence[Case]) -> Row:
+def row(name: str, start: str, starts: Sequence[Case]) -> Row:
     """A method's runs from one kind of start."""
     floor, optimum, ratios, errors, simulations, walls = 0, 0, [], [], [], []
-    for case in given:
+    for case in starts:
         result, wall = run(case, METHODS[name])
         loss = weighted(case.objective, result.point)
         floor += loss <= case.floor
@@ -166,7 +166,7 @@ def row(name: str, start: str, given: Sequence[Case]) -> Row:
         walls.append(wall)
     medians = (float(np.median(column)) for column in (ratios, errors))
     middle = (float(np.median(column)) for column in (simulations, walls))
-    return Row(name, start, len(given), floor, optimum, *medians, max(errors), *middle)
+    return Row(name, start, len(starts), floor, optimum, *medians, max(errors), *middle)
 
 
 def line(row: Row) -> str:
@@ -187,13 +187,13 @@ def main() -> None:
     names = [name for name in METHODS if any(part in name for part in arguments.only.split(","))]
     rows = []
     for start in ("nominal", "random"):
-        given = cases(arguments.truths, start)
-        run(given[0], GaussNewton(starts=1))  # compiles
+        starts = cases(arguments.truths, start)
+        run(starts[0], GaussNewton(starts=1))  # compiles
         if not arguments.json:
             heads = {"floor": 8, "optimum": 9, "loss": 8, "error": 8, "worst": 8, "sims": 8, "wall s": 8}
             print(f"{start + ' start':40}" + "".join(f"{head:>{width}}" for head, width in heads.items()))
         for name in names:
-            rows.append(row(name, start, given))
+            rows.append(row(name, start, starts))
             if not arguments.json:
                 print(line(rows[-1]), flush=True)
     if arguments.json:

@@ -62,11 +62,11 @@ def rows_at(n_steps: int) -> list[dict[str, Any]]:
     return [alone(measured, entry, n_steps) for entry in ENTRIES]
 
 
-def relative(values: np.ndarray, wanted: np.ndarray) -> float:
+def relative(values: np.ndarray, target: np.ndarray) -> float:
     """Largest difference over the largest of `wanted`, as far as both reach."""
-    length = min(len(values), len(wanted))
-    wanted = wanted[:length]
-    return float(np.abs(values[:length] - wanted).max() / np.abs(wanted).max())
+    length = min(len(values), len(target))
+    target = target[:length]
+    return float(np.abs(values[:length] - target).max() / np.abs(target).max())
 
 
 def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:

@@ -118,22 +118,22 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--step", choices=STEPS, help=argparse.SUPPRESS)
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.step:
+    options = parser.parse_args()
+    if options.step:
         started = time.perf_counter()
-        said = STEPS[given.step](given.folder)
+        message = STEPS[options.step](options.folder)
         seconds = time.perf_counter() - started
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         cpu = sum(usage.ru_utime + usage.ru_stime for usage in used)
-        print(json.dumps({"seconds": seconds, "cpu_s": cpu, "peak_mb": peak, "said": said}))
+        print(json.dumps({"seconds": seconds, "cpu_s": cpu, "peak_mb": peak, "said": message}))
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         process = subprocess.run(
             [sys.executable, "-c", "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1]);"
              "import streaming; print(streaming.make(Path(sys.argv[2]), int(sys.argv[3])))",
-             str(Path(__file__).parent), name, str(int(given.gigabytes * 1e9))],
+             str(Path(__file__).parent), name, str(int(options.gigabytes * 1e9))],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
         size = int(process.stdout) * CHANNELS * 4
@@ -141,7 +141,7 @@ def main() -> None:
     for figures in steps.values():
         figures["mb_per_s"] = size / 1e6 / float(figures["seconds"])
         figures["ratio"] = float(steps["numpy_reads"]["seconds"]) / float(figures["seconds"])
-    if given.json:
+    if options.json:
         print(json.dumps({"megabytes": size / 1e6, "channels": CHANNELS, "length": LENGTH, "steps": steps}))
         return
     print(f"{size / 1e6:.0f} MB of single precision, {CHANNELS} channels, windows of {LENGTH}")

@@ -103,8 +103,8 @@ def mean_accelerations(case: Case, step: float) -> np.ndarray:
 
     start = torch.linalg.solve(torch.eye(26, dtype=torch.float64) - turn, march(None).states[-1])
     trajectory = march(start)
-    wanted = torch.tensor([0, *moments, case.passage], dtype=torch.float64)
-    rows = torch.searchsorted(trajectory.time, wanted - 1e-12)
+    times = torch.tensor([0, *moments, case.passage], dtype=torch.float64)
+    rows = torch.searchsorted(trajectory.time, times - 1e-12)
     velocity = trajectory.states[rows, 13:] @ case.twin.structure.sensor_rows.T
     return np.diff(velocity.numpy(), axis=0) / (case.passage / PARTS)
 

@@ -141,9 +141,9 @@ def label_ends(ax: Axes, lines: Sequence[Line], *, gap: float = 0.045) -> None:
         )  # fmt: skip
 
 
-def save(drawn: tuple[Figure, list[dict[str, object]]], folder: Path, name: str = "simulator_scaling") -> None:
+def save(drawing: tuple[Figure, list[dict[str, object]]], folder: Path, name: str = "simulator_scaling") -> None:
     """Write a figure as SVG and PNG, and its data as CSV."""
-    figure, data = drawn
+    figure, data = drawing
     folder.mkdir(parents=True, exist_ok=True)
     with figure_style():
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from made_runs import run
+from stub_runs import run
 
 from swashtwin.bench import models_of, plan_of
 from swashtwin.bench.results.answers import case_answer
@@ -57,9 +57,9 @@ def test_seeds_that_agree_to_the_last_window_are_no_certainty():
     assert "differed from measured only by +10.0 points under every seed (no spread to judge it by)" in lead
 
 
-def test_one_seed_settles_nothing():
+def test_the_answer_of_one_seed_says_that_it_may_be_chance():
     lead, details, _ = fixed({"measured": (0.5,), "nominal": (0.6,), "calibrated": (0.7,)})
-    assert "scored higher than measured only by 20.0 points (one seed: nobody can say whether that is chance)" in lead
+    assert "scored higher than measured only by 20.0 points (one seed: it may be chance)" in lead
     assert "not every step's interval" in details
 
 
@@ -70,7 +70,7 @@ def test_training_sets_under_different_seeds_are_not_compared():
     assert "nan" not in lead
 
 
-def test_a_rival_that_does_better_is_told_at_once():
+def test_the_first_sentence_names_a_rival_that_does_better():
     accuracies = {"measured": (0.5, 0.5), "nominal": (0.6, 0.6), "calibrated": (0.7, 0.7)}
     assert (
         "BiTCN on levels (ours) was beaten at L2 by extra trees (0.900 against 0.700)"
@@ -79,7 +79,7 @@ def test_a_rival_that_does_better_is_told_at_once():
     assert "beaten" not in fixed(accuracies, rival=0.6)[0]
 
 
-def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals():
+def test_the_answer_is_about_the_first_classifier_and_the_others_are_its_rivals():
     skills = {"tcn": {"measured": 0.4, "calibrated": 0.6}, "lstm": {"measured": 0.9, "calibrated": 0.8}}
     runs = []
     for classifier, accuracies in skills.items():
@@ -97,7 +97,7 @@ def test_of_several_classifiers_the_first_is_told_and_all_others_are_its_rivals(
     assert "(0.900 against 0.600)" in lead
 
 
-def test_a_rival_of_fewer_seeds_is_not_put_beside_the_mean_of_all():
+def test_a_rival_of_fewer_seeds_is_not_compared_with_the_mean_of_all():
     runs = [run("calibrated", seed, (0.9, 0.5)[seed], levels=("L2",)) for seed in (0, 1)]
     rival = run("calibrated", 0, 0.95, "extra_trees", ("L2",))
     lead, details, _ = case_answer(assemble_result(plan_of("case1", "quick"), [*runs, rival]))
@@ -105,7 +105,7 @@ def test_a_rival_of_fewer_seeds_is_not_put_beside_the_mean_of_all():
     assert "Best rival" not in details
 
 
-def test_the_best_row_is_one_of_all_seeds_and_the_nearest_classifiers_are_told():
+def test_the_best_row_has_all_seeds_and_the_answer_names_the_nearest_classifiers():
     skills = {
         "spectral_bitcn": (0.9, 0.6),
         "bitcn": (0.3, 0.2),

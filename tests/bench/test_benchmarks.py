@@ -68,7 +68,7 @@ def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
     np.testing.assert_allclose(velocities, eager[2], rtol=0, atol=1e-10 * np.abs(eager[2]).max())
 
 
-def test_the_settled_motion_goes_on_as_the_eager_loop_steps_it(eager: tuple[float, np.ndarray, np.ndarray]) -> None:
+def test_the_steady_motion_continues_as_the_eager_loop_steps_it(eager: tuple[float, np.ndarray, np.ndarray]) -> None:
     """It starts there; what remains is the Runge-Kutta method's own error at the edge of its stability."""
     steady = module("ours").Steady(module("problem").Problem(STEPS))
     exact = steady.velocities(steady.problem.nominal)

@@ -37,7 +37,7 @@ def test_calibrating_brings_spectra_nearer_on_recordings_held_out(study):
     assert calibrated < 0.8 * nominal
 
 
-def test_intervals_and_verdicts_of_every_value_are_told(study):
+def test_the_study_holds_intervals_and_verdicts_of_every_value(study):
     intervals = study.details["intervals"]
     assert set(intervals) == {"calibrated", "gauss_newton"}
     single = intervals["calibrated"]["single"]
@@ -50,7 +50,7 @@ def test_intervals_and_verdicts_of_every_value_are_told(study):
     assert math.isnan(study.values("coverage", twin="nominal")[0])
 
 
-def test_every_other_pressure_is_told(study):
+def test_the_study_holds_every_other_pressure(study):
     rows = study.details["other_pressures"]
     assert {row["pressure"] for row in rows if row["twin"] == "calibrated"} == {"5 MPa", "15 MPa"}
 

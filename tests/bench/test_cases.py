@@ -40,8 +40,8 @@ def confusions(study: StudyResult, seed: int) -> list[Any]:
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
     table = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    wanted = [(name, level) for name in SETS for level in ("L2", "L4")]
-    assert [(row["training_set"], row["level"]) for row in table["rows"]] == wanted
+    expected = [(name, level) for name in SETS for level in ("L2", "L4")]
+    assert [(row["training_set"], row["level"]) for row in table["rows"]] == expected
     for row in [*table["rows"], *table["rivals"]]:
         for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
             assert len(row[name]["values"]) == 2
@@ -81,10 +81,10 @@ def test_a_rerun_does_nothing_again(
     recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin.bench.studies.runner.run_task", lambda *_: pytest.fail("was done before"))
-    said: list[str] = []
-    again = run_plan(tiny(), recordings, seeds=(0, 1), out=out, progress=lambda what, *_: said.append(what))
+    messages: list[str] = []
+    again = run_plan(tiny(), recordings, seeds=(0, 1), out=out, progress=lambda what, *_: messages.append(what))
     assert again.rows() == result.rows()
-    assert said == ["6 of seed 0 done before", "6 of seed 1 done before"]
+    assert messages == ["6 of seed 0 done before", "6 of seed 1 done before"]
     assert len(again.calibrations) == 2
     for embedding, before in zip(embeddings(again), embeddings(result), strict=True):
         np.testing.assert_allclose(embedding.features, before.features, rtol=1e-6)
@@ -120,7 +120,7 @@ def test_a_dask_cluster_gives_the_same_scores(recordings: list[Recording], resul
     assert confusions(again, 0) == confusions(result, 0)
 
 
-def test_an_interrupted_task_leaves_no_result_and_the_finished_ones_stay(
+def test_an_interrupted_task_leaves_no_result_and_finished_results_stay(
     recordings: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from swashtwin.bench.studies import runner
@@ -147,19 +147,19 @@ def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: St
     folder = tmp_path / "case1" / run.task.key
     folder.mkdir(parents=True)
     table = run.to_dict()
-    for text, said in (
+    for text, message in (
         ('{"half', "is damaged"),
         (json.dumps({**table, "format": "swashtwin run 0"}), "this version reads"),
         (json.dumps({**table, "task": {**table["task"], "seed": 5}}), "other settings"),
     ):
         (folder / "result.json").write_text(text)
-        with pytest.raises(ArtifactError, match=said):
+        with pytest.raises(ArtifactError, match=message):
             load_run(folder)
     with pytest.raises(ArtifactError, match="other settings"):
         run_plan(tiny(), recordings, seeds=(0,), out=tmp_path)
 
 
-def test_what_a_name_stands_for_is_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_settings_behind_a_name_are_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = plan_of("case1", "quick")
     keys = [task.key for task in plan.tasks(0, "data")]
     group = plan.scenario.pump.rotating_group
@@ -210,7 +210,7 @@ def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: py
     }
 
 
-def test_a_calibration_is_not_taken_for_one_of_recordings_that_say_something_else(recordings: list[Recording]) -> None:
+def test_a_calibration_is_not_reused_for_recordings_with_other_facts(recordings: list[Recording]) -> None:
     def named(recordings: list[Recording]) -> list[str]:
         return [task.key for task in calibration_tasks(recordings, TINY, 0)]
 

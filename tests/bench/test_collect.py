@@ -14,7 +14,7 @@ from swashtwin.bench.studies.runner import assemble_result
 from swashtwin.foundation import DataError
 
 
-def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResult, out: Path) -> None:
+def test_finished_runs_are_collected_into_their_study(result: StudyResult, out: Path) -> None:
     (study,) = collect_studies(out)
     assert study.rows() == result.rows()
     assert study.seeds == (0, 1)
@@ -22,7 +22,7 @@ def test_finished_runs_are_gathered_into_the_study_they_are_of(result: StudyResu
     assert study.commands == ("swashtwin bench case1 rig",)
 
 
-def test_a_study_put_together_from_several_commands_names_each(result: StudyResult, tmp_path: Path) -> None:
+def test_a_study_collected_from_several_commands_names_each(result: StudyResult, tmp_path: Path) -> None:
     for run in result.runs:
         save_run(replace(run, command=f"swashtwin bench case1 rig --seeds {run.task.seed}"), tmp_path)
     (study,) = collect_studies(tmp_path)
@@ -65,7 +65,7 @@ def test_runs_of_other_recordings_in_the_folder_do_not_mix(result: StudyResult, 
     assert f"{len(others)} runs of other settings or recordings" in study.notes[-1]
 
 
-def test_each_variant_of_a_study_tells_its_own_split(result: StudyResult) -> None:
+def test_each_variant_of_a_study_has_a_split(result: StudyResult) -> None:
     def varied(run: Run, value: str) -> Run:
         factors = {**run.task.factors, "pumps": value}
         roles = {**run.roles, "train": [value]}
@@ -121,7 +121,7 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
         assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
 
 
-def test_of_ones_own_recordings_only_the_latest_are_told(result: StudyResult, tmp_path: Path) -> None:
+def test_only_the_latest_recordings_of_a_user_are_collected(result: StudyResult, tmp_path: Path) -> None:
     other = next(iter(result.runs))
     other = replace(other, task=replace(other.task, data="other"))
     for number, run in enumerate((*result.runs, other)):
@@ -141,7 +141,7 @@ def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, t
     assert "1 runs of another version" in study.notes[-1]
 
 
-def test_what_is_to_be_read_with_a_classifier_is_told_where_it_was_trained(result: StudyResult) -> None:
+def test_the_note_on_a_classifier_appears_where_it_was_trained(result: StudyResult) -> None:
     plan = plan_of("ablation", "quick")
     runs = [run for run in result.runs if run.task.factors["training_set"] == "calibrated"]
     noisy = [

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_runs import embedding, run
+from stub_runs import embedding, run
 
 from swashtwin.bench import StudyResult, plan_of
 from swashtwin.bench.results.runs import Run

@@ -229,7 +229,7 @@ def test_a_window_of_an_unknown_speed_closes_without_a_step() -> None:
     assert np.abs(np.diff(ring)).max() < 10  # the ends are 90 apart
 
 
-def test_rings_of_machines_of_different_speeds_have_the_same_length_and_become_windows_again() -> None:
+def test_periodic_extensions_at_different_speeds_have_one_length_and_become_windows_again() -> None:
     train = measured()
     mixed = replace(train, speed=np.where(np.arange(len(train)) % 2, 1.0, 1.1) * train.speed)
     both = np.array([0, 1])
@@ -240,7 +240,7 @@ def test_rings_of_machines_of_different_speeds_have_the_same_length_and_become_w
     np.testing.assert_allclose(windows.std(axis=2), mixed.signal[:2].std(axis=2), rtol=0.1)
 
 
-def test_amplitudes_and_phases_are_all_there_is_of_a_ring() -> None:
+def test_amplitudes_and_phases_rebuild_a_periodic_extension() -> None:
     extensions = stream(0, "rings").normal(size=(6, 2, 64))
     np.testing.assert_allclose(with_amplitude(extensions, log_amplitude(extensions)), extensions, atol=1e-9)
     condition = np.eye(2)[[0, 1, 0, 1, 0, 1]]

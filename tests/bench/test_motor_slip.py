@@ -48,16 +48,16 @@ def test_a_recording_too_short_for_the_lines_is_refused() -> None:
 
 def test_a_real_pump_slips_less_the_less_it_delivers_and_turns_as_its_log_says(public_data: Path) -> None:
     recordings = read_public_set("pump_cavitation", public_data / "pump_cavitation")
-    chosen = [
+    first_repeats = [
         recording
         for recording in recordings
         if recording.attributes["speed_nominal"] == "1000 rpm" and recording.attributes["repeat"] == "1"
     ]
-    assert [recording.label for recording in chosen] == [
+    assert [recording.label for recording in first_repeats] == [
         "healthy",
         *(f"cavitation{share}" for share in (25, 50, 75, 100)),
     ]
-    slips = [motor_slip(recording.signal, recording.sample_rate, rpm(1000)) for recording in chosen]
+    slips = [motor_slip(recording.signal, recording.sample_rate, rpm(1000)) for recording in first_repeats]
     assert np.all(np.diff([slip.load_coefficient for slip in slips]) < 0)
-    logged = [parse(recording.attributes["speed"], "rad/s") for recording in chosen]
+    logged = [parse(recording.attributes["speed"], "rad/s") for recording in first_repeats]
     assert [slip.speed for slip in slips] == pytest.approx(logged, rel=3e-3)

@@ -49,7 +49,7 @@ def test_a_line_shows_its_mean_square_in_its_own_column() -> None:
     assert table.values[:, table.names.index("z order 5")].max() < -4
 
 
-def test_a_line_between_piston_passes_is_told_from_one_on_them() -> None:
+def test_lines_on_and_between_piston_passes_have_columns_of_their_own() -> None:
     table = LEVELS(windows(recording("a", "normal", {14: 1.0}), recording("b", "normal", {18: 1.0})))
     on, off = table.names.index("z pass 2"), table.names.index("z between 2")
     first, second = table.values[:4], table.values[4:]
@@ -107,18 +107,18 @@ def test_a_machine_without_a_healthy_recording_is_refused() -> None:
 
 
 def test_a_window_is_computed_once_and_comes_out_the_same_in_any_order() -> None:
-    seen = []
+    counts = []
 
-    def counted(some: WindowSet):
-        seen.append(len(some))
-        return LEVELS(some)
+    def counted(windows: WindowSet):
+        counts.append(len(windows))
+        return LEVELS(windows)
 
     view = CachedExtractor(counted)
     both = windows(recording("a", "normal", {7: 1.0}), recording("b", "normal", {8: 1.0}))
     view(both.subset(np.arange(4)))
     turned = np.arange(8)[::-1]
     assert view(both.subset(turned)).values == pytest.approx(LEVELS(both).values[turned])
-    assert seen == [4, 4]
+    assert counts == [4, 4]
 
 
 @pytest.fixture

@@ -86,19 +86,19 @@ def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(dataset:
     np.testing.assert_array_equal(noisy.signal, noisy_training_windows(dataset).signal)
 
 
-def test_noisy_tests_are_told_by_ratio_in_the_mean_over_their_draws(recordings: list[Recording]) -> None:
+def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(recordings: list[Recording]) -> None:
     plan = small("noise", models={"extra_trees": MODELS["quick"]["extra_trees"]}, snrs=(math.inf, 5.0), draws=2)
     study = run_plan(plan, recordings)
     assert [(row["level"], row["snr"]) for row in study.rows()] == [
         (level, snr) for level in ("L2", "L4") for snr in ("clean", "5 dB")
     ]
-    drawn = [
+    accuracies = [
         outcome.scores.accuracy
         for outcome in study.outcomes
         if (outcome.level, outcome.factors["snr"]) == ("L2", "5 dB")
     ]
-    assert len(drawn) == 2
-    assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(drawn)])
+    assert len(accuracies) == 2
+    assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(accuracies)])
 
 
 def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
@@ -137,7 +137,7 @@ def test_signed_ranks_need_six_pairs_and_holm_never_lowers_a_p_value() -> None:
     np.testing.assert_allclose(holm_correction(raw), [0.2, 0.03, np.nan, 0.08])
 
 
-def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
+def contrasted(plan: Plan, factor: str) -> set[tuple[str, str]]:
     """Pairs of a factor's values that a plan contrasts, at one level, were all its rows there."""
     tasks = plan.tasks(0, "data")
     trials = [Trial({**task.factors, "level": "L2"}, 0, {"accuracy": 0.5}) for task in tasks]
@@ -145,7 +145,7 @@ def contrasted(plan: Plan, wanted: str) -> set[tuple[str, str]]:
     none |= {"outcomes": (), "history": (), "calibrations": (), "origin": "", "wall_s": 0.0, "cpu_s": 0.0}
     runs = [Run(task=task, **none, device="cpu", version="", command="") for task in tasks]
     return {
-        (contrast.first[wanted], contrast.second[wanted])
+        (contrast.first[factor], contrast.second[factor])
         for contrast in contrasts_of(trials, runs, plan.compared, plan.bare)
     }
 
@@ -175,7 +175,7 @@ def test_the_papers_network_without_a_part_is_contrasted_with_the_papers_and_our
     assert contrasted(plan_of("ablation", "quick"), "classifier") == {(DEFAULT, name) for name in VARIED}
 
 
-def test_a_filling_of_any_number_of_windows_is_contrasted_with_none() -> None:
+def test_any_number_of_synthetic_windows_is_contrasted_with_none() -> None:
     plan = plan_of("augmentation", "quick")
     budgets = {name for name in plan.variants if name != "0"}
     of_measured = {pair for pair in contrasted(plan, "synthetic") if pair[1] == "0"}
@@ -224,7 +224,7 @@ def test_few_shots_keep_as_many_measured_windows_as_they_say(recordings: list[Re
         assert prepare(recordings, scenario, 0, ()).measured.counts()["swash_plate", 15e6] == int(count)
 
 
-def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> None:
+def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
     for size in ("quick", "paper"):
         tasks = plan_of("augmentation", size).tasks(0, "data")
         at_none = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "0"}
@@ -233,7 +233,7 @@ def test_every_filling_has_the_same_budget_and_nothing_is_filled_at_none() -> No
         assert {*FILLERS, "nominal", "calibrated", "posterior", "residual", "every_class"} == filled
 
 
-def test_a_study_tells_windows_apart_as_augmentation_does(dataset: StudyDataset) -> None:
+def test_the_discriminator_of_a_study_is_that_of_synthesis(dataset: StudyDataset) -> None:
     filling = TrainingSet("jitter", count=4)
     synthetic, values = fill_cells(dataset, filling)
     test = dataset.tests[dataset.scenario.levels[0]]
@@ -242,7 +242,7 @@ def test_a_study_tells_windows_apart_as_augmentation_does(dataset: StudyDataset)
 
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])
-def test_a_filling_puts_its_windows_into_the_scarce_cell_or_into_every_class(dataset: StudyDataset, by: str) -> None:
+def test_a_filler_fills_the_scarce_cell_or_every_class(dataset: StudyDataset, by: str) -> None:
     synthetic, values = fill_cells(dataset, TrainingSet(by, count=4))
     assert synthetic.synthetic.all()
     assert synthetic.counts()["swash_plate", 15e6] == len(synthetic) == 4

@@ -53,7 +53,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_pump(tmp_path_factory.mktemp("small"), (700, 1000, 1200), ("healthy", "cavitation100"))
 
 
-def test_a_speed_never_trained_on_is_told_by_the_slip_where_usual_trees_fail(made_up: Path) -> None:
+def test_the_slip_grades_an_unseen_speed_where_usual_trees_fail(made_up: Path) -> None:
     study = run_public(made_up, seeds=[0])
     row = study.rows()[0]
     assert row["split"] == "pump_cavitation/speed"
@@ -66,7 +66,7 @@ def test_a_speed_never_trained_on_is_told_by_the_slip_where_usual_trees_fail(mad
     json.dumps(study.to_dict(), allow_nan=False)
 
 
-def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recording(small: Path) -> None:
+def test_the_scarce_drill_has_a_row_for_every_filler_without_and_with_a_single_recording(small: Path) -> None:
     pytest.importorskip("imblearn")
     study = run_scarce(small, seeds=[0])
     rows = {(row["measured"], row["filler"]): row for row in study.rows()}
@@ -77,9 +77,7 @@ def test_the_scarce_drill_tells_every_filling_of_a_missing_and_of_a_single_recor
 
 
 @pytest.mark.parametrize("name", ["copies", "shaken copies", "SMOTE"])
-def test_a_filling_that_breaks_is_no_gap_in_the_scarce_drill(
-    name: str, small: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_of_a_filler_stops_the_scarce_drill(name: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*arguments: object) -> np.ndarray:
         raise ValueError("broken")
 
@@ -155,7 +153,7 @@ def test_a_random_split_flatters_what_knows_the_machine() -> None:
     assert honest < 0.75
 
 
-def test_shared_weights_learn_from_two_seats_what_tells_the_third() -> None:
+def test_shared_weights_learn_from_two_seats_to_name_the_third() -> None:
     random = np.random.default_rng(0)
     label = np.repeat(["a", "b", "c"], 40)
     measures = random.normal(size=(120, 3, 2))

@@ -49,7 +49,7 @@ def test_the_rig_is_frozen() -> None:
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
 
 
-def test_the_same_seed_gives_the_same_readings_in_any_batch() -> None:
+def test_the_same_seed_gives_the_same_samples_in_any_batch() -> None:
     first = {r.recording_id: r.signal for r, _ in rig_recordings(3, TINY, labels=("normal", "piston"))}
     again = {r.recording_id: r.signal for r, _ in rig_recordings(3, TINY, labels=("piston", "normal"), batch=2)}
     assert first.keys() == again.keys()

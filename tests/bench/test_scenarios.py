@@ -18,8 +18,8 @@ from swashtwin.recordings import Recording
 @pytest.mark.parametrize("seed", range(5))
 def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> None:
     split = split_scenario(recordings, TINY, seed)
-    lent = frozenset(name for ids in split.scarce.values() for name in ids)
-    roles = [split.train, lent, split.references, *split.tests.values()]
+    lenders = frozenset(name for ids in split.scarce.values() for name in ids)
+    roles = [split.train, lenders, split.references, *split.tests.values()]
     assert sum(map(len, roles)) == len(frozenset.union(*roles))
     by_id = {recording.recording_id: recording for recording in recordings}
     trained_on = {by_id[name].specimen for name in split.train}
@@ -84,7 +84,7 @@ def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:
     assert sorted(len(cell) for cell in cells) == [2, 2, 3]
 
 
-def test_no_recording_at_the_tested_pressure_is_told_before_anything_is_calibrated(recordings: list[Recording]) -> None:
+def test_a_missing_test_pressure_is_refused_before_any_calibration(recordings: list[Recording]) -> None:
     lower = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
     with pytest.raises(DataError, match="tests at 15 MPa"):
         calibration_tasks(lower, tiny("case2").scenario, 0)

@@ -55,7 +55,7 @@ def test_errors_coverage_and_ranks_are_those_of_the_cases() -> None:
     assert values["limit"] == pytest.approx(2e-5 / TRENDS["piston"].severity)
 
 
-def test_the_map_tells_moves_of_each_kind_and_recalls_of_held_out_pumps(
+def test_the_map_holds_moves_of_each_kind_and_recalls_of_held_out_pumps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.SEVERITIES", (1.0,))

@@ -51,7 +51,7 @@ def test_a_metric_without_a_number_is_none_in_json(study):
     assert table["wall_s"] == 1.23
 
 
-def test_the_page_says_the_answer_and_holds_every_trial(study, tmp_path):
+def test_the_page_shows_the_answer_and_every_trial(study, tmp_path):
     page = write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")
     assert "The calibrated twin is nearer." in page
     assert "stand-in for a machine" in page

@@ -77,7 +77,7 @@ def test_roles_and_counts_are_those_along_time(two_classes: list[Recording], alo
     assert angle.measured.fingerprint() != time.measured.fingerprint()
 
 
-def test_settings_along_time_are_told_as_ever() -> None:
+def test_settings_along_time_do_not_mention_the_angle() -> None:
     assert "along_angle" not in Scenario().describe()
     assert replace(Scenario(), along_angle=True).describe() == {**Scenario().describe(), "along_angle": True}
 
@@ -124,8 +124,8 @@ def test_the_same_recordings_lend_to_the_scarce_cell(
     lenders = {}
     for name, scenario, read in (("time", replace(full, along_angle=False), None), ("angle", full, along_angle)):
         windows = prepare(two_classes, scenario, 0, (), read=read).measured
-        lent = windows.subset((windows.label == "swash_plate") & (windows.discharge_pressure > 12e6))
-        lenders[name] = (set(lent.recording_id.tolist()), len(lent), len(set(lent.start.tolist())))
+        scarce = windows.subset((windows.label == "swash_plate") & (windows.discharge_pressure > 12e6))
+        lenders[name] = (set(scarce.recording_id.tolist()), len(scarce), len(set(scarce.start.tolist())))
     assert lenders["time"] == (lenders["angle"][0], full.scarce_windows, full.scarce_windows)
     assert len(lenders["angle"][0]) == 1
     assert lenders["angle"][1:] == (full.scarce_windows - 1, full.scarce_windows - 1)
@@ -163,7 +163,9 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
         ({"attributes": {"domain": "angle", "readings_per_turn": "666"}}, "angle already"),
     ],
 )
-def test_what_cannot_be_put_along_the_angle_is_named_with_a_way_out(changes: dict[str, Any], reason: str) -> None:
+def test_a_recording_that_cannot_be_put_along_the_angle_is_named_with_a_remedy(
+    changes: dict[str, Any], reason: str
+) -> None:
     with pytest.raises(DataError, match=reason) as caught:
         ANGLE.as_read(replace(turning(15.0), **changes), SPEED)
     assert "at 15.0" in str(caught.value)

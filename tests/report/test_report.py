@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from made_runs import ORIGIN, run, scored
+from stub_runs import ORIGIN, run, scored
 
 from swashtwin.bench import StudyResult, plan_of, rig_recordings, write_study_report
 from swashtwin.bench.results.study_figures import accuracy_drawing

@@ -69,7 +69,7 @@ def motor_slip(
     """Slip of the induction motor that drives what was measured, its speed being steady over the recording.
 
     Of all pairs of a synchronous speed and a shaft speed below it, the one whose two combs of lines stand highest, by
-    the mean logarithms of the spectrum there; a line of the shaft that cannot be told from the supply's does not count.
+    the mean logarithms of the spectrum there; a line of the shaft that coincides with one of the supply does not count.
     The spectrum is the mean over the channels, each divided by its own median level nearby. In 5 s the lag comes out to
     within a fifth at the lowest speeds, and better above.
 

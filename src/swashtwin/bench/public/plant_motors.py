@@ -21,7 +21,7 @@ _PAIRS = (
     (("hB", "fA"), ("hA", "fB")),
     (("hA", "fB"), ("hB", "fA")),
 )
-"""Blocks to learn from, and blocks to be told apart."""
+"""Training blocks and test blocks."""
 _QUARTERS = 4
 _HIGH = 200.0
 """Where the band of the bearings begins [Hz]."""

@@ -19,7 +19,7 @@ class Units:
     recording: Shaped[np.ndarray, " unit"]
     """Recording each was taken from; it is decided as a whole."""
     group: Shaped[np.ndarray, " unit"]
-    """What the honest split keeps apart."""
+    """Group of each; the honest split keeps groups apart."""
     inner: Shaped[np.ndarray, " unit"]
     """What settings are chosen by: the like of `group`, kept apart within the training side."""
     features: Mapping[str, Float[np.ndarray, "unit feature"]]
@@ -78,7 +78,7 @@ class Fold:
     train: frozenset[str]
     """Groups to learn from."""
     test: frozenset[str]
-    """Groups to be told apart."""
+    """Groups to test on."""
 
     def sides(self, group: Shaped[np.ndarray, " unit"]) -> tuple[Bool[np.ndarray, " unit"], Bool[np.ndarray, " unit"]]:
         """(training units, test units)."""

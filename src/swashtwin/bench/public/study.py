@@ -26,7 +26,7 @@ QUESTIONS: dict[str, Callable[[Sequence[Recording], int], list[Question]]] = {
     "cwru": bearing_questions,
     "motor_pump_industrial": motor_questions,
 }
-"""What is asked of each set: a function of its recordings and a number of processes."""
+"""Questions asked of each set, made from its recordings with a number of processes."""
 
 METRICS = {
     "balanced_accuracy": "honest split, chosen method",
@@ -59,7 +59,7 @@ def run_public(
     progress: Callable[[str, int, int], None] | None = None,
     command: str = "",
 ) -> StudyTable:
-    """How well what is in `folder` is told apart on splits that keep machines, speeds or runs apart.
+    """Scores of classifiers on the sets in `folder`, on splits that keep machines, speeds or runs apart.
 
     Parameters
     ----------

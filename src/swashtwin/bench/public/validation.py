@@ -21,7 +21,7 @@ _FEW_GROUPS = 3
 
 @dataclass(frozen=True)
 class FoldScore:
-    """How one fold was told apart."""
+    """Scores of one fold."""
 
     fold: str
     """What was tested."""

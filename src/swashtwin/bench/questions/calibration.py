@@ -402,6 +402,6 @@ def _notes(table: StudyTable, settings: CalibrationStudySettings) -> tuple[str, 
         f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump; elsewhere: "
         f"{errors}.",
         "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
-        "RMSE and PE hold the recording's own noise and the pump's being put together anew between two recordings: the "
+        "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
         "rows of the rig's truth say how much no twin can explain.",
     )

@@ -36,7 +36,7 @@ TAUGHT = {"same": "other recordings of the training's pumps", "other": "recordin
 LEVELS = ("L2", "L4")
 
 METRICS = {
-    "accuracy": "told right",
+    "accuracy": "named right",
     "ece_before": "ECE before",
     "ece_after": "ECE after",
     "log_loss_before": "log loss before [nat]",
@@ -210,7 +210,7 @@ def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettin
 
 
 def _unknown(classifier: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str) -> dict[str, float]:
-    """How well recordings of the class left out are told from those of the known classes."""
+    """How well recordings of the class left out are separated from those of the trained classes."""
     familiar, strange = recording_answers(classifier, test), recording_answers(classifier, foreign)
     confidence = classifier.confidence
     is_strange = np.repeat([False, True], [len(familiar.target), len(strange.target)])

@@ -204,7 +204,9 @@ def _fold_count(
         except DataError:
             continue
         return count
-    raise DataError(f"a class stands in {fewest} {name}(s) only: hold one out, and nothing of it is left to learn.")
+    raise DataError(
+        f"a class stands in {fewest} {name}(s) only; if one is held out, nothing of the class is left to learn."
+    )
 
 
 def _dealt(windows: WindowSet, plan: _Plan | None, n_folds: int, seed: int) -> Sequence[Fold]:

@@ -29,7 +29,7 @@ METRICS = {
     "false_alarms": "share of healthy recordings detected",
     "rank": "rank correlation along one pump's trend",
     "change": "median |ln| error of a change along it",
-    "limit": "least severity to be told, over the typical",
+    "limit": "detection limit over the typical severity",
     "wall_s": "time per recording [s]",
 }
 START = mm(36)
@@ -105,7 +105,7 @@ def run_severity(
         command=command,
         notes=(
             "A severity found to be zero counts as a twentieth of the truth in error and bias.",
-            "Interval widths and thresholds were chosen on fleets 0 and 1; other seeds were not looked at before.",
+            "Interval widths and thresholds were chosen on fleets 0 and 1; other seeds were not used before.",
             "The rig takes a pump apart before each recording, so films move by 12 % between points of a trend.",
             "Phases are dropped: which piston or bore is damaged is not searched.",
         ),

@@ -257,7 +257,7 @@ def _table(
         version=VERSION,
         command=command,
         notes=(
-            "Validation pumps are training pumps of Case I, each left out in turn; no test recording was looked at. "
+            "Validation pumps are training pumps of Case I, each left out in turn; no test recording was used. "
             "The best of many candidates is flattered by having been chosen: test it by a study with other seeds.",
             "What stands as a seed is the number of the validation fold.",
         ),

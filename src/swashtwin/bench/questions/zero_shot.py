@@ -1,4 +1,4 @@
-"""Zero-shot: a classifier of faults that nobody has measured, taught by twins that know healthy recordings only.
+"""Zero-shot: a classifier of faults without a measured one, taught by twins of healthy recordings only.
 
 Every class of fault in training is synthetic; the tests are measured recordings, level L5: other recordings of pumps
 whose twins were calibrated, and pumps without twins. Each machine has healthy recordings from its first days, so
@@ -150,7 +150,7 @@ def run_zero_shot(
     trials = tuple(trial_of(outcome, fleet.seed) for fleet in fleets for outcome in fleet.outcomes)
     study = StudyTable(
         study="zero-shot",
-        title="Zero-shot: faults that nobody has measured",
+        title="Zero-shot: faults without a measured window",
         metrics={**METRICS, **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in classes}},
         trials=trials,
         answer=(),

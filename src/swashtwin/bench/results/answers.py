@@ -18,7 +18,7 @@ from swashtwin.learning import LEVELS
 from swashtwin.report import plural, score
 
 MOST_CONTRASTS = 4
-"""Contrasts told of each level, those of classifiers by how near they come; the table has them all."""
+"""Contrasts in the answer for each level, of classifiers the nearest ones; the table has all."""
 
 
 def answer_of(study: StudyResult) -> tuple[str, ...]:
@@ -86,7 +86,7 @@ _DESCRIBED = {
 
 
 def case_answer(study: StudyResult) -> tuple[str, ...]:
-    """First what was compared and what came out, then more for each level, nearest first."""
+    """Answer in sentences: first the comparison and its result, then each level, the nearest first."""
     sets = [name for name in EXPECTED if any(outcome.training_set == name for outcome in study.outcomes)]
     levels = sorted({outcome.level for outcome in study.outcomes})
     name = classifier_words(study.outcomes[0].classifier)
@@ -132,7 +132,7 @@ def _comparison(study: StudyResult, level: str, first: str, second: str) -> str:
         return f"scored the same as {reference}"
     if contrast.pairs < 2:
         verb = "scored higher than" if mean > 0 else "scored lower than"
-        return f"{verb} {reference} by {abs(mean):.1f} points (one seed: nobody can say whether that is chance)"
+        return f"{verb} {reference} by {abs(mean):.1f} points (one seed: it may be chance)"
     if contrast.interval[0] == contrast.interval[1]:
         return f"differed from {reference} by {mean:+.1f} points under every seed (no spread to judge it by)"
     interval = " to ".join(f"{100 * value:+.1f}" for value in contrast.interval)

@@ -60,19 +60,19 @@ class StudyResult(StudyTable):
     size: str
     """Name of the settings, such as ``"quick"``."""
     runs: tuple[Run, ...]
-    """Every task that is done."""
+    """Runs of all finished tasks."""
     main_classifier: str
-    """The study's own classifier."""
+    """Classifier that the study is about; others are its rivals."""
     rival_names: tuple[str, ...] = ()
-    """Classifiers told beside the study's rows, not among them."""
+    """Classifiers whose rows stand beside the study's, not among them."""
     contrasts: tuple[Contrast, ...] = ()
     """Which rows beat which."""
     calibrations: tuple[Calibration, ...] = ()
-    """Calibrations under the first seed, where they are at hand."""
+    """Calibrations of the first seed, as far as there are files of them."""
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Command lines that repeat it: its own, or where it was put together from runs of several, each of theirs."""
+        """Command lines that repeat it: its own, or those of its runs where it was collected from several commands."""
         commands = (self.command,) if self.command else (run.command for run in self.runs)
         return tuple(dict.fromkeys(command for command in commands if command))
 
@@ -90,7 +90,7 @@ class StudyResult(StudyTable):
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Classes told apart."""
+        """Class names."""
         return self.runs[0].outcomes[0].scores.classes
 
     @property
@@ -109,7 +109,7 @@ class StudyResult(StudyTable):
     @property
     def cells(self) -> dict[str, dict[str, int]]:
         """Windows by class and pressure in each training set and test set, first seed; a test set that what the study
-        varies does not change is told once."""
+        varies does not change appears once."""
         first = [run for run in self.runs if run.task.seed == self.seeds[0]]
         trained = {trained_on(run): dict(run.cells["train"]) for run in first}
         tested: dict[str, dict[str, int]] = {}

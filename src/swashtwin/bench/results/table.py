@@ -1,4 +1,4 @@
-"""A study whose answer is a table: what was varied, what came out, over seeds.
+"""A study whose answer is a table: factors, and metrics over seeds.
 
 The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "settings", "origin", "wall_s", "device",
 "version", "command", "details"}``. Each row holds the factors that name it and, under each metric, ``{"mean", "std",
@@ -36,7 +36,7 @@ class StudyTable:
     title: str
     """What it asks, as a heading."""
     metrics: Mapping[str, str]
-    """Heading of each metric, with its unit in brackets; only these are told."""
+    """Heading of each metric, with its unit in brackets; only these are shown."""
     trials: tuple[Trial, ...]
     """Everything that was tried, in the order in which rows are to stand."""
     answer: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""The virtual rig: measured-like recordings of a fleet of pumps that nobody owns.
+"""The virtual rig: measured-like recordings of a fleet of pumps that do not exist.
 
 **What it is.** A generator of vibration recordings whose truth the twin does not contain (`rig.fleet`), so that
 calibration has something to find and something it cannot find, and the whole method can be tried and tested without a

@@ -76,7 +76,7 @@ class Specimen:
     housing: Housing
 
     def reassemble(self, seed: int, recording: str) -> "Specimen":
-        """The same pump put together anew, as it must be to change a part: films and sensors do not sit as before."""
+        """The same pump after reassembly, which changing a part needs: films and sensors do not sit as before."""
         rng = stream(seed, "assembly", recording)
         housing = replace(self.housing, gain=self.housing.gain + _off_diagonal(rng.normal(0, 0.1, (3, 3))))
         return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=housing)
@@ -129,7 +129,7 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
 
 RECESS = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
 """The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm of swash plate wear,
-Grundfos BMP manual). At the paper's 0.6 mm every window would be told apart by its level alone."""
+Grundfos BMP manual). At the paper's 0.6 mm the level alone would separate every window."""
 
 
 def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault | None:

@@ -68,7 +68,7 @@ def _periodic_terms(run: Run, structure: Structure, values: torch.Tensor) -> lis
 
 
 def true_values(run: Run) -> Float[np.ndarray, " 6"]:
-    """The six interface values that hold in a run: the specimen's as it was put together, on this oil and pressure."""
+    """The six interface values in a run: the specimen's as assembled, at this oil temperature and pressure."""
     oil, condition = run.specimen.pump.oil, run.condition
     viscosity = oil.viscosity_at(condition.oil_temperature) / oil.viscosity
     return run.specimen.values * film_factors(condition.discharge_pressure, viscosity)

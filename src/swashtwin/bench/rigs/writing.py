@@ -73,7 +73,7 @@ def _slots(size: RigSize) -> list[_Slot]:
 
 
 def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None) -> Run:
-    """Measurement `name` of a pump, put together anew, at a set discharge pressure [Pa]: what really held in it."""
+    """Measurement `name` of a reassembled pump at a set discharge pressure [Pa], with the condition that held."""
     rng = stream(seed, "condition", name)
     condition = OperatingCondition(
         speed=SPEED * rng.uniform(0.997, 1.003),

@@ -15,7 +15,7 @@ class BiTCNOrdinary(BiTCN):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     **settings : all others of `BiTCN`.
 
     Examples
@@ -38,7 +38,7 @@ class BiTCNNoAttention(BiTCN):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     **settings : all others of `BiTCN`.
     """
 
@@ -54,7 +54,7 @@ class BiTCNForward(BiTCN):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     **settings : all others of `BiTCN`.
     """
 

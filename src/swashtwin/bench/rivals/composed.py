@@ -37,7 +37,7 @@ class Ensemble:
 
 @dataclass(frozen=True, eq=False)
 class NetworkOnView:
-    """A network that was trained on a view of the windows, and is asked with the windows as they are."""
+    """A network trained on a view of the windows; it takes whole windows and makes the view itself."""
 
     classifier: FittedClassifier
     """Trained on what `view` gives."""

@@ -61,8 +61,8 @@ class Model:
         return self.kind not in KERNELS or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def describe(self) -> dict[str, Any]:
-        """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors goes without
-        saying, so that runs from before there was a choice are found."""
+        """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors is the
+        default and is left out, so that finished runs of earlier versions keep their keys."""
         if self.kind == THRESHOLD:
             return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
         if not self.is_network:

@@ -25,7 +25,7 @@ LEAST_REVOLUTIONS = 3.0
 """A window with fewer revolutions does not tell neighboring orders apart: a Hann taper smears a line over four bins."""
 
 JITTER = 0.006
-"""Half-width of the speed's variation [relative] over which a line is gathered."""
+"""Half-width of the speed's variation [relative] over which a line's power is summed."""
 
 ENVELOPE_FROM = 1000.0
 """Frequency [Hz] above which the envelope is taken."""
@@ -50,7 +50,7 @@ def order_levels(windows: WindowSet, piston_count: int, passes: int = 20, top: f
 
     Parameters
     ----------
-    piston_count : pistons of the pump, whose multiples are told apart from other shaft orders.
+    piston_count : pistons of the pump, whose multiples are separated from other shaft orders.
     passes : how many multiples.
     top : highest order, the same for every set that is compared (`highest_order`); None takes no bands above.
 

@@ -58,7 +58,7 @@ def cut_evenly(
     length : samples per window.
     count : windows of the shortest recording.
     like : windows whose length and classes are taken over.
-    classes : classes told apart, where there is no `like`.
+    classes : class names, where there is no `like`.
     """
     shortest = min(r.signal.shape[1] for r in recordings)
     stride = max(length, (shortest - length) // max(1, count - 1))

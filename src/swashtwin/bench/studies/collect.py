@@ -1,4 +1,4 @@
-"""Finished runs of a folder, put together to the studies they are of."""
+"""Collects the finished runs of a folder into studies."""
 
 from collections.abc import Sequence, Set
 from dataclasses import replace

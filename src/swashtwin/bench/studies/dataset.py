@@ -1,4 +1,4 @@
-"""Everything of one seed that training sets and tests are made of: window sets by role, and calibrated twins."""
+"""Data of one seed, from which training sets and tests are made: window sets by role, and calibrated twins."""
 
 import hashlib
 import math
@@ -22,7 +22,7 @@ from swashtwin.recordings import Recording
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTask:
-    """One calibration to be made, or to be read where it was made before."""
+    """One calibration, to be run, or to be read where a file of it exists."""
 
     specimen: str
     """Machine whose recordings it learns from."""
@@ -57,7 +57,7 @@ def run_calibration(task: CalibrationTask) -> Calibration:
 
 
 def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
-    """The calibration of that key in ``OUT/calibrations``, or None where it was not made yet."""
+    """The calibration of that key in ``OUT/calibrations``, or None where there is no file of it."""
     path = None if out is None else calibration_file(out, key)
     return load_calibration(path) if path is not None and path.is_file() else None
 
@@ -69,7 +69,7 @@ def calibration_file(out: Path, key: str) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class StudyDataset:
-    """What one seed trains and tests on."""
+    """Windows and calibrated twins that one seed trains and tests on."""
 
     seed: int
     scenario: Scenario
@@ -82,7 +82,7 @@ class StudyDataset:
     train_recordings: tuple[Recording, ...]
     """Recordings of the measured training windows, where noise is to be added to them; else empty."""
     calibrations: Mapping[tuple[str, str], Calibration]
-    """By specimen and class; left out where no twin is needed any more."""
+    """By specimen and class; empty once no twin is needed any more."""
     calibrated_on: tuple[str, ...]
     """Recordings that twins were calibrated on."""
     split: ScenarioSplit
@@ -165,8 +165,8 @@ def prepare(
 
     Parameters
     ----------
-    calibrations : what `calibration_tasks` asked for, and what came of it.
-    read : what `read_for` gave for the same recordings, scenario and seed, where it is at hand.
+    calibrations : the tasks of `calibration_tasks`, each with its result.
+    read : result of `read_for` for the same recordings, scenario and seed; by default it is computed here.
     noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
     """
     finished = list(calibrations)
@@ -237,7 +237,7 @@ def _evenly(available: int, count: int) -> np.ndarray:
 
 
 def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
-    """The first recordings of a scarce cell that together hold the windows asked for."""
+    """The first recordings of a scarce cell that together hold as many windows as the scenario needs."""
     samples = {r.recording_id: r.signal.shape[1] for r in recordings}
     lenders, windows = [], 0
     for name in ids:

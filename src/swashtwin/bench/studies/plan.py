@@ -25,7 +25,7 @@ from swashtwin.signals import add_noise
 
 @dataclass(frozen=True)
 class Plan:
-    """What a study does under each seed."""
+    """Training sets, classifiers and tests of a study, for each seed."""
 
     study: str
     """Name, such as ``"case1"``."""
@@ -50,16 +50,16 @@ class Plan:
     size: str = "custom"
     """Name of the settings."""
     rivals: tuple[str, ...] = ()
-    """Classifiers that stand beside the study's own rows and not among them; where there are any, so does whatever else
-    is trained."""
+    """Classifiers whose rows stand beside those of the study, not among them; where there are any, so do those of every
+    further classifier."""
     snrs: tuple[float, ...] = ()
     """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
     draws: int = 5
     """Draws of the noise at each ratio."""
     notes: tuple[str, ...] = ()
-    """What must be read with the numbers."""
+    """Notes that must be read with the numbers."""
     model_notes: Mapping[str, str] = field(default_factory=dict)
-    """What must be read with those of a classifier, told where it was trained."""
+    """Notes on single classifiers, given where these were trained."""
     absent: tuple[str, ...] = ()
     """Classifiers that belong here, and for want of aeon cannot be trained."""
 
@@ -160,7 +160,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What a run's record holds that has no part in its result."""
+    """Facts that a run's file holds, and that have no part in its result."""
 
     device: str = "cpu"
     """Where networks are trained."""
@@ -171,7 +171,7 @@ class RunFacts:
     calibrations: tuple[str, ...] = ()
     """Names of the calibrations behind the twins."""
     values: Mapping[str, float] = field(default_factory=dict)
-    """What is known of the synthetic windows."""
+    """Figures of the synthetic windows."""
 
 
 def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, facts: RunFacts) -> Run:

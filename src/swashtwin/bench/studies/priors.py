@@ -1,4 +1,4 @@
-"""Twins and faults of the zero-shot study: nobody has measured a fault, so its size is a guess.
+"""Priors of twins and faults for the zero-shot study: no fault was measured, so its size is a guess.
 
 The guess decides the score, and the virtual rig's own widths would be a gift. So there are two: `wide_fault` knows what
 the literature calls plausible, `rig_fault` knows what the rig draws, and the study says which is which.
@@ -68,7 +68,7 @@ def any_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None
 
 
 def rig_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None:
-    """Fault as typical and as spread as on the virtual rig (docs/rig.md): what nobody would know of a real pump."""
+    """Fault as typical and as spread as on the virtual rig (docs/rig.md). For a real pump these are not known."""
     if label not in RIG_FAULTS:
         return None
     kinds = RIG_FAULTS[label]

@@ -237,7 +237,7 @@ def assemble_result(
 
     Parameters
     ----------
-    calibrations : under the first seed, where they are at hand.
+    calibrations : those of the first seed, as far as there are files of them.
     wall_s : how long the study took [s]; by default its runs together.
     command : command line that repeats it; by default those of its runs (`StudyResult.commands`).
     """

@@ -31,7 +31,7 @@ turns."""
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is scarce, what may fill it, and what is tested."""
+    """Scarce cells, the twins that may fill them, and the tests."""
 
     scarce: tuple[str, ...] = ("swash_plate",)
     """Classes of the scarce cells."""
@@ -89,7 +89,7 @@ class Scenario:
         Raises
         ------
         DataError
-            The recording cannot be put along the angle: nobody stated its speed, no piston-pass line stands clear, it
+            The recording cannot be put along the angle: it states no speed, no piston-pass line stands clear, it
             is too short, or it lies along the angle already.
         """
         if not self.along_angle:

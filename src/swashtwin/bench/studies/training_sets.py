@@ -26,7 +26,7 @@ CALIBRATED_TWINS = TWINS[1:]
 """Those that need a calibration."""
 
 FURTHER = {"discriminator": "AUROC measured/synthetic"}
-"""Headings of what is known of synthetic windows themselves."""
+"""Headings of the figures of synthetic windows."""
 
 
 TRAINING_SNRS = (0.0, 25.0)
@@ -75,7 +75,7 @@ PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
 
 
 def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
-    """(synthetic windows that a training set adds, what is known of them)."""
+    """(synthetic windows that a training set adds, figures of them)."""
     synthetic = synthesize_for(dataset, training_set)
     value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
     values = {} if math.isnan(value) else {"discriminator": value}

@@ -1,4 +1,4 @@
-"""Where a study's tasks are carried out: processes of this machine, a dask cluster, or a ray cluster.
+"""Where a study's tasks run: processes of this machine, a dask cluster, or a ray cluster.
 
 A task is a plain function of its arguments and draws from streams of its own seed, so every backend gives the same
 numbers. Results come back to the caller, who alone writes files: workers need no disk in common.
@@ -15,7 +15,7 @@ from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 from swashtwin.foundation import InputError, MissingExtraError
 
 BACKENDS = ("joblib", "dask", "ray")
-"""What can carry tasks out."""
+"""Backends of joblib that can run tasks."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Workers:
             yield self
 
     def each(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-        """(place, result) of `function` for each tuple of arguments, as they come; only within `started`."""
+        """(index, result) of `function` for each tuple of arguments, as they come; only within `started`."""
         calls = [delayed(_call_with_index)(function, index, values) for index, values in enumerate(arguments)]
         if self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
             size = max(1, effective_n_jobs(-1))

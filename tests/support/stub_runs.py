@@ -54,7 +54,8 @@ def run(
     return Run(
         task=Task("case1", "quick", seed, factors, settings, "data"),
         outcomes=tuple(
-            Outcome({**factors, "level": level}, seed, one, one.recall["swash_plate"]) for level, one in scores.items()
+            Outcome({**factors, "level": level}, seed, score, score.recall["swash_plate"])
+            for level, score in scores.items()
         ),
         history=curve,
         values={},

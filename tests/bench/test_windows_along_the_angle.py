@@ -160,7 +160,7 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
         ({"condition": None}, "nobody stated its speed"),
         ({"signal": np.random.default_rng(0).standard_normal((1, 60000))}, "stands clear"),
         ({"signal": turning(15.0).signal[:, :10000]}, "needs 16"),
-        ({"attributes": {"domain": "angle", "readings_per_turn": "666"}}, "angle already"),
+        ({"attributes": {"domain": "angle", "samples_per_turn": "666"}}, "angle already"),
     ],
 )
 def test_a_recording_that_cannot_be_put_along_the_angle_is_named_with_a_remedy(

@@ -44,11 +44,11 @@ def twins(pump: Pump) -> list[Twin]:
     group = replace(pump.rotating_group, piston_count=9, piston_diameter=mm(15))
     nine = replace(pump, rotating_group=group)
     rng = np.random.default_rng(0)
-    made = []
+    twins = []
     for i, fault in enumerate((*FAULTS, *FAULTS[:6])):
         speed, pressure = rpm(float(rng.choice([860, 870, 1500]))), MPa(rng.uniform(5, 15))
         values = np.array(pump.interfaces.values()) * np.exp(rng.normal(0, 0.3, 6))
-        made.append(
+        twins.append(
             Twin(
                 nine if i % 4 == 3 else pump,
                 OperatingCondition(speed=speed, discharge_pressure=pressure),
@@ -59,7 +59,7 @@ def twins(pump: Pump) -> list[Twin]:
                 scales=Scales(mount=1 + i / 20, bearing=0.9, excitation=1 + i / 10, sensor=1.1),
             )
         )
-    return made
+    return twins
 
 
 def own_lines(batch: OrderLines, index: int, twin: Twin) -> Tensor:
@@ -125,7 +125,9 @@ def test_a_batch_too_large_for_the_memory_is_computed_in_chunks(
 ) -> None:
     twin = twins[1]
     values = twin.values * torch.linspace(0.5, 2.0, 40, dtype=torch.float64)[:, None]
-    many = [replace(one, scales=Scales(excitation=k)) for one in twins if one.fault is not FAULTS[-1] for k in (1, 2)]
+    many = [
+        replace(twin, scales=Scales(excitation=k)) for twin in twins if twin.fault is not FAULTS[-1] for k in (1, 2)
+    ]
     whole = twin.acceleration(values), accelerations(many).lines, *gradients(many, True)
     monkeypatch.setattr(response, "WORKSPACE", 300 * response._LINE_BYTES)
     solver = Counting()

@@ -94,8 +94,8 @@ class Case:
 
     def off(self, motion: Tensor, reference: Tensor, below: int | None = None) -> float:
         """Relative difference of the accelerations of all sensors."""
-        one, other = self.read(motion)[:below], self.read(reference)[:below]
-        return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+        actual, expected = self.read(motion)[:below], self.read(reference)[:below]
+        return float(np.linalg.norm(actual - expected) / np.linalg.norm(expected))
 
 
 @pytest.fixture(scope="module", params=["T1", "T2"])
@@ -119,9 +119,9 @@ def test_equal_slippers_that_may_pull_move_as_by_harmonic_balance_with_an_error_
 
 
 def test_slippers_held_down_hard_enough_never_lift_off(case: Case) -> None:
-    held = case.force.clone()
-    held[0, 12 if case.topology == "T1" else 7] -= 1e7
-    assert case.off(case.by_steps(LIFTING, 2048, force=held), case.by_steps(ALIKE, 2048)) < 1e-7
+    force = case.force.clone()
+    force[0, 12 if case.topology == "T1" else 7] -= 1e7
+    assert case.off(case.by_steps(LIFTING, 2048, force=force), case.by_steps(ALIKE, 2048)) < 1e-7
 
 
 @pytest.mark.parametrize("unloaded", [0.0, 0.5])
@@ -329,8 +329,8 @@ def test_the_papers_recess_takes_the_linear_twin_out_of_its_range_and_a_healthy_
 ) -> None:
     forces = {}
     for name, fault in (("healthy", None), ("recess", RECESS)):
-        one = Case(pump, at_15, fault=fault)
-        forces[name] = slipper_forces(pump, "T1", ALIKE, at_15, fault, one.values, one.by_lines())
+        case = Case(pump, at_15, fault=fault)
+        forces[name] = slipper_forces(pump, "T1", ALIKE, at_15, fault, case.values, case.by_lines())
     healthy, recess = check_contact(forces["healthy"]), check_contact(forces["recess"])
     assert healthy.within_range
     assert healthy.pulling == 0

@@ -33,8 +33,8 @@ def test_the_nominal_stiffness_has_the_reference_entries(matrices: tuple[np.ndar
     stiffness, damping = matrices
     entries = {(2, 2): 4.21646e8, (3, 3): 5.64753e6, (6, 6): 6.5e8, (7, 7): 1.8005e8, (8, 8): 2.30371e6}
     entries |= {(11, 11): 5.83539e7, (12, 12): 1.41696e8, (1, 2): -2.76696e7}
-    for place, value in entries.items():
-        assert stiffness[place] == pytest.approx(value, rel=2e-6)
+    for index, value in entries.items():
+        assert stiffness[index] == pytest.approx(value, rel=2e-6)
     assert np.trace(stiffness) == pytest.approx(3.5759724e9, rel=1e-8)
     assert np.trace(damping) == pytest.approx(4086761.2, rel=1e-7)
 
@@ -85,9 +85,9 @@ def scalar_right_hand_side(
 ) -> np.ndarray:
     """The 13 scalar equations of physics.md 2.4, before dividing by mass."""
     x_f, y_f, z_f, a_f, b_f, x_c, y_c, z_c, a_c, b_c, x_p, y_p, z_p = range(13)
-    mount, masses, places, joints = pump.mount, pump.masses, pump.positions, pump.interfaces
-    zeta_f, zeta_c = places.shell, places.rotor
-    arm = places.mount - zeta_f
+    mount, masses, positions, joints = pump.mount, pump.masses, pump.positions, pump.interfaces
+    zeta_f, zeta_c = positions.shell, positions.rotor
+    arm = positions.mount - zeta_f
     total = masses.shell + masses.rotor + masses.retainer
     inertia = masses.shell_inertia + masses.shell * arm**2
 
@@ -103,8 +103,8 @@ def scalar_right_hand_side(
     ma = element(mount.stiffness_tilt, modal(mount.stiffness_tilt, inertia), (a_f, 1))
     mb = element(mount.stiffness_tilt, modal(mount.stiffness_tilt, inertia), (b_f, 1))
     sums = np.zeros(6)
-    for place, k in zip(pump.bearings.positions, pump.bearings.stiffnesses, strict=True):
-        c, ci, fi = pump.bearings.damping_time * k, place - zeta_c, place - zeta_f
+    for position, k in zip(pump.bearings.positions, pump.bearings.stiffnesses, strict=True):
+        c, ci, fi = pump.bearings.damping_time * k, position - zeta_c, position - zeta_f
         fx = element(k, c, (x_c, 1), (b_c, ci), (x_f, -1), (b_f, -fi))
         fy = element(k, c, (y_c, 1), (a_c, -ci), (y_f, -1), (a_f, fi))
         sums += np.array([fx, fy, fi * fx, fi * fy, ci * fx, ci * fy])
@@ -184,9 +184,9 @@ def test_matrices_of_a_batch_have_the_bits_of_each_by_itself(pump: Pump) -> None
     spread = torch.rand(37, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) + 0.5
     values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * spread
     stiffness, damping = structure.stiffness(values, spread[:, 0], 0.9), structure.damping(values)
-    for row, one in enumerate(values):
-        assert torch.equal(structure.stiffness(one, spread[row, 0], 0.9), stiffness[row])
-        assert torch.equal(structure.damping(one), damping[row])
+    for row, value in enumerate(values):
+        assert torch.equal(structure.stiffness(value, spread[row, 0], 0.9), stiffness[row])
+        assert torch.equal(structure.damping(value), damping[row])
 
 
 def test_equal_pumps_share_one_structure(pump: Pump) -> None:

@@ -131,9 +131,9 @@ def test_the_pockets_share_of_the_pressure_is_that_of_the_reference_model(
 
 
 def test_the_slippers_are_stiffest_where_the_pocket_holds_two_thirds(pump: Pump) -> None:
-    found = minimize_scalar(lambda film: -slipper_stiffness(pump, um(film), MPa(15)), bounds=(5, 200))
-    assert slipper_pressure_ratio(pump, um(found.x)) == pytest.approx(2 / 3, rel=1e-3)
-    assert found.x == pytest.approx(49.9, rel=2e-3)
+    optimum = minimize_scalar(lambda film: -slipper_stiffness(pump, um(film), MPa(15)), bounds=(5, 200))
+    assert slipper_pressure_ratio(pump, um(optimum.x)) == pytest.approx(2 / 3, rel=1e-3)
+    assert optimum.x == pytest.approx(49.9, rel=2e-3)
 
 
 def test_a_free_slipper_of_the_papers_pump_would_float_higher_than_its_damping_says(pump: Pump) -> None:

@@ -290,15 +290,15 @@ def test_order_zero_is_the_mean_force(pump: Pump, at_15: OperatingCondition) -> 
 @pytest.fixture
 def solved(monkeypatch: pytest.MonkeyPatch) -> list[chambers.Chambers]:
     """The operating points that are solved from here on, none being remembered."""
-    taken: list[chambers.Chambers] = []
+    solved: list[chambers.Chambers] = []
 
-    def counted(one: chambers.Chambers, revolutions: int) -> tuple[np.ndarray, np.ndarray]:
-        taken.append(one)
-        return chambers.solve(one, revolutions)
+    def counted(tables: chambers.Chambers, revolutions: int) -> tuple[np.ndarray, np.ndarray]:
+        solved.append(tables)
+        return chambers.solve(tables, revolutions)
 
     loads._all_force_lines.cache_clear()
     monkeypatch.setattr(loads, "solve", counted)
-    return taken
+    return solved
 
 
 def test_an_operating_point_is_solved_once(
@@ -329,9 +329,9 @@ def test_what_is_remembered_cannot_be_changed_by_its_reader(
 ) -> None:
     case = [LoadCase(pump, at_15)]
     first = force_lines(case, 30)
-    kept = first.copy()
+    copy = first.copy()
     first[:] = 0.0
-    np.testing.assert_array_equal(force_lines(case, 30), kept)
+    np.testing.assert_array_equal(force_lines(case, 30), copy)
 
 
 def test_a_case_has_the_same_bits_in_any_batch(pump: Pump, at_15: OperatingCondition) -> None:

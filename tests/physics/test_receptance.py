@@ -45,9 +45,9 @@ def dense(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Te
     return torch.linalg.solve(dynamic, force[..., None]).squeeze(-1)
 
 
-def relative(found: Tensor, expected: Tensor) -> float:
+def relative(actual: Tensor, expected: Tensor) -> float:
     """Largest difference in any line over the largest entry of that line."""
-    return float(((found - expected).abs().amax(-1) / expected.abs().amax(-1)).max())
+    return float(((actual - expected).abs().amax(-1) / expected.abs().amax(-1)).max())
 
 
 def test_a_receptance_is_the_solution_of_the_dense_system(matrices: Matrices, frequency: Tensor) -> None:
@@ -71,9 +71,9 @@ def test_a_batch_gives_the_bits_of_its_members(matrices: Matrices, frequency: Te
     mass, damping, stiffness = matrices
     force = some_lines(SETS, 51, 13)
     together = receptance(mass, damping, stiffness, 1j * frequency, force)
-    for one in (0, 5, SETS - 1):
-        alone = receptance(mass, damping[one], stiffness[one], 1j * frequency[7:], force[one, 7:])
-        assert torch.equal(together[one, 7:], alone)
+    for index in (0, 5, SETS - 1):
+        alone = receptance(mass, damping[index], stiffness[index], 1j * frequency[7:], force[index, 7:])
+        assert torch.equal(together[index, 7:], alone)
 
 
 def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, frequency: Tensor) -> None:
@@ -85,26 +85,29 @@ def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, fr
         return torch.autograd.grad(receptance(mass, *arguments[:2], 1j * frequency, arguments[2]), arguments, q.conj())
 
     together = slopes(damping, stiffness, force)
-    for found, alone in zip(together, slopes(damping[5], stiffness[5], force[5]), strict=True):
-        assert torch.equal(found[5], alone)
+    for actual, alone in zip(together, slopes(damping[5], stiffness[5], force[5]), strict=True):
+        assert torch.equal(actual[5], alone)
 
 
 def test_leading_axes_broadcast(matrices: Matrices, frequency: Tensor) -> None:
     mass, damping, stiffness = matrices
     speeds = torch.tensor([[0.9], [1.1]], dtype=torch.float64)
     s, force = 1j * speeds[..., None] * frequency, some_lines(51, 13)
-    found = receptance(mass, damping, stiffness[0], s, force)
-    assert found.shape == (2, SETS, 51, 13)
+    actual = receptance(mass, damping, stiffness[0], s, force)
+    assert actual.shape == (2, SETS, 51, 13)
     expected = receptance(mass, damping[3], stiffness[0], s[1, 0], force)
-    assert torch.equal(found[1, 3], expected)
+    assert torch.equal(actual[1, 3], expected)
 
 
 def test_each_of_a_batch_may_have_its_own_frequencies(matrices: Matrices, frequency: Tensor) -> None:
     mass, damping, stiffness = matrices
-    own, force = torch.linspace(0.5, 2, SETS, dtype=torch.float64)[:, None] * frequency, some_lines(SETS, 51, 13)
+    frequencies, force = (
+        torch.linspace(0.5, 2, SETS, dtype=torch.float64)[:, None] * frequency,
+        some_lines(SETS, 51, 13),
+    )
     for solver in (HarmonicBalance(), RK4(step=2e-8), RK4()):
-        together = solver.steady_state(mass, damping, stiffness, own, force)
-        alone = solver.steady_state(mass, damping[4], stiffness[4], own[4], force[4])
+        together = solver.steady_state(mass, damping, stiffness, frequencies, force)
+        alone = solver.steady_state(mass, damping[4], stiffness[4], frequencies[4], force[4])
         assert torch.equal(together[4], alone)
 
 
@@ -173,20 +176,26 @@ def relative_receptance(matrices: Matrices, s: Tensor, force: Tensor) -> Callabl
     mass, damping, stiffness = matrices
 
     def response(c: Tensor, k: Tensor, f: Tensor, m: Tensor, turn: Tensor) -> Tensor:
-        own = (mass * m, damping[0] * (c + c.mT), stiffness[0] * (k + k.mT))
-        return receptance(*own, s * turn, force * f) * 1e8
+        matrices = (mass * m, damping[0] * (c + c.mT), stiffness[0] * (k + k.mT))
+        return receptance(*matrices, s * turn, force * f) * 1e8
 
     return response
 
 
-def ones(*shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
+def constant(*shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
     return (torch.ones(shape, dtype=dtype) / (2 if shape == (13, 13) else 1)).requires_grad_()
 
 
 def test_its_first_and_second_derivatives_are_those_of_finite_differences(matrices: Matrices) -> None:
     s = torch.tensor([630j, 2500j, 9000 + 4000j], dtype=torch.complex128)
     response = relative_receptance(matrices, s, some_lines(3, 13))
-    arguments = ones(13, 13), ones(13, 13), ones(13, dtype=s.dtype), ones(13), ones(3, dtype=s.dtype)
+    arguments = (
+        constant(13, 13),
+        constant(13, 13),
+        constant(13, dtype=s.dtype),
+        constant(13),
+        constant(3, dtype=s.dtype),
+    )
     assert torch.autograd.gradcheck(response, arguments, fast_mode=True)
     assert torch.autograd.gradgradcheck(response, arguments, fast_mode=True, atol=1e-4)
 
@@ -196,11 +205,11 @@ def test_gradients_of_shared_arguments_are_sums_over_the_batch(matrices: Matrice
     force = some_lines(51, 13).requires_grad_()
     arguments = (mass, damping, stiffness, force)
     s, weight = 1j * frequency, some_lines(SETS, 51, 13, seed=1)
-    found = torch.autograd.grad(receptance(mass, damping, stiffness, s, force), arguments, weight)
+    actual = torch.autograd.grad(receptance(mass, damping, stiffness, s, force), arguments, weight)
     expected = torch.autograd.grad(dense(mass, damping, stiffness, s, force), arguments, weight)
-    for own, other in zip(found, expected, strict=True):
-        assert own.shape == other.shape
-        assert float((own - other).abs().max()) < 1e-9 * float(other.abs().max())
+    for gradient, other in zip(actual, expected, strict=True):
+        assert gradient.shape == other.shape
+        assert float((gradient - other).abs().max()) < 1e-9 * float(other.abs().max())
 
 
 @pytest.mark.parametrize("step", [2e-8, 1e-7])
@@ -208,13 +217,13 @@ def test_rk4_is_the_steady_state_of_its_own_map(matrices: Matrices, frequency: T
     """Against (z - Phi) x = G0 u + z^0.5 G1 u + z G2 u with 26 states, which loses digits itself at short steps."""
     mass, damping, stiffness = (matrices[0], matrices[1][:3] / 4, matrices[2][:3])
     force = some_lines(3, 51, 13)
-    found = RK4(step).steady_state(mass, damping, stiffness, frequency, force)
+    actual = RK4(step).steady_state(mass, damping, stiffness, frequency, force)
     phi, g0, g1, g2 = rk4_map(state_matrix(mass, damping, stiffness), step)
     z, middle = (torch.exp(part * 1j * frequency * step)[:, None, None] for part in (1.0, 0.5))
     inputs = g0[:, None] + middle * g1[:, None] + z * g2[:, None]
     driven = inputs[..., 13:] @ (force / mass.diagonal())[..., None]
     states = torch.linalg.solve(z * torch.eye(26, dtype=z.dtype) - phi[:, None], driven).squeeze(-1)
-    assert relative(found, states[..., :13]) < 1e-10
+    assert relative(actual, states[..., :13]) < 1e-10
 
 
 def test_rk4_follows_the_equations_as_its_order_promises(matrices: Matrices, frequency: Tensor) -> None:
@@ -234,19 +243,19 @@ def test_rk4_has_exact_gradients(matrices: Matrices) -> None:
     lines, force = torch.tensor([630.0, 9000.0], dtype=torch.float64), some_lines(2, 13)
 
     def response(c: Tensor, k: Tensor) -> Tensor:
-        own = damping[0] / 10 * (c + c.mT), stiffness[0] * (k + k.mT)
-        return torch.view_as_real(RK4(step=1e-7).steady_state(mass, *own, lines, force)) * 1e8
+        matrices = damping[0] / 10 * (c + c.mT), stiffness[0] * (k + k.mT)
+        return torch.view_as_real(RK4(step=1e-7).steady_state(mass, *matrices, lines, force)) * 1e8
 
-    assert torch.autograd.gradcheck(response, (ones(13, 13), ones(13, 13)), fast_mode=True)
+    assert torch.autograd.gradcheck(response, (constant(13, 13), constant(13, 13)), fast_mode=True)
 
 
 def test_each_of_a_batch_has_its_own_longest_step(matrices: Matrices) -> None:
     state = state_matrix(*matrices)
     limits = rk4_limits(state)
-    for own, one in zip(limits, state, strict=True):
-        rates = torch.linalg.eigvals(one)
+    for limit, line in zip(limits, state, strict=True):
+        rates = torch.linalg.eigvals(line)
         for factor, grows in ((0.999, False), (1.001, True)):
-            z = factor * own * rates
+            z = factor * limit * rates
             assert bool((1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).abs().max() > 1 + 1e-9) == grows
 
 
@@ -254,10 +263,10 @@ def test_single_precision_is_off_by_no_more_than_is_said(matrices: Matrices, fre
     """1e-4 of the largest motion in a line; compared with double precision on the same rounded matrices."""
     single = [part.float() for part in matrices]
     force = some_lines(SETS, 51, 13).to(torch.complex64)
-    found = HarmonicBalance().steady_state(*single, frequency.float(), force)
-    assert found.dtype == torch.complex64
+    actual = HarmonicBalance().steady_state(*single, frequency.float(), force)
+    assert actual.dtype == torch.complex64
     exact = HarmonicBalance().steady_state(*(part.double() for part in single), frequency, force.to(torch.complex128))
-    error = relative(found.to(torch.complex128), exact)
+    error = relative(actual.to(torch.complex128), exact)
     assert 1e-7 < error < 1e-4
 
 

@@ -123,10 +123,10 @@ def test_periodic_solutions_have_exact_derivatives_of_both_orders(
             PeriodicTerm(1, first.stiffness * turns[0] / 5, first.damping * turns[1] / 5),
             PeriodicTerm(3, second.stiffness * turns[2] / 5, None),
         ]
-        found = periodic_steady_state(
+        lines = periodic_steady_state(
             solver, mass, damping * c, stiffness * k, 377.0, force * q, terms, tolerance=1e-12
         )
-        return torch.view_as_real(found) * 1e5
+        return torch.view_as_real(lines) * 1e5
 
     kinds = (((), torch.float64), ((), torch.float64), ((3,), torch.complex128), ((4, 13), torch.complex128))
     arguments = tuple(torch.ones(shape, dtype=dtype, requires_grad=True) for shape, dtype in kinds)
@@ -140,13 +140,13 @@ def test_each_of_a_batch_turns_at_its_own_speed_and_stops_by_itself(matrices: Ma
     speeds = torch.tensor([200.0, 377.0, 90.0], dtype=torch.float64)
     share = torch.tensor([0.1, 1.0, 0.0], dtype=torch.float64)[:, None, None]
     term = turning(pump)
-    own = PeriodicTerm(1, term.stiffness * share)
+    weaker = PeriodicTerm(1, term.stiffness * share)
     several = damping.expand(3, 13, 13), stiffness.expand(3, 13, 13)
     force = some_force(16).expand(3, 16, 13)
-    together = periodic_steady_state(HarmonicBalance(), mass, *several, speeds, force, [own])
+    together = periodic_steady_state(HarmonicBalance(), mass, *several, speeds, force, [weaker])
     for i in range(3):
         alone = periodic_steady_state(
-            HarmonicBalance(), mass, damping, stiffness, speeds[i], force[i], [PeriodicTerm(1, own.stiffness[i])]
+            HarmonicBalance(), mass, damping, stiffness, speeds[i], force[i], [PeriodicTerm(1, weaker.stiffness[i])]
         )
         assert torch.equal(together[i], alone)
 
@@ -165,7 +165,7 @@ def test_no_force_is_no_motion_and_orders_beyond_the_lines_do_nothing(matrices: 
 
 def test_what_a_gradient_keeps_does_not_grow_with_the_iterations(matrices: Matrices, pump: Pump) -> None:
     mass, damping, stiffness = (part.clone().requires_grad_() for part in quick_to_settle(matrices))
-    kept = []
+    changes = []
     for tolerance in (1e-2, 1e-12):
         sizes: list[int] = []
 
@@ -177,8 +177,8 @@ def test_what_a_gradient_keeps_does_not_grow_with_the_iterations(matrices: Matri
             periodic_steady_state(
                 HarmonicBalance(), mass, damping, stiffness, 377.0, some_force(16), [turning(pump)], tolerance=tolerance
             )
-        kept.append(sum(sizes))
-    assert kept[0] == kept[1] < 100_000
+        changes.append(sum(sizes))
+    assert changes[0] == changes[1] < 100_000
 
 
 def test_a_periodic_part_too_large_for_the_iteration_is_refused(matrices: Matrices) -> None:

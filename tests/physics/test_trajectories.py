@@ -72,10 +72,10 @@ def textbook(matrices: Matrices, force: Tensor, step: float, start: Tensor) -> n
     return np.array(loop)
 
 
-def relative(found: Tensor, expected: Tensor | np.ndarray) -> float:
+def relative(actual: Tensor, expected: Tensor | np.ndarray) -> float:
     """Largest difference in any coordinate, over the largest value that this coordinate takes."""
     other = torch.as_tensor(expected)
-    return float(((found - other).abs().amax(-2) / other.abs().amax(-2)).max())
+    return float(((actual - other).abs().amax(-2) / other.abs().amax(-2)).max())
 
 
 def test_a_recursion_is_the_loop_that_defines_it() -> None:
@@ -90,9 +90,9 @@ def test_a_recursion_is_the_loop_that_defines_it() -> None:
 def test_single_precision_marches_in_blocks_to_the_same_states(n_steps: int) -> None:
     phi, driven, start = 0.18 * random(2, 5, 5), random(3, 1, n_steps, 5, seed=1), random(5, seed=2)
     exact = linear_recursion(phi, driven, start)
-    found = linear_recursion(phi.float(), driven.float(), start.float())
-    assert (found.dtype, found.shape) == (torch.float32, (3, 2, n_steps + 1, 5))
-    assert float((found - exact).abs().max()) < 2e-6 * float(exact.abs().max())
+    actual = linear_recursion(phi.float(), driven.float(), start.float())
+    assert (actual.dtype, actual.shape) == (torch.float32, (3, 2, n_steps + 1, 5))
+    assert float((actual - exact).abs().max()) < 2e-6 * float(exact.abs().max())
 
 
 def test_a_batch_of_recursions_gives_the_bits_of_its_members() -> None:
@@ -304,28 +304,28 @@ def test_a_march_with_breaks_has_exact_gradients(pump: Pump, soft: Matrices) -> 
 def test_what_a_gradient_keeps_of_twenty_thousand_steps_is_states(matrices: Matrices) -> None:
     """One array of states (4.2 MB), and what leads to it: nothing of the size of the forces over time."""
     mass, damping, stiffness = (part.clone().requires_grad_() for part in matrices)
-    kept: dict[int, int] = {}
+    sizes: dict[int, int] = {}
 
     def note(tensor: Tensor) -> Tensor:
-        kept[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+        sizes[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
         return tensor
 
     with torch.autograd.graph.saved_tensors_hooks(note, lambda tensor: tensor):
         states = rk4_trajectory_of_lines(mass, damping, stiffness, FREQUENCY, LINES, 0.8e-6, 20_000)
-    assert sum(kept.values()) < 1.5 * states.untyped_storage().nbytes()
+    assert sum(sizes.values()) < 1.5 * states.untyped_storage().nbytes()
 
 
 def test_marches_in_single_precision_are_off_by_no_more_than_is_said(matrices: Matrices) -> None:
     single = [part.float() for part in matrices]
     lines = FREQUENCY.float(), LINES.to(torch.complex64)
-    found = rk4_trajectory_of_lines(*single, *lines, 0.8e-6, 20_000, random_start().float())
+    actual = rk4_trajectory_of_lines(*single, *lines, 0.8e-6, 20_000, random_start().float())
     exact = rk4_trajectory_of_lines(*matrices, FREQUENCY, LINES, 0.8e-6, 20_000, random_start())
-    assert found.dtype == torch.float32
-    assert 1e-6 < relative(found.double(), exact) < 1e-3
+    assert actual.dtype == torch.float32
+    assert 1e-6 < relative(actual.double(), exact) < 1e-3
     force = written_out(torch.arange(2001, dtype=torch.float64) * 2e-5)
-    held = first_order_hold_trajectory(*single, force.float(), 2e-5)
-    assert held.dtype == torch.float32
-    assert relative(held.double(), first_order_hold_trajectory(*matrices, force, 2e-5)) < 1e-3
+    states = first_order_hold_trajectory(*single, force.float(), 2e-5)
+    assert states.dtype == torch.float32
+    assert relative(states.double(), first_order_hold_trajectory(*matrices, force, 2e-5)) < 1e-3
 
 
 def test_marches_stay_on_the_device_of_their_inputs(matrices: Matrices) -> None:

@@ -159,12 +159,12 @@ def test_an_order_is_loudest_where_it_crosses_a_mode(run_up: Recording, order: i
 def test_between_the_modes_a_slow_run_up_is_steady_at_every_speed(pump: Pump, run_up: Recording) -> None:
     assert run_up.speed is not None
     frequency, amplitude = tracked(run_up, 28)
-    for place in (100.0, 500.0):
-        speed = 2 * math.pi * place / 28
+    for line in (100.0, 500.0):
+        speed = 2 * math.pi * line / 28
         twin = Twin(pump, OperatingCondition(speed=speed, discharge_pressure=MPa(15)), bandwidth=1000)
         level = np.abs(twin.acceleration().detach().numpy()[:, twin.orders == 28])[:, 0]
-        found = amplitude[:, np.abs(frequency - place).argmin()]
-        np.testing.assert_allclose(found[:2], level[:2], rtol=0.02)
+        height = amplitude[:, np.abs(frequency - line).argmin()]
+        np.testing.assert_allclose(height[:2], level[:2], rtol=0.02)
 
 
 def test_a_recording_of_a_profile_says_its_speed_and_its_mean_condition(run_up: Recording) -> None:
@@ -213,10 +213,10 @@ def test_forces_between_the_points_of_the_grid_are_nearly_those_solved_there(
     time = np.array([(between / at_15.speed - 1) / 0.2])
     here = OperatingCondition(speed=between, discharge_pressure=float(wide.pressure_at(time)[0]))
     narrow = OperatingProfile.steady(here, 1.0)
-    found = operating_grid(twin, wide, wide.shaft(), [time]).lines_at(between, here.discharge_pressure)
+    lines = operating_grid(twin, wide, wide.shaft(), [time]).lines_at(between, here.discharge_pressure)
     solved = operating_grid(twin.at(here), narrow, narrow.shaft(), [time]).lines_at(between, here.discharge_pressure)
     n = len(solved) * 9 // 10  # the wide grid leaves out the orders that would leave the band before its next point
-    assert np.linalg.norm(found[1:n] - solved[1:n]) < 1e-3 * np.linalg.norm(solved[1:n])
+    assert np.linalg.norm(lines[1:n] - solved[1:n]) < 1e-3 * np.linalg.norm(solved[1:n])
 
 
 def test_no_order_of_a_changing_speed_exceeds_the_bandwidth(pump: Pump) -> None:

@@ -74,8 +74,8 @@ def test_levels_are_those_of_the_reference_model(
 def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_reference(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    found = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), found, bandwidth=WIDE)
+    interfaces = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), interfaces, bandwidth=WIDE)
     np.testing.assert_allclose(rms(lines_of(twin)), (10.84, 3.47, 4.77), rtol=0.01)
 
 
@@ -145,8 +145,8 @@ def test_rk4_in_steady_state_is_harmonic_balance(pump: Pump, at_15: OperatingCon
 
 def test_an_rk4_run_stays_on_the_steady_state(pump: Pump, at_15: OperatingCondition) -> None:
     """A march of the textbook recursion, started on the steady state of a pressure-loaded pump, does not leave it."""
-    found = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
-    twin = Twin(pump, at_15, None, found, bandwidth=1000)
+    interfaces = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
+    twin = Twin(pump, at_15, None, interfaces, bandwidth=1000)
     structure, values = twin.structure, twin.values
     mass, damping, stiffness = structure.mass, structure.damping(values), structure.stiffness(values)
     orders = twin.orders

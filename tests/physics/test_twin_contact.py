@@ -47,8 +47,8 @@ def test_the_slippers_carry_as_much_over_a_recess(
 ) -> None:
     recess = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(depth))
     healthy = Twin(pump, at_15).contact_check().hold_down
-    carried = Twin(pump, at_15, recess, contact=contact).slipper_forces().sum(axis=0).mean()
-    assert carried == pytest.approx(healthy, rel=0.01)
+    load = Twin(pump, at_15, recess, contact=contact).slipper_forces().sum(axis=0).mean()
+    assert load == pytest.approx(healthy, rel=0.01)
 
 
 def test_a_linear_twin_says_where_it_pulls_at_its_slippers(pump: Pump, at_15: OperatingCondition) -> None:
@@ -82,9 +82,9 @@ def test_gradients_pass_through_slippers_that_lift_or_differ(
 
 def test_a_healthy_pump_has_the_gradients_of_the_linear_twin(pump: Pump, at_15: OperatingCondition) -> None:
     twin, slopes = Twin(pump, at_15, bandwidth=1000), []
-    for one in (twin, replace(twin, contact=LIFTING)):
-        values = one.values.requires_grad_()
-        (slope,) = torch.autograd.grad(one.acceleration(values).abs().square().sum(), values)
+    for candidate in (twin, replace(twin, contact=LIFTING)):
+        values = candidate.values.requires_grad_()
+        (slope,) = torch.autograd.grad(candidate.acceleration(values).abs().square().sum(), values)
         slopes.append(slope * values.detach())
     torch.testing.assert_close(slopes[1], slopes[0], rtol=2e-3, atol=2e-4 * float(slopes[0].abs().max()))
 
@@ -111,8 +111,8 @@ def test_twins_with_lifting_slippers_stand_in_a_batch_beside_linear_ones(
     ]
     together = accelerations(twins)
     for row, twin in zip(together.lines, twins, strict=True):
-        own = row[:, torch.as_tensor(np.searchsorted(together.orders, twin.orders))]
-        torch.testing.assert_close(own, twin.acceleration(), rtol=1e-12, atol=1e-12)
+        lines = row[:, torch.as_tensor(np.searchsorted(together.orders, twin.orders))]
+        torch.testing.assert_close(lines, twin.acceleration(), rtol=1e-12, atol=1e-12)
 
 
 def test_a_profile_is_read_with_the_gains_of_the_path_and_refuses_its_modes(
@@ -120,7 +120,7 @@ def test_a_profile_is_read_with_the_gains_of_the_path_and_refuses_its_modes(
 ) -> None:
     profile, twin = OperatingProfile.steady(at_15, 0.3), Twin(pump, at_15, bandwidth=1000)
     louder = replace(twin, path=SensorPath((2.0, 1.0, 0.5)))
-    signals = [simulate_profile(one, profile, 6400.0).signal for one in (twin, louder)]
+    signals = [simulate_profile(candidate, profile, 6400.0).signal for candidate in (twin, louder)]
     np.testing.assert_allclose(signals[1], signals[0] * np.array([[2.0], [1.0], [0.5]]), rtol=1e-9)
     bent = replace(twin, path=SensorPath((1.0,) * 3, (1000.0,), (0.03,), ((0.1,),) * 3))
     with pytest.raises(InputError, match="known for steady lines only"):
@@ -135,7 +135,7 @@ def test_slippers_that_lift_off_are_marched_by_no_other_solver(pump: Pump, at_15
 def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15, RECESS)
     path = SensorPath((2.0, 1.0, 1.0), (1204.0,), (0.03,), ((0.0,), (0.1,), (0.0,)))
-    bent, rigid = (one.acceleration().abs().numpy() for one in (replace(twin, path=path), twin))
+    bent, rigid = (candidate.acceleration().abs().numpy() for candidate in (replace(twin, path=path), twin))
     np.testing.assert_allclose(bent[0], 2 * rigid[0])
     np.testing.assert_allclose(bent[2], rigid[2])
     near = int(np.argmin(np.abs(twin.orders * at_15.shaft_frequency - 1204)))

@@ -23,11 +23,11 @@ def with_damping(twin: Twin, damping: float) -> Twin:
 def test_the_papers_values_of_c_sw_are_films_of_7_5_and_10_um(
     pump: Pump, at_15: OperatingCondition, damping: float, film: float, stiffness: float
 ) -> None:
-    found = film_of(with_damping(Twin(pump, at_15), damping))
-    assert found.thickness == pytest.approx(um(film), rel=5e-3)
-    assert found.damping == damping
-    assert found.stiffness == pytest.approx(stiffness, rel=0.02)
-    assert found.lift_ratio == pytest.approx(1.05, abs=0.01)
+    estimate = film_of(with_damping(Twin(pump, at_15), damping))
+    assert estimate.thickness == pytest.approx(um(film), rel=5e-3)
+    assert estimate.damping == damping
+    assert estimate.stiffness == pytest.approx(stiffness, rel=0.02)
+    assert estimate.lift_ratio == pytest.approx(1.05, abs=0.01)
 
 
 @given(film=st.floats(5, 50), temperature=st.floats(20, 80), pressure=st.floats(1, 35))
@@ -36,9 +36,9 @@ def test_the_film_of_a_twin_is_the_one_it_was_given(
 ) -> None:
     condition = AT_15.replaced(discharge_pressure=MPa(pressure), oil_temperature=celsius(temperature))
     twin = with_film(Twin(pump, condition), um(film))
-    found = film_of(twin)
-    assert found.thickness == pytest.approx(um(film), rel=1e-9)
-    assert (found.damping, found.stiffness) == pytest.approx(twin.values[:2].tolist(), rel=1e-8)
+    estimate = film_of(twin)
+    assert estimate.thickness == pytest.approx(um(film), rel=1e-9)
+    assert (estimate.damping, estimate.stiffness) == pytest.approx(twin.values[:2].tolist(), rel=1e-8)
     assert twin.values[2:].tolist() == list(pump.interfaces.values())[2:]
 
 
@@ -96,12 +96,12 @@ def test_a_pump_with_more_pressure_in_its_case_than_at_its_outlet_has_no_film(
 def test_values_carried_over_and_back_are_what_they_were(
     pump: Pump, temperature: float, pressure: float, factors: list[float]
 ) -> None:
-    found = Interfaces.from_values(np.array(pump.interfaces.values()) * factors)
+    interfaces = Interfaces.from_values(np.array(pump.interfaces.values()) * factors)
     away = AT_15.replaced(oil_temperature=celsius(temperature), discharge_pressure=MPa(pressure), speed=rpm(1500))
-    there = carry_over(Twin(pump, AT_15, interfaces=found), away, bore_exponent=0.5)
+    there = carry_over(Twin(pump, AT_15, interfaces=interfaces), away, bore_exponent=0.5)
     assert there.condition == away
     back = carry_over(there, AT_15, bore_exponent=0.5)
-    assert back.values.tolist() == pytest.approx(list(found.values()), rel=1e-12)
+    assert back.values.tolist() == pytest.approx(list(interfaces.values()), rel=1e-12)
 
 
 def test_a_film_that_is_carried_over_keeps_its_thickness_and_its_law(pump: Pump, at_15: OperatingCondition) -> None:
@@ -129,8 +129,8 @@ def test_a_healthy_cover_shakes_more_with_warm_films_than_the_leakage_alone_woul
 
     twin = Twin(pump, at_15)
     conditions = [at_15.replaced(oil_temperature=celsius(warmth)) for warmth in (30, 60)]
-    assert [level(carry_over(twin, one)) for one in conditions] == pytest.approx([1.18, 1.70], rel=0.01)
-    assert [level(twin.at(one)) for one in conditions] == pytest.approx([1.42, 1.39], rel=0.01)
+    assert [level(carry_over(twin, condition)) for condition in conditions] == pytest.approx([1.18, 1.70], rel=0.01)
+    assert [level(twin.at(condition)) for condition in conditions] == pytest.approx([1.42, 1.39], rel=0.01)
 
 
 def test_pressure_stiffens_the_films_and_leaves_their_damping(pump: Pump, at_15: OperatingCondition) -> None:
@@ -171,8 +171,8 @@ def test_a_spectrum_has_exact_gradients_with_respect_to_a_thickness(pump: Pump, 
 def test_film_values_stay_on_the_device_and_in_the_precision_of_the_thickness(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    for one in film_values(pump, at_15, torch.empty(3, device="meta", dtype=torch.float32)):
-        assert (one.device.type, one.dtype, one.shape) == ("meta", torch.float32, (3,))
+    for value in film_values(pump, at_15, torch.empty(3, device="meta", dtype=torch.float32)):
+        assert (value.device.type, value.dtype, value.shape) == ("meta", torch.float32, (3,))
     thickness = torch.linspace(um(5), um(50), 20, dtype=torch.float64)
     exact, single = (torch.stack(film_values(pump, at_15, films)) for films in (thickness, thickness.float()))
     torch.testing.assert_close(single.double(), exact, rtol=1e-5, atol=0.0)

@@ -129,17 +129,17 @@ def test_an_impossible_dimension_is_refused(fault: Any, changes: dict[str, Any],
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "known"),
+    ("name", "value", "choices"),
     [
         ("entry", "center", "centre, edge"),
         ("edge", "sine", "half_sine, raised_cosine"),
         ("contact", "none", "shared, literal, physical"),
     ],
 )
-def test_a_choice_that_is_none_is_refused_with_those_there_are(name: str, value: str, known: str) -> None:
+def test_a_choice_that_is_none_is_refused_with_those_there_are(name: str, value: str, choices: str) -> None:
     misspelled = copy(PAPERS)
     object.__setattr__(misspelled, name, value)  # the tests' type checker would refuse the constructor's argument
-    with pytest.raises(InputError, match=rf"SwashPlateDefect.{name} \('{value}'\) must be one of {known}"):
+    with pytest.raises(InputError, match=rf"SwashPlateDefect.{name} \('{value}'\) must be one of {choices}"):
         misspelled.__post_init__()
 
 

@@ -50,7 +50,8 @@ def tables_of(pump: Pump) -> dict[str, Any]:
 
     def entry(value: Any, unit: str) -> dict[str, Any]:
         texts = [
-            f"{one!r} {unit}" if unit != "1" else repr(one) for one in (value if type(value) is tuple else [value])
+            f"{number!r} {unit}" if unit != "1" else repr(number)
+            for number in (value if type(value) is tuple else [value])
         ]
         return {"value": texts if type(value) is tuple else texts[0], "source": "test"}
 
@@ -60,8 +61,8 @@ def tables_of(pump: Pump) -> dict[str, Any]:
     tables = {"format": 1, "name": pump.name} | {key: section(getattr(pump, key)) for key in SECTIONS}
     tables["interfaces"] = {item.name: section(getattr(pump.interfaces, item.name)) for item in fields(Interfaces)}
     tables["sensors"] = [
-        {"name": one.name, "position": entry(one.position, "m"), "direction": list(one.direction)}
-        for one in pump.sensors
+        {"name": sensor.name, "position": entry(sensor.position, "m"), "direction": list(sensor.direction)}
+        for sensor in pump.sensors
     ]
     return tables
 
@@ -72,8 +73,8 @@ def numbers_of(part: Any, path: str = "") -> Iterator[tuple[str, float]]:
         for item in fields(part):
             yield from numbers_of(getattr(part, item.name), f"{path}.{item.name}")
     elif isinstance(part, tuple):
-        for i, one in enumerate(part):
-            yield from numbers_of(one, f"{path}[{i}]")
+        for i, part_item in enumerate(part):
+            yield from numbers_of(part_item, f"{path}[{i}]")
     elif isinstance(part, float | int):
         yield path, part
 
@@ -109,10 +110,12 @@ def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path,
 
     def varied(part: Any) -> Any:
         if is_dataclass(part) and not isinstance(part, type):
-            kept = ("name", "sources", "piston_count", "direction")
-            return replace(part, **{x.name: varied(getattr(part, x.name)) for x in fields(part) if x.name not in kept})
+            constants = ("name", "sources", "piston_count", "direction")
+            return replace(
+                part, **{x.name: varied(getattr(part, x.name)) for x in fields(part) if x.name not in constants}
+            )
         if isinstance(part, tuple):
-            return tuple(varied(one) for one in part)
+            return tuple(varied(item) for item in part)
         return part * next(supply) if isinstance(part, float) else part
 
     written = varied(pump)

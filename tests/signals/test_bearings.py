@@ -15,22 +15,22 @@ RATE, BANDS = 12000.0, ((50.0, 5900.0), (2000.0, 4500.0))
 def struck(order: float, shaft: float, *, seed: int = 0, duration: float = 4.0) -> np.ndarray:
     """Noise and a resonance at 3 kHz that rings `order` times a turn, with a little sliding."""
     random = np.random.default_rng(seed)
-    readings = round(duration * RATE)
+    n_samples = round(duration * RATE)
     steps = (1 + 0.004 * random.normal(size=round(order * shaft * duration) + 20)) / (order * shaft)
     at = np.round(np.cumsum(steps) * RATE).astype(int)
-    train = np.zeros(readings)
-    train[at[at < readings]] = 1.0
+    train = np.zeros(n_samples)
+    train[at[at < n_samples]] = 1.0
     ring = np.exp(-np.arange(60) / 15) * np.sin(2 * math.pi * 3000 * np.arange(60) / RATE)
-    return np.convolve(train, ring)[:readings] + 0.15 * random.normal(size=readings)
+    return np.convolve(train, ring)[:n_samples] + 0.15 * random.normal(size=n_samples)
 
 
 @pytest.mark.parametrize("bearing", BEARINGS)
 @pytest.mark.parametrize("seat", SEATS)
 def test_the_seat_of_a_flaw_stands_out_of_the_envelope_on_either_bearing(bearing: str, seat: str) -> None:
     orders, shaft = BEARINGS[bearing], 29.5
-    found = defect_prominences(struck(getattr(orders, seat), shaft), RATE, shaft, orders, BANDS)
-    assert found.shape == (2, 3, 2)
-    lines = found.mean(axis=0)[:, 0]
+    prominences = defect_prominences(struck(getattr(orders, seat), shaft), RATE, shaft, orders, BANDS)
+    assert prominences.shape == (2, 3, 2)
+    lines = prominences.mean(axis=0)[:, 0]
     assert SEATS[int(lines.argmax())] == seat
     assert lines.max() > np.sort(lines)[1] + 2
 

@@ -20,27 +20,27 @@ def fleet(levels: list[float], **facts: object) -> list[Recording]:
 
 
 def trend(recordings: list[Recording], **options: object):  # type: ignore[no-untyped-def]
-    table = stacked([indicators_of(one, families=("statistics",)) for one in recordings])
+    table = stacked([indicators_of(recording, families=("statistics",)) for recording in recordings])
     return trend_of(table, "rms", **options)  # type: ignore[arg-type]
 
 
 def test_a_louder_machine_is_flagged_against_its_own_baseline() -> None:
     worn = [pump(1.5, "worn", 7, label="piston"), pump(1.01, "fine", 8, label="piston"), pump(0.5, "quiet", 9)]
-    found = trend([*fleet(HEALTHY), *worn])
-    assert {point.row.recording_id: point.status for point in found.points if not point.healthy} == {
+    result = trend([*fleet(HEALTHY), *worn])
+    assert {point.row.recording_id: point.status for point in result.points if not point.healthy} == {
         "worn": "above",
         "fine": "within",
         "quiet": "below",
     }
-    assert [point.count for point in found.points if point.healthy] == [5] * 6
-    assert [point.row.recording_id for point in found.flagged] == ["quiet", "worn"]
-    assert found.to_dict()["flagged"] == ["quiet", "worn"]
+    assert [point.count for point in result.points if point.healthy] == [5] * 6
+    assert [point.row.recording_id for point in result.flagged] == ["quiet", "worn"]
+    assert result.to_dict()["flagged"] == ["quiet", "worn"]
 
 
 def test_a_healthy_recording_is_not_in_its_own_baseline() -> None:
-    found = trend(fleet([*HEALTHY, 3.0]))
-    assert found.points[-1].status == "above"
-    assert found.points[-1].median < 1.05
+    result = trend(fleet([*HEALTHY, 3.0]))
+    assert result.points[-1].status == "above"
+    assert result.points[-1].median < 1.05
 
 
 def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
@@ -51,8 +51,8 @@ def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
         pump(1.0, "other speed", 7, condition=OperatingCondition(rpm(950), MPa(15))),
         pump(1.0, "almost that speed", 8, condition=OperatingCondition(rpm(905), MPa(15))),
     ]
-    found = trend([*healthy, *others])
-    assert {point.row.recording_id for point in found.points if point.status == "no baseline"} == {
+    result = trend([*healthy, *others])
+    assert {point.row.recording_id for point in result.points if point.status == "no baseline"} == {
         "other machine",
         "other pressure",
         "other speed",
@@ -60,7 +60,7 @@ def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
 
 
 def test_a_trend_goes_by_date_or_by_name() -> None:
-    dated = [replace(one, attributes={"date": f"2024-01-0{9 - i}"}) for i, one in enumerate(fleet(HEALTHY))]
+    dated = [replace(recording, attributes={"date": f"2024-01-0{9 - i}"}) for i, recording in enumerate(fleet(HEALTHY))]
     assert [point.row.recording_id for point in trend(dated, by="time").points] == [
         f"run{i}" for i in (5, 4, 3, 2, 1, 0)
     ]
@@ -76,8 +76,8 @@ def test_what_has_no_trend_is_said() -> None:
         trend(fleet([1.0]), k=0.0)
     with pytest.raises(InputError, match="no channel 'x'; there are cover, body"):
         trend(fleet([1.0]), channel="x")
-    found = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
-    assert all(point.healthy for point in found.points)
+    result = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
+    assert all(point.healthy for point in result.points)
 
 
 def phases(healthy: Sequence[float], last: float) -> str:
@@ -85,10 +85,10 @@ def phases(healthy: Sequence[float], last: float) -> str:
     rows = [Row(f"r{i}", "cover", "normal") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
     values = np.radians([*healthy, last])[:, None]
     table = IndicatorTable(tuple(rows), (Indicator("order_phase 7x", "rad", "phase"),), values)
-    found = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}
-    assert all(one.status == "within" for name, one in found.items() if name != "last")
-    assert abs(found["last"].value - found["last"].median) <= np.pi
-    return found["last"].status
+    points = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}
+    assert all(point.status == "within" for name, point in points.items() if name != "last")
+    assert abs(points["last"].value - points["last"].median) <= np.pi
+    return points["last"].status
 
 
 @pytest.mark.parametrize("turned", [0.0, 90.0, 180.0, -135.0])
@@ -96,7 +96,7 @@ def test_phases_are_compared_around_the_circle(turned: float) -> None:
     def wrapped(degrees: float) -> float:
         return (degrees + turned + 180) % 360 - 180
 
-    healthy = [wrapped(one) for one in (-3.0, -2.0, -1.0, 0.5, 1.5, 2.5, 3.0)]
+    healthy = [wrapped(phase) for phase in (-3.0, -2.0, -1.0, 0.5, 1.5, 2.5, 3.0)]
     assert phases(healthy, wrapped(2.0)) == "within"
     assert phases(healthy, wrapped(60.0)) == "above"
     assert phases(healthy, wrapped(-60.0)) == "below"

@@ -88,11 +88,11 @@ def test_a_band_that_cannot_be_is_refused() -> None:
 def test_synchronous_lines_have_the_amplitude_and_phase_they_were_made_with(absolute: bool) -> None:
     angle = ShaftAngle(2 * np.pi * (12 * TIME + 0.4 * TIME**2), RATE, 0.0, 1.0, absolute, "truth")
     rows = [2 * np.cos(7 * angle.angle + 0.4), 3 * np.cos(7 * angle.angle - 0.8) + 5]
-    found = synchronous_lines(np.stack(rows), angle, np.array([1, 7]))
-    assert found.amplitude[:, 1] == pytest.approx([2, 3], rel=1e-4)
-    assert found.amplitude[:, 0] == pytest.approx([0, 0], abs=1e-3)
-    assert found.phase[:, 1] == pytest.approx([0.4, -0.8] if absolute else [0, -1.2], abs=1e-3)
-    assert found.reference == ("tachometer" if absolute else "first channel")
+    lines = synchronous_lines(np.stack(rows), angle, np.array([1, 7]))
+    assert lines.amplitude[:, 1] == pytest.approx([2, 3], rel=1e-4)
+    assert lines.amplitude[:, 0] == pytest.approx([0, 0], abs=1e-3)
+    assert lines.phase[:, 1] == pytest.approx([0.4, -0.8] if absolute else [0, -1.2], abs=1e-3)
+    assert lines.reference == ("tachometer" if absolute else "first channel")
 
 
 def test_a_phase_against_the_tachometer_survives_another_start() -> None:
@@ -113,8 +113,8 @@ def test_the_deviation_of_a_line_is_that_of_noise() -> None:
                           np.array([7]))
         for seed in range(40)
     ]  # fmt: skip
-    scatter = np.std([one.amplitude[0, 0] for one in lines])
-    stated = np.sqrt(np.mean([one.deviation[0, 0] ** 2 for one in lines]))
+    scatter = np.std([result.amplitude[0, 0] for result in lines])
+    stated = np.sqrt(np.mean([result.deviation[0, 0] ** 2 for result in lines]))
     assert stated == pytest.approx(scatter, rel=0.35)
 
 
@@ -131,9 +131,9 @@ def test_too_few_turns_for_lines_are_refused() -> None:
 def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
     scores = []
     for seed in range(4):
-        found = kurtogram(np.random.default_rng(seed).standard_normal(40000), RATE)
-        inner = (found.low > 0) & (found.high < RATE / 2)
-        scores.append((found.kurtosis / found.deviation)[inner])
+        result = kurtogram(np.random.default_rng(seed).standard_normal(40000), RATE)
+        inner = (result.low > 0) & (result.high < RATE / 2)
+        scores.append((result.kurtosis / result.deviation)[inner])
     scores = np.concatenate(scores)
     assert abs(scores.mean()) < 0.25
     assert 0.8 < scores.std() < 1.5
@@ -150,32 +150,32 @@ def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_a
 
 @pytest.mark.parametrize("ring", [1200.0, 3000.0, 4300.0])
 def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
-    found = kurtogram(bursts(ring=ring), RATE)
-    low, high = found.band
+    result = kurtogram(bursts(ring=ring), RATE)
+    low, high = result.band
     assert low - 200 < ring < high + 200
     assert high - low < 2000
-    assert found.impulsive
+    assert result.impulsive
     assert not kurtogram(np.random.default_rng(3).standard_normal(40000), RATE).impulsive
 
 
 def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
-    found = kurtogram(bursts(), RATE, least_bandwidth=600.0)
-    assert (found.high - found.low).min() == pytest.approx(625)
+    result = kurtogram(bursts(), RATE, least_bandwidth=600.0)
+    assert (result.high - result.low).min() == pytest.approx(625)
     with pytest.raises(InputError, match="kurtogram"):
         kurtogram(np.ones(1000), RATE)
 
 
 def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:
-    found = envelope_spectrum(bursts(noise=0.1)[None], RATE)
-    low = found.frequency < 300
-    assert found.frequency[low][found.amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
+    spectrum = envelope_spectrum(bursts(noise=0.1)[None], RATE)
+    low = spectrum.frequency < 300
+    assert spectrum.frequency[low][spectrum.amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
 
 
 def test_the_envelope_of_a_modulated_carrier_reads_its_modulation() -> None:
     carrier = 2.0 * (1 + 0.3 * np.cos(2 * np.pi * 25 * TIME)) * np.sin(2 * np.pi * 2000 * TIME)
-    found = envelope_spectrum(carrier[None], RATE, (1500, 2500))
-    assert found.amplitude[0, 100] == pytest.approx(0.6, rel=0.01)
-    assert found.frequency[100] == 25
+    spectrum = envelope_spectrum(carrier[None], RATE, (1500, 2500))
+    assert spectrum.amplitude[0, 100] == pytest.approx(0.6, rel=0.01)
+    assert spectrum.frequency[100] == 25
 
 
 def test_an_echo_stands_in_the_cepstrum_at_its_delay() -> None:
@@ -216,7 +216,7 @@ def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
     assert table.column("skewness")[1] == pytest.approx(scipy.stats.skew(row, axis=1))
     for order, amplitude in ((1, 0.3), (7, 1.0), (14, 0.4)):
         assert table.column(f"order_amplitude {order}x")[1] == pytest.approx([amplitude] * 2, rel=0.02)
-    assert [one.unit for one in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
+    assert [indicator.unit for indicator in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
     assert np.isnan(table.column("band_rms 5000-10000 Hz")[1]).all()
 
 
@@ -235,9 +235,9 @@ def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
 
 def test_every_column_has_a_unit_its_values_and_a_meaning() -> None:
     table = indicators_of(pump(), pistons=7, angle=stated_angle(pump()))
-    assert {one.unit for one in table.columns} == {"m/s^2", "m/s", "rad", "Hz", ""}
-    assert all(one.meaning for one in table.columns)
-    assert len({one.name for one in table.columns}) == len(table.columns)
+    assert {indicator.unit for indicator in table.columns} == {"m/s^2", "m/s", "rad", "Hz", ""}
+    assert all(indicator.meaning for indicator in table.columns)
+    assert len({indicator.name for indicator in table.columns}) == len(table.columns)
     header, *rows = csv.reader(table.csv.splitlines())
     assert len(rows) == 2
     assert float(rows[0][header.index("rms [m/s^2]")]) == table.column("rms")[1][0]
@@ -247,7 +247,7 @@ def test_every_column_has_a_unit_its_values_and_a_meaning() -> None:
 
 def test_a_recording_in_an_unknown_unit_has_no_velocity() -> None:
     table = indicators_of(replace(pump(), unit="V"))
-    assert "velocity_rms" not in [one.name for one in table.columns]
+    assert "velocity_rms" not in [indicator.name for indicator in table.columns]
     both = stacked([table, indicators_of(pump())])
     assert len(both.rows) == 4
     assert np.isnan(both.column("velocity_rms")[1][:2]).all()
@@ -277,13 +277,13 @@ def test_what_no_table_can_be_made_of_is_said() -> None:
     assert set(FAMILIES) == {"statistics", "velocity", "bands", "orders", "envelope", "cepstrum"}
 
 
-@pytest.mark.parametrize(("kind", "place"), [("amplitude", 105.0), ("order", 7.0)])
-def test_the_piston_line_stands_where_the_mark_is(kind: str, place: float) -> None:
-    found = spectrum_of(pump(), kind, pistons=7)  # type: ignore[arg-type]
-    assert found.place[found.amplitude[0].argmax()] == pytest.approx(place, rel=0.002)
-    assert found.amplitude[0].max() == pytest.approx(1, rel=0.05)
-    assert [mark.name for mark in found.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
-    assert found.marks[2].at == pytest.approx(place)
+@pytest.mark.parametrize(("kind", "position"), [("amplitude", 105.0), ("order", 7.0)])
+def test_the_piston_line_stands_where_the_mark_is(kind: str, position: float) -> None:
+    spectrum = spectrum_of(pump(), kind, pistons=7)  # type: ignore[arg-type]
+    assert spectrum.position[spectrum.amplitude[0].argmax()] == pytest.approx(position, rel=0.002)
+    assert spectrum.amplitude[0].max() == pytest.approx(1, rel=0.05)
+    assert [mark.name for mark in spectrum.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
+    assert spectrum.marks[2].at == pytest.approx(position)
 
 
 def test_marks_of_a_cepstrum_are_periods_and_an_envelope_tells_its_band() -> None:

@@ -46,9 +46,9 @@ def tacho(angle: np.ndarray, pulses: int = 1, *, width: float = 0.4) -> Recordin
     return Recording(np.stack([np.zeros(len(angle)), level]), RATE, "run", ("a", "tacho"))
 
 
-def wandering(found: ShaftAngle, true: np.ndarray) -> float:
+def wandering(angle: ShaftAngle, true: np.ndarray) -> float:
     """Largest difference [degrees] from the true angle, a constant apart, one revolution away from either end."""
-    error = found.angle - true
+    error = angle.angle - true
     inside = slice(int(RATE / 10), -int(RATE / 10))
     return float(np.degrees(np.abs(error[inside] - np.median(error[inside])).max()))
 
@@ -56,26 +56,26 @@ def wandering(found: ShaftAngle, true: np.ndarray) -> float:
 @pytest.mark.parametrize(("pulses", "limit"), [(1, 1.0), (8, 0.6), (60, 0.6)])
 def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
     true = shaft_speed(swing=0.005)
-    found = tachometer_speed(tacho(true, pulses), "tacho", pulses)
-    assert wandering(found, true) < limit  # one reading is 0.65 degrees at 18 Hz
-    assert found.absolute == (pulses == 1)
-    assert found.mean_speed == pytest.approx(2 * np.pi * 15, rel=1e-3)
-    assert 0 < math.degrees(found.deviation) < 1
+    angle = tachometer_speed(tacho(true, pulses), "tacho", pulses)
+    assert wandering(angle, true) < limit  # one sample is 0.65 degrees at 18 Hz
+    assert angle.absolute == (pulses == 1)
+    assert angle.mean_speed == pytest.approx(2 * np.pi * 15, rel=1e-3)
+    assert 0 < math.degrees(angle.deviation) < 1
 
 
 def test_angle_zero_is_the_first_pulse_of_a_tachometer() -> None:
     true = shaft_speed(start=15, end=15)
-    found = tachometer_speed(tacho(true), "tacho")
+    angle = tachometer_speed(tacho(true), "tacho")
     first = np.flatnonzero(np.diff(tacho(true).signal[1]) > 1)[0] + 0.5
-    assert np.degrees(np.interp(first, np.arange(len(true)), found.angle)) == pytest.approx(0, abs=0.01)
+    assert np.degrees(np.interp(first, np.arange(len(true)), angle.angle)) == pytest.approx(0, abs=0.01)
 
 
 def test_a_noisy_pulse_is_counted_once() -> None:
     true = shaft_speed()
     quiet = tacho(true)
     noise = 0.3 * np.random.default_rng(0).standard_normal(quiet.signal.shape)
-    found = tachometer_speed(replace(quiet, signal=quiet.signal + noise), "tacho")
-    assert wandering(found, true) < 1.5
+    angle = tachometer_speed(replace(quiet, signal=quiet.signal + noise), "tacho")
+    assert wandering(angle, true) < 1.5
 
 
 def test_a_missed_pulse_is_refused_with_its_time() -> None:
@@ -98,15 +98,15 @@ def test_a_channel_without_pulses_is_no_tachometer() -> None:
 @pytest.mark.parametrize("swing", [0.0, 0.005, 0.02])
 def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
     true = shaft_speed(start=14.2, end=14.4, swing=swing)
-    found = tracked_speed(turning(true, noise=0.3), order=7, near=rpm(860))
-    assert wandering(found, true) < 1.5
-    assert found.quality == 1.0
+    angle = tracked_speed(turning(true, noise=0.3), order=7, near=rpm(860))
+    assert wandering(angle, true) < 1.5
+    assert angle.quality == 1.0
 
 
 def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
     true = shaft_speed(start=12, end=18)
-    found = tracked_speed(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
-    assert wandering(found, true) < 1.5
+    angle = tracked_speed(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
+    assert wandering(angle, true) < 1.5
 
 
 def test_the_stated_error_is_the_error_that_noise_makes() -> None:
@@ -114,10 +114,10 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     inside = slice(1000, -1000)
     errors, stated = [], []
     for seed in range(6):
-        found = tracked_speed(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
-        error = (found.angle - true)[inside]
+        angle = tracked_speed(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
+        error = (angle.angle - true)[inside]
         errors.append((error - error.mean()).std())
-        stated.append(found.deviation)
+        stated.append(angle.deviation)
     assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
 
 
@@ -197,7 +197,7 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     angle = tracked_speed(recording, order=7)
     turned = resampled_by_angle(recording, angle, 512)
     assert turned.attributes["domain"] == "angle"
-    assert turned.attributes["readings_per_turn"] == "512"
+    assert turned.attributes["samples_per_turn"] == "512"
     assert turned.condition == condition
     assert turned.speed is not None
     true_speed = 2 * np.pi * np.linspace(14, 14.6, len(turned.speed))
@@ -245,7 +245,7 @@ def rig() -> list[Recording]:
     size = RigSize(specimens=2, repeats=2)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-        return [one for one, _ in rig_recordings(2, size, labels=("normal",))]
+        return [recording for recording, _ in rig_recordings(2, size, labels=("normal",))]
 
 
 def concentration(recording: Recording, orders: np.ndarray) -> float:
@@ -269,8 +269,8 @@ def test_order_lines_of_the_rig_sharpen_along_the_tracked_angle(rig: list[Record
 
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
     recording = turning(shaft_speed(start=14.0, end=14.6), noise=0.1)
-    found = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
-    assert found.source == "the line at order 7"
+    angles = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
+    assert angles.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
         tracked_speed(recording, order=(700, 400), near=rpm(860))
 

@@ -97,38 +97,40 @@ def test_averaging_over_segments_keeps_the_amplitude_and_calms_the_noise() -> No
     [([7, 14, 21], 16), ([1, 2, 3, 7, 14, 21, 50], 16), (range(1, 60), 16), (range(1, 60), 33.3), (range(1, 60), 100)],
 )
 def test_every_line_of_a_steady_shaft_reads_its_amplitude(orders: list[int], revolutions: float) -> None:
-    asked = np.array(orders)
-    amplitudes = np.random.default_rng(1).uniform(0.5, 2, len(asked))
-    found = order_spectrum(turning(asked, amplitudes, revolutions + 0.1), RATE, SHAFT, asked)
-    np.testing.assert_allclose(found.amplitude[0], amplitudes, rtol=0.02)
-    np.testing.assert_allclose(found.frequency, asked * SHAFT)
-    np.testing.assert_array_equal(found.orders, asked)
+    order = np.array(orders)
+    amplitudes = np.random.default_rng(1).uniform(0.5, 2, len(order))
+    spectrum = order_spectrum(turning(order, amplitudes, revolutions + 0.1), RATE, SHAFT, order)
+    np.testing.assert_allclose(spectrum.amplitude[0], amplitudes, rtol=0.02)
+    np.testing.assert_allclose(spectrum.frequency, order * SHAFT)
+    np.testing.assert_array_equal(spectrum.orders, order)
 
 
 @pytest.mark.parametrize("orders", [[7, 14, 21, 28], range(1, 40)])
 @pytest.mark.parametrize("revolutions", [64, 150])
 def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(orders: list[int], revolutions: float) -> None:
-    asked = np.array(orders)
-    amplitudes = np.random.default_rng(2).uniform(0.5, 2, len(asked))
-    signal = turning(asked, amplitudes, revolutions, jitter=0.005)
-    found = order_spectrum(signal, RATE, SHAFT, asked)
-    np.testing.assert_allclose(found.amplitude[0], amplitudes, rtol=0.03)
+    order = np.array(orders)
+    amplitudes = np.random.default_rng(2).uniform(0.5, 2, len(order))
+    signal = turning(order, amplitudes, revolutions, jitter=0.005)
+    spectrum = order_spectrum(signal, RATE, SHAFT, order)
+    np.testing.assert_allclose(spectrum.amplitude[0], amplitudes, rtol=0.03)
     plain = amplitude_spectrum(signal, RATE)
-    highest = np.argmin(np.abs(plain[0] - asked[-1] * SHAFT))
+    highest = np.argmin(np.abs(plain[0] - order[-1] * SHAFT))
     assert plain[1][0, highest] < 0.8 * amplitudes[-1]  # a line of the plain spectrum loses what is smeared
 
 
 def test_the_order_of_the_orders_does_not_matter() -> None:
-    asked = np.array([1, 2, 7, 14])
-    signal = turning(asked, np.array([1.0, 2.0, 3.0, 4.0]), 50, noise=0.3)
-    found = order_spectrum(signal, RATE, SHAFT, asked)
-    turned = order_spectrum(signal, RATE, SHAFT, asked[::-1].copy())
-    np.testing.assert_allclose(turned.amplitude[:, ::-1], found.amplitude)
+    orders = np.array([1, 2, 7, 14])
+    signal = turning(orders, np.array([1.0, 2.0, 3.0, 4.0]), 50, noise=0.3)
+    spectrum = order_spectrum(signal, RATE, SHAFT, orders)
+    turned = order_spectrum(signal, RATE, SHAFT, orders[::-1].copy())
+    np.testing.assert_allclose(turned.amplitude[:, ::-1], spectrum.amplitude)
 
 
 def test_the_noise_under_a_line_is_taken_away() -> None:
-    asked = np.array([7, 14, 21])
-    draws = [order_spectrum(turning(asked, np.ones(3), 100, noise=10.0, seed=s), RATE, SHAFT, asked) for s in range(60)]
+    orders = np.array([7, 14, 21])
+    draws = [
+        order_spectrum(turning(orders, np.ones(3), 100, noise=10.0, seed=s), RATE, SHAFT, orders) for s in range(60)
+    ]
     power = np.mean([draw.amplitude**2 for draw in draws], axis=0)
     np.testing.assert_allclose(power, 1.0, rtol=0.06)
     width = 0.006 * 21 * SHAFT + 2.5 * SHAFT / 25
@@ -137,9 +139,9 @@ def test_the_noise_under_a_line_is_taken_away() -> None:
 
 
 def test_noise_alone_leaves_little_and_says_how_little() -> None:
-    asked = np.array([7, 14, 21])
+    orders = np.array([7, 14, 21])
     nothing = np.zeros(3)
-    draws = [order_spectrum(turning(asked, nothing, 100, noise=1.0, seed=s), RATE, SHAFT, asked) for s in range(40)]
+    draws = [order_spectrum(turning(orders, nothing, 100, noise=1.0, seed=s), RATE, SHAFT, orders) for s in range(40)]
     amplitude = np.array([draw.amplitude[0] for draw in draws])
     deviation = np.array([draw.deviation[0] for draw in draws])
     assert np.mean(amplitude <= 3 * deviation) > 0.95
@@ -149,9 +151,11 @@ def test_noise_alone_leaves_little_and_says_how_little() -> None:
 
 @pytest.mark.parametrize("noise", [0.5, 2.0])
 def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) -> None:
-    asked = np.array([1, 7, 14, 28])
+    orders = np.array([1, 7, 14, 28])
     amplitudes = np.array([1.0, 2.0, 0.5, 1.0])
-    draws = [order_spectrum(turning(asked, amplitudes, 80, noise=noise, seed=s), RATE, SHAFT, asked) for s in range(60)]
+    draws = [
+        order_spectrum(turning(orders, amplitudes, 80, noise=noise, seed=s), RATE, SHAFT, orders) for s in range(60)
+    ]
     scatter = np.std([draw.amplitude[0] for draw in draws], axis=0, ddof=1)
     claimed = np.sqrt(np.mean([draw.deviation[0] ** 2 for draw in draws], axis=0))
     assert np.all(claimed > 0.7 * scatter)
@@ -159,11 +163,11 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
 
 
 def test_channels_do_not_mix() -> None:
-    asked = np.array([7, 14])
-    one = turning(asked, np.array([1.0, 0.0]), 40)
-    other = turning(asked, np.array([0.0, 2.0]), 40)
-    found = order_spectrum(np.concatenate([one, other]), RATE, SHAFT, asked)
-    np.testing.assert_allclose(found.amplitude, [[1, 0], [0, 2]], atol=0.01)
+    orders = np.array([7, 14])
+    first = turning(orders, np.array([1.0, 0.0]), 40)
+    other = turning(orders, np.array([0.0, 2.0]), 40)
+    spectrum = order_spectrum(np.concatenate([first, other]), RATE, SHAFT, orders)
+    np.testing.assert_allclose(spectrum.amplitude, [[1, 0], [0, 2]], atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -193,12 +197,12 @@ def test_an_order_spectrum_knows_its_frequencies() -> None:
 )
 def test_a_synchronous_signal_is_the_sum_of_its_cosines(orders: list[int], seed: int, start: float) -> None:
     rng = np.random.default_rng(seed)
-    asked = np.array(orders)
-    lines = rng.standard_normal((2, len(asked))) + 1j * rng.standard_normal((2, len(asked)))
+    order = np.array(orders)
+    lines = rng.standard_normal((2, len(order))) + 1j * rng.standard_normal((2, len(order)))
     angle = start + rng.uniform(0, 0.3, 500).cumsum()
-    expected = np.real(lines @ np.exp(1j * asked[:, None] * angle))
-    found = synchronous_signal(lines, asked, angle)
-    assert np.all(np.abs(found - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12)
+    expected = np.real(lines @ np.exp(1j * order[:, None] * angle))
+    signal = synchronous_signal(lines, order, angle)
+    assert np.all(np.abs(signal - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12)
 
 
 def test_a_mean_line_is_a_mean_wherever_it_stands() -> None:
@@ -215,8 +219,8 @@ def test_every_channel_gets_the_noise_asked_for(snr: float, seed: int, offset: f
     time = np.arange(20000) / RATE
     signal = np.array([1e-3, 1.0, 50.0])[:, None] * np.sin(2 * np.pi * 100 * time) + offset
     noise = add_noise(signal, snr, seed) - signal
-    found = 10 * np.log10(signal.var(axis=-1) / np.mean(noise**2, axis=-1))
-    np.testing.assert_allclose(found, snr, atol=0.3)  # six standard deviations of 20000 draws
+    ratio = 10 * np.log10(signal.var(axis=-1) / np.mean(noise**2, axis=-1))
+    np.testing.assert_allclose(ratio, snr, atol=0.3)  # six standard deviations of 20000 draws
     assert np.all(np.abs(np.corrcoef(noise) - np.eye(3)) < 0.06)
 
 
@@ -232,18 +236,18 @@ def test_noise_depends_on_seed_ratio_and_purpose_only() -> None:
     first = add_noise(signal, 10, 0, "a", 1)
     np.testing.assert_array_equal(first, add_noise(signal, 10.0, 0, "a", 1))
     others = [add_noise(signal, 10, 1, "a", 1), add_noise(signal, 10, 0, "a", 2), add_noise(signal, 10, 0, "b", 1)]
-    for one, other in pairwise([first, *others]):
-        assert not np.any(one == other)
+    for earlier, other in pairwise([first, *others]):
+        assert not np.any(earlier == other)
     np.testing.assert_array_equal(add_noise(np.ones((1, 5)), 10, 0), np.ones((1, 5)))  # a constant has no power
 
 
-@pytest.mark.parametrize(("high", "kept"), [(1000.0, False), (6400.0, True)])
-def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float, kept: bool) -> None:
+@pytest.mark.parametrize(("high", "is_inside"), [(1000.0, False), (6400.0, True)])
+def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float, is_inside: bool) -> None:
     time = np.arange(12800) / RATE
     low, inside, above = (np.sin(2 * np.pi * frequency * time) for frequency in (5, 300, 4000))
-    found = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
-    expected = inside + above if kept else inside
-    np.testing.assert_allclose(found[1000:-1000], expected[1000:-1000], atol=0.01)
+    limited = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
+    expected = inside + above if is_inside else inside
+    np.testing.assert_allclose(limited[1000:-1000], expected[1000:-1000], atol=0.01)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 100.0), (-1.0, 100.0), (200.0, 100.0), (6400.0, 9000.0)])
@@ -265,12 +269,12 @@ def test_all_channels_decide_the_shift_together() -> None:
     pulse[4] = 1.0
     faint, strong = np.roll(pulse, 5) * 0.1, pulse * 2
     simulated = np.stack([pulse, pulse])
-    found = aligned(np.stack([faint, strong])[:, 2:12], simulated)
-    np.testing.assert_array_equal(found, simulated[:, 2:12])
+    stretch = aligned(np.stack([faint, strong])[:, 2:12], simulated)
+    np.testing.assert_array_equal(stretch, simulated[:, 2:12])
 
 
 def test_a_simulation_shorter_than_the_measurement_is_refused() -> None:
-    with pytest.raises(InputError, match="9 simulated readings are fewer than the 10 measured ones"):
+    with pytest.raises(InputError, match="9 simulated samples are fewer than the 10 measured ones"):
         aligned(np.ones((1, 10)), np.ones((1, 9)))
 
 

@@ -136,8 +136,8 @@ def _march(over_angle, over_pistons, constants, revolutions, iterations, chamber
     for index in range(1, revolutions * n_angles + 1):
         end = (index - 1) % n_angles
         for j in range(n_pistons):
-            place = end + 1 + j * stride
-            here = over_angle[place if place < n_angles else place - n_angles]
+            row = end + 1 + j * stride
+            here = over_angle[row if row < n_angles else row - n_angles]
             compliance = here[2] / (softness + air / max(pressure[j], AIR_FLOOR) ** 2)
             leakage = here[4] + here[5] * over_pistons[0, j] + over_pistons[1, j]
             step[0, j], step[1, j], step[2, j], step[3, j] = here[0], here[1], compliance, leakage
@@ -155,7 +155,7 @@ def _march(over_angle, over_pistons, constants, revolutions, iterations, chamber
 def _newton(step, constants, iterations, work, pressure, line_before):
     """Solve one step into `pressure`; the outlet line's pressure, or not a number where it does not converge."""
     suction, line_compliance, relief, cracking = constants[0], constants[5], constants[6], constants[7]
-    residual, own, through, damping, before = work[0], work[1], work[2], work[3], work[4]
+    residual, diagonal, through, damping, before = work[0], work[1], work[2], work[3], work[4]
     damping[:], before[:] = 1.0, 0.0
     n_pistons, line = pressure.size, line_before
     for _ in range(iterations):
@@ -164,9 +164,9 @@ def _newton(step, constants, iterations, work, pressure, line_before):
             flow_in, slope_in = orifice(step[0, j], suction - pressure[j])
             flow_out, slope_out = orifice(step[1, j], pressure[j] - line)
             residual[j] = pressure[j] - step[4, j] - step[2, j] * (flow_in - flow_out - step[3, j] * pressure[j])
-            own[j] = 1 + step[2, j] * (slope_in + slope_out + step[3, j])
+            diagonal[j] = 1 + step[2, j] * (slope_in + slope_out + step[3, j])
             through[j] = -step[2, j] * slope_out
-            from_chamber = -line_compliance * slope_out / own[j]
+            from_chamber = -line_compliance * slope_out / diagonal[j]
             flow_sum += flow_out
             slope_sum += slope_out
             pushed += from_chamber * residual[j]
@@ -177,7 +177,7 @@ def _newton(step, constants, iterations, work, pressure, line_before):
         line_change = (pushed - line_residual) / (line_own - answered)
         moved, least = 0.0, 1.0
         for j in range(n_pistons):
-            change = (-residual[j] - through[j] * line_change) / own[j]
+            change = (-residual[j] - through[j] * line_change) / diagonal[j]
             damping[j] = 0.5 * damping[j] if change * before[j] < 0 else min(1.0, 1.5 * damping[j])
             before[j] = change
             after = max(pressure[j] + damping[j] * change, FLOOR)

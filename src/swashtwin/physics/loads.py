@@ -361,7 +361,8 @@ def force_lines(
     """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
 
     Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
-    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `KEPT` operating points are remembered.
+    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `CACHED_POINTS`
+    operating points are cached.
 
     Parameters
     ----------
@@ -399,11 +400,11 @@ def _pressing(case: LoadCase) -> LoadCase:
     return replace(case, fault=None)
 
 
-KEPT = 64
+CACHED_POINTS = 64
 """Operating points whose forces are remembered, of about 0.2 MB each."""
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED_POINTS)
 def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 13"]:
     """Lines of one case for topology T1, as many as `steps` give."""
     chamber, _, _ = _solved(case, steps, revolutions=2)

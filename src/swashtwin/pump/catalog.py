@@ -61,19 +61,19 @@ def _quantity(entry: Any, unit: str, path: str, sources: dict[str, str]) -> Any:
     return parse(value, unit, name=path)
 
 
-def _refuse_unknown(table: dict[str, Any], known: tuple[str, ...], where: str) -> None:
+def _refuse_unknown(table: dict[str, Any], allowed_names: tuple[str, ...], where: str) -> None:
     for name in table:
-        if name not in known:
-            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(known)}.")
+        if name not in allowed_names:
+            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(allowed_names)}.")
 
 
 def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
     if not isinstance(table, dict):
         raise DataError(f"[{path}] is missing or no table.")
-    known = {item.name: item for item in fields(kind)}
-    _refuse_unknown(table, tuple(known), f"[{path}]")
+    fields_by_name = {item.name: item for item in fields(kind)}
+    _refuse_unknown(table, tuple(fields_by_name), f"[{path}]")
     values: dict[str, Any] = {}
-    for name, item in known.items():
+    for name, item in fields_by_name.items():
         if name not in table:
             raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
         value = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", sources)
@@ -132,8 +132,8 @@ def _text_of(name: str | Path) -> tuple[str, str]:
         except UnicodeDecodeError as cause:
             raise DataError(f"{path}: not a text file in UTF-8.") from cause
     if str(name) not in available_pumps():
-        known = ", ".join(available_pumps())
-        raise MissingFileError(f"no pump named {str(name)!r}; there are {known}, or give a .toml file.")
+        names = ", ".join(available_pumps())
+        raise MissingFileError(f"no pump named {str(name)!r}; there are {names}, or give a .toml file.")
     return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml"
 
 

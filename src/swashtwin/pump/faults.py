@@ -54,8 +54,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
         return word
     if ALIASES.get(word) in classes:
         return ALIASES[word]
-    known = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.3)
+    names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.3)
     hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 

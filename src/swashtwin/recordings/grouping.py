@@ -67,7 +67,7 @@ def stated_speed(recording: Recording) -> float | None:
     For a recording along the shaft's angle it is the frequency at which the turns are played back.
     """
     if recording.attributes.get("domain") == "angle":
-        return recording.sample_rate / float(recording.attributes["readings_per_turn"])
+        return recording.sample_rate / float(recording.attributes["samples_per_turn"])
     if recording.condition is not None:
         return recording.condition.shaft_frequency
     try:

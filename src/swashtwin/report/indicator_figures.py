@@ -41,19 +41,19 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
         A `top` that leaves nothing to draw.
     """
     end = _end(spectrum, top)
-    start = spectrum.place[1] if spectrum.kind != "cepstrum" else end / 50
-    is_shown = (spectrum.place >= start) & (spectrum.place <= end)
+    start = spectrum.position[1] if spectrum.kind != "cepstrum" else end / 50
+    is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     if top is not None and not (end > 0 and is_shown.any()):
         raise InputError(
             f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
-            f"the {spectrum.axis} has lines from {spectrum.place[1]:.4g} to {spectrum.place[-1]:.4g}."
+            f"the {spectrum.axis} has lines from {spectrum.position[1]:.4g} to {spectrum.position[-1]:.4g}."
         )
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     scale = 1000.0 if spectrum.axis_unit == "s" else 1.0
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
     for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
-        x, y = _thin_out(spectrum.place[is_shown] * scale, row[is_shown])
+        x, y = _thin_out(spectrum.position[is_shown] * scale, row[is_shown])
         panel.plot(x, y, color=MEASURED, linewidth=0.8)
         _level_axis(panel, spectrum, y)
         title = words(name)
@@ -71,7 +71,7 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
     axes[-1, 0].set_xlabel(f"{label} [{'1' if spectrum.kind == 'order' else unit}]")
     _mark_legend(axes[0, 0], marks)
     columns: dict[str, Sequence[float] | np.ndarray] = {
-        f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.place,
+        f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.position,
         **{
             f"{name} [{spectrum.unit or '1'}]": row
             for name, row in zip(spectrum.channels, spectrum.amplitude, strict=True)
@@ -84,7 +84,7 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
 
 
 def _end(spectrum: LineSpectrum, top: float | None) -> float:
-    last = float(spectrum.place[-1])
+    last = float(spectrum.position[-1])
     if top is not None:
         return min(top, last)
     if not spectrum.marks:

@@ -110,11 +110,11 @@ def defect_prominences(
             f"{turns:.0f} turns at {sample_rate:g} Hz are too few or too coarse for a bearing at "
             f"{shaft_frequency:g} Hz; it takes {math.ceil(8 / orders.cage)} turns and {2 * top:.0f} Hz."
         )
-    found = []
+    prominences = []
     for band in bands or (None,):
         spectrum = envelope_spectrum(signal[None], sample_rate, band)
-        found.append(_of_spectrum(spectrum.frequency, spectrum.amplitude[0] ** 2, shaft_frequency, orders))
-    return np.array(found)
+        prominences.append(_of_spectrum(spectrum.frequency, spectrum.amplitude[0] ** 2, shaft_frequency, orders))
+    return np.array(prominences)
 
 
 def _of_spectrum(

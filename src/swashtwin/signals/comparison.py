@@ -21,7 +21,7 @@ def aligned(
     """
     length = measured.shape[-1]
     if simulated.shape[-1] < length:
-        raise InputError(f"{simulated.shape[-1]} simulated readings are fewer than the {length} measured ones.")
+        raise InputError(f"{simulated.shape[-1]} simulated samples are fewer than the {length} measured ones.")
     score = sum(scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True))
     start = int(np.argmax(score))
     return simulated[:, start : start + length]

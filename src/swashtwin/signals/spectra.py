@@ -81,7 +81,7 @@ def amplitude_spectrum(
 
     Parameters
     ----------
-    signal : readings, any unit.
+    signal : samples, any unit.
     sample_rate : [Hz].
     resolution : spacing of the lines [Hz]; None takes one segment over the whole signal.
 
@@ -108,7 +108,7 @@ def amplitude_spectrum(
 
 
 _FLOOR_BINS = 8
-"""The noise under a line is judged from at least so many readings of the spectrum that no line asked for reaches."""
+"""The noise under a line is judged from at least so many samples of the spectrum that no line asked for reaches."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,11 +70,11 @@ class ContactCheck:
 
     def sentence(self) -> str:
         """What there is to say about it."""
-        held = f"(lowest contact force {self.lowest / 1e3:.3g} kN, mean hold-down {self.hold_down / 1e3:.3g} kN)"
+        numbers = f"(lowest contact force {self.lowest / 1e3:.3g} kN, mean hold-down {self.hold_down / 1e3:.3g} kN)"
         if self.within_range:
-            return f"the slippers' films push throughout the revolution {held}: within the linear model's range"
+            return f"the slippers' films push throughout the revolution {numbers}: within the linear model's range"
         return (
-            f"the linear twin pulls at its slippers during {self.pulling:.0%} of the revolution {held}: results lie "
+            f"the linear twin pulls at its slippers during {self.pulling:.0%} of the revolution {numbers}: results lie "
             "outside the linear model's range; SlipperContact(one_sided=True), or --one-sided, lets slippers lift off"
         )
 

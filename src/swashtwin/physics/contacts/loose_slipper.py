@@ -180,11 +180,11 @@ def _march(
 
 
 def _impacts(
-    mass: float, fault: LooseSlipper, angle: np.ndarray, place: np.ndarray, speed: np.ndarray, pulse: int
+    mass: float, fault: LooseSlipper, angle: np.ndarray, displacement: np.ndarray, speed: np.ndarray, pulse: int
 ) -> tuple[Impact, ...]:
     """Impacts in the order of the angle; what leaves a stop later than one pulse after it came has not rebounded."""
-    found = []
-    for outside, sense in ((place < 0, 1.0), (place > fault.clearance, -1.0)):
+    impacts = []
+    for outside, sense in ((displacement < 0, 1.0), (displacement > fault.clearance, -1.0)):
         for first in np.flatnonzero(outside & ~np.roll(outside, 1)):
             stay = np.take(outside, first + np.arange(pulse + 1), mode="wrap")
             last = first + (int(np.argmin(stay)) if not stay.all() else pulse)
@@ -192,8 +192,8 @@ def _impacts(
             if abs(before) > SLOWEST:
                 where = float(np.mod(angle[first], 2 * math.pi))
                 impulse = sense * mass * (abs(before) + max(0.0, sense * after))
-                found.append(Impact(where, float(abs(before)), float(impulse)))
-    return tuple(sorted(found, key=lambda impact: impact.angle))
+                impacts.append(Impact(where, float(abs(before)), float(impulse)))
+    return tuple(sorted(impacts, key=lambda impact: impact.angle))
 
 
 @singledispatch

@@ -119,14 +119,14 @@ def march(phi_t, driven, before_t, after_t, strain, slipper, recess, film, one_s
         add_product(strain.T, states[k], near)
         weights, directions = slipper[here, 0], slipper[here, 1:].T
         release(near, film, recess[here, 0], recess[here, 1], directions, free)
-        done = False
+        is_consistent = False
         for _ in range(MOST_CHANGES):
             collect(free, weights, directions, softening, touching, matrix, right)
             solve_small(matrix, right, forces[k])
-            done = not (one_sided and regroup(free, directions, softening, forces[k], touching))
-            if done:
+            is_consistent = not (one_sided and regroup(free, directions, softening, forces[k], touching))
+            if is_consistent:
                 break
-        failed += not done
+        failed += not is_consistent
         touch[k] = touching
         if k > 0:
             add_product(after_t, forces[k], states[k])

@@ -64,10 +64,12 @@ def periodic_films(
     strain = slipper_lines(pump, condition, fault, ahead)
     rate = 1j * condition.speed * np.arange(ahead + 1) * strain
     weighed = [_product(weight, way) for way in ways]
-    kept = np.arange(n_lines + 1) % count == 0
+    is_common = np.arange(n_lines + 1) % count == 0
     pressed, damped = (
         moved(
-            torch.as_tensor(np.stack([_product(seen, series)[: n_lines + 1] * kept for seen in weighed], 1) @ rows),
+            torch.as_tensor(
+                np.stack([_product(seen, series)[: n_lines + 1] * is_common for seen in weighed], 1) @ rows
+            ),
             values,
         )
         for series in (strain, rate)

@@ -13,7 +13,22 @@ _MOST = 80
 @compiled
 @no_type_check
 def rattle(
-    step, clearance, stop, damper, mass, area, friction, bulk, air, suction, case, tables, start, place, speed, pressure
+    step,
+    clearance,
+    stop,
+    damper,
+    mass,
+    area,
+    friction,
+    bulk,
+    air,
+    suction,
+    case,
+    tables,
+    start,
+    displacement,
+    speed,
+    pressure,
 ):
     """Fill displacement, velocity and pressure from `start`; the state at the revolution's end.
 
@@ -23,7 +38,7 @@ def rattle(
     steps = tables.shape[1]
     u, v, p = start[0], start[1], start[2]
     for i in range(steps):
-        place[i], speed[i], pressure[i] = u, v, p
+        displacement[i], speed[i], pressure[i] = u, v, p
         force = -area * (p - case) - mass * tables[7, i]
         if u < 0:
             force += max(0.0, -stop * u - damper * v)

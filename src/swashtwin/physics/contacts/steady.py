@@ -117,12 +117,12 @@ def exact_step(
     """
     root = mass.diagonal().sqrt()
     both = root[:, None] * root
-    none, one = torch.zeros_like(mass), torch.eye(13).to(mass)
+    none, identity = torch.zeros_like(mass), torch.eye(13).to(mass)
     augmented = torch.cat(
         [
-            torch.cat([none, one, none, none], dim=1),
-            torch.cat([-stiffness / both * step**2, -damping / both * step, one, none], dim=1),
-            torch.cat([none, none, none, one], dim=1),
+            torch.cat([none, identity, none, none], dim=1),
+            torch.cat([-stiffness / both * step**2, -damping / both * step, identity, none], dim=1),
+            torch.cat([none, none, none, identity], dim=1),
             torch.cat([none, none, none, none], dim=1),
         ]
     )

@@ -101,8 +101,8 @@ def _eliminate(re, im, yr, yi, size, n):
                 re[i, j, k] = re[j, i, k] * re[j, j, k] - im[j, i, k] * im[j, j, k]
                 im[i, j, k] = re[j, i, k] * im[j, j, k] + im[j, i, k] * re[j, j, k]
             for k in range(LANES):
-                taken = (abs(re[i, j, k]) + abs(im[i, j, k])) * (abs(re[j, i, k]) + abs(im[j, i, k]))
-                size[i, k] = size[i, k] if taken <= size[i, k] else -1.0
+                product = (abs(re[i, j, k]) + abs(im[i, j, k])) * (abs(re[j, i, k]) + abs(im[j, i, k]))
+                size[i, k] = size[i, k] if product <= size[i, k] else -1.0
             for t in range(j + 1, i + 1):
                 for k in range(LANES):
                     re[i, t, k] -= re[i, j, k] * re[j, t, k] - im[i, j, k] * im[j, t, k]

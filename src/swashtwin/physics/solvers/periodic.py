@@ -162,8 +162,8 @@ class _Periodic(torch.autograd.Function):
             inner = torch.autograd.grad(
                 motion, [tensors[index] for index in wanted], seed, create_graph=again, allow_unused=True
             )
-        found = dict(zip(wanted, inner, strict=True))
-        return (None, *(found.get(index) for index in range(len(tensors))))
+        gradients = dict(zip(wanted, inner, strict=True))
+        return (None, *(gradients.get(index) for index in range(len(tensors))))
 
 
 def _parted(tensors: Sequence[Any]) -> tuple[Sequence[Tensor], Tensor, Sequence[Tensor | None]]:

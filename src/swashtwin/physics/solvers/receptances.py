@@ -79,10 +79,10 @@ def _solve(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: T
 
 def _flat(tensor: Tensor, batch: torch.Size, tail: int) -> Tensor:
     """One leading axis, of length 1 where all of the batch share the values, which lie in memory in their order."""
-    own = tensor.shape[-tail:]
+    shape = tensor.shape[-tail:]
     if math.prod(tensor.shape[:-tail]) > 1:
-        tensor = tensor.expand(*batch, *own)
-    return tensor.reshape(-1, *own).resolve_conj().resolve_neg().contiguous()
+        tensor = tensor.expand(*batch, *shape)
+    return tensor.reshape(-1, *shape).resolve_conj().resolve_neg().contiguous()
 
 
 def _solve_compiled(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor, motion: Tensor) -> None:

@@ -23,9 +23,9 @@ def linear_recursion(
     time, with Phi transposed. It keeps the states and nothing else.
     """
     batch = torch.broadcast_shapes(phi.shape[:-2], driven.shape[:-2], start.shape[:-1])
-    one = math.prod(batch)
+    count = math.prod(batch)
     phi, driven, start = (
-        part.expand(*batch, *part.shape[len(part.shape) - tail :]).reshape(one, *part.shape[len(part.shape) - tail :])
+        part.expand(*batch, *part.shape[len(part.shape) - tail :]).reshape(count, *part.shape[len(part.shape) - tail :])
         for part, tail in ((phi, 2), (driven, 2), (start, 1))
     )
     states = _Recursion.apply(phi, driven, start, False)

@@ -74,7 +74,7 @@ def accelerations(
     inner = shape[1:].numel()
     values, scales = values.expand(*shape, 6).reshape(-1, inner, 6), scales.expand(*shape, 4).reshape(-1, inner, 4)
     orders = reduce(np.union1d, (twin.orders for twin in twins))
-    places, parts = [], []
+    columns, parts = [], []
     for indices in _chunks(twins, inner):
         drive = _stacked([twins[i] for i in indices], inner)
         rows = torch.tensor(indices, device=values.device)
@@ -85,9 +85,9 @@ def accelerations(
             solver or HarmonicBalance(),
             recompute=len(twins) * inner > rows_of(orders.size),
         )
-        places.extend(indices)
+        columns.extend(indices)
         parts.append(_spread(lines, np.searchsorted(orders, drive.orders), orders.size))
-    order = torch.tensor(np.argsort(places), device=values.device)
+    order = torch.tensor(np.argsort(columns), device=values.device)
     together = torch.cat(parts).unflatten(0, (len(twins), inner))[order]
     return OrderLines(orders, together.reshape(*shape, *together.shape[2:]))
 
@@ -115,13 +115,13 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
     if len(drives) == 1:
         return drives[0]
     orders = reduce(np.union1d, (drive.orders for drive in drives))
-    places = [np.searchsorted(orders, drive.orders) for drive in drives]
+    columns = [np.searchsorted(orders, drive.orders) for drive in drives]
 
     def spread(parts: Sequence[Tensor]) -> Tensor:
         """Lines at each twin's own orders, zero at the others."""
         out = torch.zeros(len(drives), orders.size, *parts[0].shape[2:], dtype=parts[0].dtype)
-        for row, place, part in zip(out.numpy(), places, parts, strict=True):
-            row[place] = part[0].numpy()
+        for row, column, part in zip(out.numpy(), columns, parts, strict=True):
+            row[column] = part[0].numpy()
         return out
 
     actions = [drive.action for drive in drives]
@@ -140,27 +140,27 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
             pushes=any(action.pushes for action in actions),
         ),
         wear=torch.cat([drive.wear for drive in drives]),
-        path=_stacked_paths(drives, orders, places),
+        path=_stacked_paths(drives, orders, columns),
     )
     return together.mapped(lambda part: part.repeat_interleave(inner, 0)) if inner > 1 else together
 
 
 def _stacked_paths(
-    drives: Sequence[Drive], orders: Int[np.ndarray, " line"], places: Sequence[np.ndarray]
+    drives: Sequence[Drive], orders: Int[np.ndarray, " line"], columns: Sequence[np.ndarray]
 ) -> Complex[Tensor, "twin sensor line"] | None:
     if all(drive.path is None for drive in drives):
         return None
     sensors = drives[0].structure.sensor_rows.shape[0]
     out = torch.ones(len(drives), sensors, orders.size, dtype=torch.complex128)
-    for row, place, drive in zip(out, places, drives, strict=True):
+    for row, column, drive in zip(out, columns, drives, strict=True):
         if drive.path is not None:
-            row[:, torch.as_tensor(place)] = drive.path[0]
+            row[:, torch.as_tensor(column)] = drive.path[0]
     return out
 
 
-def _spread(lines: Tensor, place: Int[np.ndarray, " own"], n_lines: int) -> Tensor:
+def _spread(lines: Tensor, columns: Int[np.ndarray, " own"], n_lines: int) -> Tensor:
     """`lines` at their places among `n_lines`, zero at the others."""
     if lines.shape[-1] == n_lines:
         return lines
     out = lines.new_zeros(*lines.shape[:-1], n_lines)
-    return out.index_copy(-1, torch.as_tensor(place, device=lines.device), lines)
+    return out.index_copy(-1, torch.as_tensor(columns, device=lines.device), lines)

@@ -21,7 +21,7 @@ from swashtwin.pump import InterfaceValue as Value
 
 MOST = 2000
 """Iterations for slippers that differ: they take much of the film with them, and the motion settles slowly."""
-SETTLED = 1e-5
+FORCE_TOLERANCE = 1e-5
 """Share of the steady forces up to which the bores may carry any of them where slippers lift off."""
 TRIES = 30
 """Marches after which the steady force of lifting slippers counts as unsettled."""
@@ -177,7 +177,7 @@ def _sliding(pump: Pump, problem: Problem, force: Tensor) -> Tensor:
 
 
 def _secant(gap: Callable[[Tensor], Tensor], start: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Where `gap` of each row vanishes to `SETTLED` of `scale`, and its slope there."""
+    """Where `gap` of each row vanishes to `FORCE_TOLERANCE` of `scale`, and its slope there."""
     before, now = start, start + gap(start)
     gap_before, gap_now = now - start, gap(now)
     slope = torch.full_like(start, -1.0)
@@ -185,7 +185,7 @@ def _secant(gap: Callable[[Tensor], Tensor], start: Tensor, scale: Tensor) -> tu
         moved = now - before
         ratio = (gap_now - gap_before) / moved
         slope = torch.where((moved.abs() > 1e-12 * scale) & torch.isfinite(ratio) & (ratio < 0), ratio, slope)
-        if bool((gap_now.abs() <= SETTLED * scale).all()):
+        if bool((gap_now.abs() <= FORCE_TOLERANCE * scale).all()):
             return now, slope
         before, gap_before = now, gap_now
         now = now - gap_now / slope

@@ -162,7 +162,7 @@ def carry_over(twin: Twin, condition: OperatingCondition, *, bore_exponent: floa
         the paper's C_Hz and their squeeze films 2000 times more, so no film law gives it: 0 keeps it, 1 is pure film.
     """
     pump, here = twin.pump, twin.condition
-    (before, after) = (pump.oil.viscosity_at(one.oil_temperature) for one in (here, condition))
+    (before, after) = (pump.oil.viscosity_at(point.oil_temperature) for point in (here, condition))
     viscosity, film = after / before, pump.valve_plate.film
     there_pressure, here_pressure = _driving_pressure(condition), _driving_pressure(here)
     damping = valve_plate_squeeze_damping(pump, film, after) / valve_plate_squeeze_damping(pump, film, before)

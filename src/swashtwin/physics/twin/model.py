@@ -231,8 +231,8 @@ class Twin:
         Parameters
         ----------
         duration : length [s].
-        sample_rate : readings per second [Hz], above twice the `bandwidth`.
-        phase : shaft angle at the first reading [rad].
+        sample_rate : samples per second [Hz], above twice the `bandwidth`.
+        phase : shaft angle at the first sample [rad].
 
         Raises
         ------

@@ -40,7 +40,7 @@ class OperatingGrid:
     """Speeds of the grid [rad/s], rising."""
     pressures: Float[np.ndarray, " pressure"]
     """Outlet pressures of the grid [Pa], rising."""
-    place: Int[np.ndarray, "speed pressure"]
+    row_of: Int[np.ndarray, "speed pressure"]
     """Which row holds the lines of an operating point; -1 where the profile does not come."""
     lines: Complex[np.ndarray, "row order 13"]
     """Force lines [N, N m] without the unbalance, orders from 0."""
@@ -53,12 +53,12 @@ class OperatingGrid:
         """Rows between which the force at each instant lies, and their weights, which sum to 1."""
         low_speed, speed_weight = _between(self.speeds, speed)
         low_pressure, pressure_weight = _between(self.pressures, pressure)
-        found = []
+        corners = []
         for i in range(min(2, len(self.speeds))):
             for j in range(min(2, len(self.pressures))):
                 weight = np.abs(1 - i - speed_weight) * np.abs(1 - j - pressure_weight)
-                found.append((self.place[low_speed + i, low_pressure + j], weight))
-        return found
+                corners.append((self.row_of[low_speed + i, low_pressure + j], weight))
+        return corners
 
     def lines_at(self, speed: float, pressure: float) -> Complex[np.ndarray, "order 13"]:
         """Force lines [N, N m] at one operating point, with the unbalance."""
@@ -73,8 +73,8 @@ class OperatingGrid:
         active = np.flatnonzero(np.abs(self.lines).max(axis=(0, 1)) > 0)
         n_angles = 1 << math.ceil(math.log2(max(4096, _TABLE * self.lines.shape[1])))
         speed = np.empty(len(self.lines))
-        i, j = np.nonzero(self.place >= 0)
-        speed[self.place[i, j]] = self.speeds[i]
+        i, j = np.nonzero(self.row_of >= 0)
+        speed[self.row_of[i, j]] = self.speeds[i]
         turned = speed[:, None] * np.arange(self.lines.shape[1]) * step / (2 * np.pi)  # periods within a step
         spectrum = self.lines[:, :, active] / np.sinc(turned)[:, :, None] ** 2
         table = np.moveaxis(periodic_signal(np.moveaxis(spectrum, 1, -1), n_angles), -1, 1)
@@ -146,15 +146,15 @@ def operating_grid(
     lines = force_lines(cases, int(reach.max()), topology=twin.topology)
     unbalance = lines[-1, 1, ROTOR_XY] / conditions[-1].speed ** 2  # on these two nothing else acts
     lines[:, :, ROTOR_XY] = 0
-    place, structure = np.full((len(speeds), len(pressures)), -1), twin.structure
+    row_of, structure = np.full((len(speeds), len(pressures)), -1), twin.structure
     for row, (i, j) in enumerate(needed):
-        place[i, j] = row
+        row_of[i, j] = row
         contact_forces = contact_lines(twin.fault, twin.pump, conditions[row], int(reach.max()), twin.topology)
         if contact_forces is not None:
             lines[row] += contact_forces
         lines[row] += _fault_lines(twin, structure, float(speeds[i]), int(reach.max()))
         lines[row, reach[i] + 1 :] = 0
-    return OperatingGrid(speeds, pressures, place, lines, unbalance)
+    return OperatingGrid(speeds, pressures, row_of, lines, unbalance)
 
 
 def _lowest_speed(twin: Twin, speed: float, pressure: float) -> float:

@@ -177,7 +177,7 @@ class OperatingProfile:
 
 def _gauss_markov(count: int, step: float, seed: int) -> Float[np.ndarray, " draw"]:
     """Gaussian draws of variance 1 whose correlation falls by exp(-step) from one to the next."""
-    kept = np.exp(-step)
+    decay = np.exp(-step)
     noise = stream(seed, "jitter").standard_normal(count)
-    noise[1:] *= np.sqrt(1 - kept**2)
-    return lfilter([1.0], [1.0, -kept], noise)
+    noise[1:] *= np.sqrt(1 - decay**2)
+    return lfilter([1.0], [1.0, -decay], noise)

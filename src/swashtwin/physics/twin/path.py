@@ -1,6 +1,6 @@
-"""From the rigid shell to the reading: sensors' gains and the housing's own bending.
+"""From the rigid shell to the recorded signal: sensors' gains and the housing's own bending.
 
-A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to the reading of channel c what a
+A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to channel c what a
 light oscillator on the shell would: H_c(f) = g_c [1 + sum_m r_cm f^2 / (f_m^2 - f^2 + 2 i zeta_m f_m f)].
 """
 
@@ -55,7 +55,7 @@ def path_response(
     residue: Float[Tensor, "*#batch channel mode"],
 ) -> Complex[Tensor, "*#batch channel line"]:
     """H_c at `frequency` [Hz], differentiable with respect to everything; see `SensorPath`."""
-    f, own = frequency[..., None, :], modes[..., :, None]
-    light = f**2 / torch.complex(own**2 - f**2, 2 * damping_ratio[..., :, None] * own * f)
+    f, mode = frequency[..., None, :], modes[..., :, None]
+    light = f**2 / torch.complex(mode**2 - f**2, 2 * damping_ratio[..., :, None] * mode * f)
     bending = residue.to(light.dtype) @ light
     return gain[..., None] * (1 + bending)

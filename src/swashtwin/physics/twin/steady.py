@@ -15,7 +15,7 @@ from swashtwin.recordings import Recording
 BLOCK = 65536
 """Readings that are computed at a time."""
 _SEAM = 1e-3
-"""Share of the time between two readings by which the end of a recording may miss its beginning."""
+"""Share of the time between two samples by which the end of a recording may miss its beginning."""
 
 
 def steady_blocks(
@@ -32,21 +32,21 @@ def steady_blocks(
     Raises
     ------
     InputError
-        The sample rate is below twice the bandwidth, or there is no reading.
+        The sample rate is below twice the bandwidth, or there is no sample.
     """
     twin.require_rate(sample_rate)
-    readings = round(duration * sample_rate)
-    if readings < 1:
-        raise InputError(f"duration ({duration:g} s) must hold at least one reading at {sample_rate:g} Hz.")
+    n_samples = round(duration * sample_rate)
+    if n_samples < 1:
+        raise InputError(f"duration ({duration:g} s) must hold at least one sample at {sample_rate:g} Hz.")
     with torch.no_grad():
         lines = twin.acceleration(solver=solver).numpy()
-    for first in range(0, readings, BLOCK):
-        angle = phase + twin.condition.speed * np.arange(first, min(first + BLOCK, readings)) / sample_rate
+    for first in range(0, n_samples, BLOCK):
+        angle = phase + twin.condition.speed * np.arange(first, min(first + BLOCK, n_samples)) / sample_rate
         yield twin.read_off(lines, angle, sample_rate, recording_id)
 
 
 def whole_revolutions(condition: OperatingCondition, duration: float, sample_rate: float) -> int:
-    """Number of revolutions in `duration` [s], where both it and the readings are whole: the signal then repeats.
+    """Number of revolutions in `duration` [s], where both it and the samples are whole: the signal then repeats.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def whole_revolutions(condition: OperatingCondition, duration: float, sample_rat
     >>> whole_revolutions(at_15, 4.0, 25600.0)
     Traceback (most recent call last):
     ...
-    swashtwin.foundation.errors.InputError: duration (4 s) holds 57.3333 revolutions and 102400 readings, which must
+    swashtwin.foundation.errors.InputError: duration (4 s) holds 57.3333 revolutions and 102400 samples, which must
     both be whole for a signal that repeats; the nearest that does is 3 s (43 revolutions).
     """
     turns, per_turn = duration * condition.shaft_frequency, sample_rate / condition.shaft_frequency
@@ -82,10 +82,10 @@ def whole_revolutions(condition: OperatingCondition, duration: float, sample_rat
         speed = 2 * math.pi * nearest * sample_rate / max(1, round(duration * sample_rate))
         offer = f"no duration near it does; at a speed of {speed * 30 / math.pi:.10g} rev/min it holds {nearest}"
     raise InputError(
-        f"duration ({duration:g} s) holds {turns:.6g} revolutions and {duration * sample_rate:.10g} readings, which "
+        f"duration ({duration:g} s) holds {turns:.6g} revolutions and {duration * sample_rate:.10g} samples, which "
         f"must both be whole for a signal that repeats; {offer}."
     )
 
 
-def _is_whole(readings: float) -> bool:
-    return abs(readings - round(readings)) < _SEAM
+def _is_whole(n_samples: float) -> bool:
+    return abs(n_samples - round(n_samples)) < _SEAM

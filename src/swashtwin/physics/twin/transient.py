@@ -52,12 +52,12 @@ def simulate_profile(
     Parameters
     ----------
     twin : pump, fault and interface values; of its condition only what the profile leaves open counts.
-    sample_rate : readings per second [Hz], at least twice the twin's bandwidth.
-    phase : shaft angle at the first reading [rad].
+    sample_rate : samples per second [Hz], at least twice the twin's bandwidth.
+    phase : shaft angle at the first sample [rad].
     seed : draws the profile's jitter.
     start : ``steady``, as if the first instant's speed and pressure had always held; ``rest``, at rest and unloaded,
         so that the load comes at once and the start-up is heard.
-    oversampling : steps from one reading to the next; None takes `STEPS` within the shortest period of the bandwidth.
+    oversampling : steps from one sample to the next; None takes `STEPS` within the shortest period of the bandwidth.
 
     Raises
     ------
@@ -87,10 +87,10 @@ def profile_blocks(
     """The recording of `simulate_profile` in blocks, so that memory does not grow with its length."""
     if oversampling is None:
         oversampling = max(1, math.ceil(STEPS * twin.bandwidth / sample_rate))
-    readings = round(profile.duration * sample_rate)
-    _refuse_unfit(twin, profile, sample_rate, oversampling, readings, start)
+    n_samples = round(profile.duration * sample_rate)
+    _refuse_unfit(twin, profile, sample_rate, oversampling, n_samples, start)
     shaft = profile.shaft(phase=phase, seed=seed)
-    spans = [(first, min(first + BLOCK, readings)) for first in range(0, readings, BLOCK)]
+    spans = [(first, min(first + BLOCK, n_samples)) for first in range(0, n_samples, BLOCK)]
     rate = sample_rate * oversampling
 
     def instants(first: int, last: int) -> Float[np.ndarray, " time"]:
@@ -98,7 +98,9 @@ def profile_blocks(
 
     grid = operating_grid(twin, profile, shaft, (instants(*span) for span in spans))
     tables, march = grid.tables(1 / rate), _march_of(twin, 1 / rate)
-    state = march.settled(grid, profile, shaft) if start == "steady" else torch.zeros(2 * N_DOF, dtype=torch.float64)
+    state = (
+        march.steady_start(grid, profile, shaft) if start == "steady" else torch.zeros(2 * N_DOF, dtype=torch.float64)
+    )
     for span in spans:
         instant = instants(*span)
         force = tables.force(*shaft.at(instant), profile.pressure_at(instant))
@@ -118,7 +120,7 @@ def profile_blocks(
 
 
 def _refuse_unfit(
-    twin: Twin, profile: OperatingProfile, sample_rate: float, oversampling: int, readings: int, start: str
+    twin: Twin, profile: OperatingProfile, sample_rate: float, oversampling: int, n_samples: int, start: str
 ) -> None:
     if turning_terms(twin.fault, twin.pump, twin.values):
         raise InputError(
@@ -137,8 +139,8 @@ def _refuse_unfit(
         )
     if start not in ("steady", "rest"):
         raise InputError(f"start ({start!r}) must be 'steady' or 'rest'.")
-    if oversampling < 1 or readings < 1:
-        raise InputError(f"oversampling ({oversampling}) and the number of readings ({readings}) must be at least 1.")
+    if oversampling < 1 or n_samples < 1:
+        raise InputError(f"oversampling ({oversampling}) and the number of samples ({n_samples}) must be at least 1.")
     twin.require_rate(sample_rate)
     top = float(profile.speed.max())
     for pressure in (float(profile.discharge_pressure.min()), float(profile.discharge_pressure.max())):
@@ -157,8 +159,8 @@ class _March:
     step: float
     """Time from one instant to the next [s]."""
 
-    def settled(self, grid: OperatingGrid, profile: OperatingProfile, shaft: Shaft) -> Float[Tensor, " 26"]:
-        """State three steps before the first reading, had its speed and pressure always held."""
+    def steady_start(self, grid: OperatingGrid, profile: OperatingProfile, shaft: Shaft) -> Float[Tensor, " 26"]:
+        """State three steps before the first sample, had its speed and pressure always held."""
         speed = float(shaft.speed[0])
         lines = torch.as_tensor(grid.lines_at(speed, float(profile.discharge_pressure[0])))
         orders = torch.arange(lines.shape[0], dtype=torch.float64)
@@ -173,7 +175,7 @@ class _March:
 
         Parameters
         ----------
-        force : forces from three instants before the first reading to three after the next block's first.
+        force : forces from three instants before the first sample to three after the next block's first.
         state : at the first of these instants.
         """
         forces = torch.as_tensor(force)

@@ -7,7 +7,7 @@ from swashtwin.foundation import InputError
 from swashtwin.signals.spectra import inverse_transform, power_density, tapered_transform
 
 _PERIODS = 10
-"""Periods of the spacing in each segment of the family index: its lines then lie ten readings apart."""
+"""Periods of the spacing in each segment of the family index: its lines then lie ten samples apart."""
 _NEAR, _AROUND = 0.015, 0.05
 """How far from the expected quefrency a peak may lie, and how far about it nothing counts as background; relative."""
 
@@ -20,11 +20,11 @@ def real_cepstrum(
     Mean removed, Hann taper; natural logarithm; as the inverse transform gives it, the half up to half the duration:
     an echo of strength a after τ reads a/2 at τ. Quefrency 0 (the level) is left at its place.
     """
-    readings = signal.shape[-1]
+    n_samples = signal.shape[-1]
     magnitude = np.abs(tapered_transform(signal))
     least = 1e-12 * np.maximum(magnitude.max(axis=-1, keepdims=True), 1e-300)
-    cepstrum = inverse_transform(np.log(np.maximum(magnitude, least)), readings)
-    half = readings // 2 + 1
+    cepstrum = inverse_transform(np.log(np.maximum(magnitude, least)), n_samples)
+    half = n_samples // 2 + 1
     return np.arange(half) / sample_rate, cepstrum[:, :half]
 
 

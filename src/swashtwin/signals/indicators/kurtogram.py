@@ -71,19 +71,19 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
     Raises
     ------
     InputError
-        The signal has fewer than 400 readings, or is constant.
+        The signal has fewer than 400 samples, or is constant.
     """
-    readings = len(signal)
-    if readings < 2 * _LEAST_VALUES or np.ptp(signal) == 0:
-        raise InputError(f"{readings} readings, or constant ones, have no kurtogram; it takes {2 * _LEAST_VALUES}.")
-    place = np.arange(readings)
-    detrended = signal - np.polyval(np.polyfit(place, signal, 1), place)
+    n_samples = len(signal)
+    if n_samples < 2 * _LEAST_VALUES or np.ptp(signal) == 0:
+        raise InputError(f"{n_samples} samples, or constant ones, have no kurtogram; it takes {2 * _LEAST_VALUES}.")
+    sample = np.arange(n_samples)
+    detrended = signal - np.polyval(np.polyfit(sample, signal, 1), sample)
     spectrum = transform(detrended)
     rows = []
     halves = [2**level for level in range(_LEVELS + 1)]
     for count in sorted([*halves, *(3 * half for half in halves[:-1])]):
         width = sample_rate / 2 / count
-        values = readings / sample_rate * width
+        values = n_samples / sample_rate * width
         if count > 1 and (values < _LEAST_VALUES or width < least_bandwidth):
             continue
         for index in range(count):

@@ -54,14 +54,14 @@ def velocity_rms(
 def _level(
     signal: Float[np.ndarray, "channel time"], rate: float, low: float, high: float, *, integrated: bool
 ) -> Float[np.ndarray, " channel"]:
-    readings = signal.shape[-1]
+    n_samples = signal.shape[-1]
     if not 0 <= low < high <= rate / 2:
         raise InputError(f"a band of {low:g} to {high:g} Hz is none at {rate:g} Hz; it lies in 0 to {rate / 2:g} Hz.")
-    length = min(readings, round(SEGMENT * rate))
+    length = min(n_samples, round(SEGMENT * rate))
     width = rate / length
     if high - low < width or (integrated and low < 2 * width):
         raise InputError(
-            f"{readings / rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record longer."
+            f"{n_samples / rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record longer."
         )
     frequency, density = power_density(signal, rate, length)
     share = np.clip(np.minimum(frequency + width / 2, high) - np.maximum(frequency - width / 2, low), 0, None)

@@ -47,7 +47,7 @@ class LineSpectrum:
     """What lies along the axis."""
     axis_unit: str
     """Unit of the axis, empty for orders."""
-    place: Float[np.ndarray, " line"]
+    position: Float[np.ndarray, " line"]
     """Place of each line on the axis."""
     amplitude: Float[np.ndarray, "channel line"]
     """One-sided peak amplitude; the cepstrum's value for a cepstrum."""
@@ -62,8 +62,8 @@ class LineSpectrum:
 
     def at(self, mark: Mark) -> Float[np.ndarray, " channel"]:
         """Greatest value of each channel within 0.6 %, or two lines, of a mark; NaN beyond the spectrum's end."""
-        near = np.abs(self.place - mark.at) <= max(0.006 * mark.at, 2 * float(self.place[1] - self.place[0]))
-        if mark.at > self.place[-1]:
+        near = np.abs(self.position - mark.at) <= max(0.006 * mark.at, 2 * float(self.position[1] - self.position[0]))
+        if mark.at > self.position[-1]:
             return np.full(len(self.channels), math.nan)
         return self.amplitude[:, near].max(axis=1)
 
@@ -98,25 +98,25 @@ def spectrum_of(
     refuse_unfit(recording)
     shaft = stated_speed(recording) if angle is None else angle.mean_speed / (2 * math.pi)
     signal, rate, unit = recording.signal, recording.sample_rate, recording.unit
-    known = (kind, recording.recording_id, recording.channels)
+    header = (kind, recording.recording_id, recording.channels)
     if kind == "amplitude":
         frequency, amplitude = amplitude_spectrum(signal, rate, resolution)
-        return LineSpectrum(*known, "frequency", "Hz", frequency, amplitude, unit, _marks(shaft, pistons))
+        return LineSpectrum(*header, "frequency", "Hz", frequency, amplitude, unit, _marks(shaft, pistons))
     if kind == "envelope":
-        found = envelope_spectrum(signal, rate, band, resolution=resolution)
-        bands = tuple(zip(found.low.tolist(), found.high.tolist(), strict=True))
+        spectrum = envelope_spectrum(signal, rate, band, resolution=resolution)
+        bands = tuple(zip(spectrum.low.tolist(), spectrum.high.tolist(), strict=True))
         marks = _marks(shaft, pistons)
-        return LineSpectrum(*known, "frequency", "Hz", found.frequency, found.amplitude, unit, marks, bands)
+        return LineSpectrum(*header, "frequency", "Hz", spectrum.frequency, spectrum.amplitude, unit, marks, bands)
     if kind == "cepstrum":
         quefrency, cepstrum = real_cepstrum(signal, rate)
         marks = tuple(Mark(1 / mark.at, mark.name, mark.of_pistons) for mark in _marks(shaft, pistons, harmonics=False))
-        return LineSpectrum(*known, "quefrency", "s", quefrency, cepstrum, "", marks)
+        return LineSpectrum(*header, "quefrency", "s", quefrency, cepstrum, "", marks)
     angle = stated_angle(recording) if angle is None else angle
     turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
-    per_turn = float(turned.attributes["readings_per_turn"])
+    per_turn = float(turned.attributes["samples_per_turn"])
     order, amplitude = amplitude_spectrum(turned.signal, per_turn, resolution)
     marks = _marks(1.0, pistons)
-    return LineSpectrum(*known, "order", "", order, amplitude, unit, marks, angle_from=angle.source)
+    return LineSpectrum(*header, "order", "", order, amplitude, unit, marks, angle_from=angle.source)
 
 
 def _marks(shaft: float | None, pistons: int | None, *, harmonics: bool = True) -> tuple[Mark, ...]:

@@ -140,8 +140,8 @@ def _order_amplitude(shaft: float, order: int) -> Compute:
 
 def _velocity(measured: Measured) -> Values:
     if measured.recording.unit == "m/s^2":
-        found = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
-        yield found, _or_nan(measured, velocity_rms)
+        indicator = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
+        yield indicator, _or_nan(measured, velocity_rms)
 
 
 def _levels(measured: Measured) -> Values:
@@ -150,8 +150,10 @@ def _levels(measured: Measured) -> Values:
         if factor is None:
             continue
         level = partial(band_rms, low=band.low * factor, high=band.high * factor)
-        found = Indicator(f"band_rms {band.name}", measured.recording.unit, "rms in the band; its square is the energy")
-        yield found, _or_nan(measured, level)
+        indicator = Indicator(
+            f"band_rms {band.name}", measured.recording.unit, "rms in the band; its square is the energy"
+        )
+        yield indicator, _or_nan(measured, level)
 
 
 def _lines(measured: Measured) -> Values:
@@ -162,8 +164,8 @@ def _lines(measured: Measured) -> Values:
     turning = "peak amplitude of the line that turns with the shaft's angle"
     for order in measured.orders:
         if angle is None:
-            found = Indicator(f"order_amplitude {order}x", unit, gathered)
-            yield found, _or_nan(measured, _order_amplitude(shaft, order))
+            indicator = Indicator(f"order_amplitude {order}x", unit, gathered)
+            yield indicator, _or_nan(measured, _order_amplitude(shaft, order))
             continue
         try:
             lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
@@ -195,10 +197,10 @@ def _envelope(measured: Measured) -> Values:
         return
     envelope = envelopes(signal, rate, bands)
     for order in measured.orders:
-        found = Indicator(
+        indicator = Indicator(
             f"envelope_amplitude {order}x", measured.recording.unit, "peak amplitude of the envelope's line"
         )
-        yield found, _or_nan(measured, _order_amplitude(measured.shaft, order), envelope)
+        yield indicator, _or_nan(measured, _order_amplitude(measured.shaft, order), envelope)
 
 
 def _families(measured: Measured) -> Values:
@@ -206,10 +208,10 @@ def _families(measured: Measured) -> Values:
         return
     for order in measured.orders:
         index = partial(harmonic_family_index, spacing=order * measured.shaft)
-        found = Indicator(
+        indicator = Indicator(
             f"harmonic_index {order}x", "", "cepstrum's peak for lines that far apart, in deviations of its background"
         )
-        yield found, _or_nan(measured, index)
+        yield indicator, _or_nan(measured, index)
 
 
 FAMILIES: Mapping[str, tuple[str, Callable[[Measured], Values]]] = MappingProxyType(

@@ -49,11 +49,11 @@ def synchronous_lines(
     Raises
     ------
     InputError
-        The signal and the angle differ in length, an order below 1 or above half the readings per turn, or fewer than
+        The signal and the angle differ in length, an order below 1 or above half the samples per turn, or fewer than
         16 revolutions.
     """
     if signal.shape[1] != len(angle.angle):
-        raise InputError(f"{signal.shape[1]} readings and {len(angle.angle)} angles; give the signal's own angle.")
+        raise InputError(f"{signal.shape[1]} samples and {len(angle.angle)} angles; give the signal's own angle.")
     fastest = float(angle.speed.max()) / (2 * math.pi)
     if orders.min() < 1 or orders.max() * fastest >= angle.sample_rate / 2:
         raise InputError(
@@ -74,8 +74,8 @@ def synchronous_lines(
 def _averaged(
     signal: Float[np.ndarray, "channel time"], angle: Float[np.ndarray, " time"], orders: Int[np.ndarray, " order"]
 ) -> Complex[np.ndarray, "channel order"]:
-    place = (angle - angle[0]) / (angle[-1] - angle[0])
-    weight = (1 - np.cos(2 * np.pi * place)) * np.gradient(angle)
+    share = (angle - angle[0]) / (angle[-1] - angle[0])
+    weight = (1 - np.cos(2 * np.pi * share)) * np.gradient(angle)
     weight = weight / weight.sum()
     centered = signal - (signal @ weight)[:, None]
     turning = np.exp(-1j * np.outer(angle, orders))

@@ -56,32 +56,32 @@ class IndicatorTable:
         Raises
         ------
         InputError
-            The table has no such indicator, or has it in several units.
+            The table has no such column, or has it in several units.
         """
-        places = [place for place, one in enumerate(self.columns) if one.name == name]
-        if not places:
-            raise InputError(f"no indicator {name!r}; there are {', '.join(one.name for one in self.columns)}.")
-        if len(places) > 1:
-            units = ", ".join(self.columns[place].unit for place in places)
+        indices = [index for index, column in enumerate(self.columns) if column.name == name]
+        if not indices:
+            raise InputError(f"no indicator {name!r}; there are {', '.join(column.name for column in self.columns)}.")
+        if len(indices) > 1:
+            units = ", ".join(self.columns[index].unit for index in indices)
             raise InputError(f"{name} is there in several units ({units}); pick recordings of one.")
-        return self.columns[places[0]], self.values[:, places[0]]
+        return self.columns[indices[0]], self.values[:, indices[0]]
 
     @property
     def csv(self) -> str:
         """The table as text, units in the header, every number with all its digits, NaN as an empty cell."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        units = [f"{one.name} [{one.unit}]" if one.unit else one.name for one in self.columns]
+        units = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in self.columns]
         writer.writerow([*KEYS, *units])
         for row, values in zip(self.rows, self.values.tolist(), strict=True):
-            known = [row.recording_id, row.channel, row.label, row.specimen, row.date, row.speed, row.pressure]
-            writer.writerow(["" if value is None or value != value else value for value in [*known, *values]])
+            facts = [row.recording_id, row.channel, row.label, row.specimen, row.date, row.speed, row.pressure]
+            writer.writerow(["" if value is None or value != value else value for value in [*facts, *values]])
         return text.getvalue()
 
     def to_dict(self) -> dict[str, Any]:
         """The table as JSON can hold it: columns with unit and meaning, rows with a value by name."""
-        columns = [{"name": one.name, "unit": one.unit, "meaning": one.meaning} for one in self.columns]
-        names = [one.name for one in self.columns]
+        columns = [{"name": column.name, "unit": column.unit, "meaning": column.meaning} for column in self.columns]
+        names = [column.name for column in self.columns]
         rows = [
             {
                 "recording": row.recording_id,
@@ -125,7 +125,7 @@ def indicators_of(
     InputError
         An unknown family or channel, no piston, or an angle of another recording.
     DataError
-        The recording is unfit: missing readings, a constant channel, gaps.
+        The recording is unfit: missing samples, a constant channel, gaps.
     """
     wanted = list(families)
     unknown = [name for name in wanted if name not in FAMILIES]
@@ -142,14 +142,14 @@ def indicators_of(
         shaft = stated_speed(recording)
     orders = (1, 2) if pistons is None else tuple(sorted({1, 2, pistons, 2 * pistons}))
     measured = Measured(picked, shaft, angle, orders, tuple(bands))
-    found = [pair for name in wanted for pair in FAMILIES[name][1](measured)]
+    pairs = [pair for name in wanted for pair in FAMILIES[name][1](measured)]
     pressure = math.nan if recording.condition is None else recording.condition.discharge_pressure
     date = recording.attributes.get("date")
-    known = (recording.label, recording.specimen, None if date is None else str(date))
+    facts = (recording.label, recording.specimen, None if date is None else str(date))
     speed = math.nan if shaft is None else 2 * math.pi * shaft
-    rows = tuple(Row(recording.recording_id, channel, *known, speed, pressure) for channel in picked.channels)
-    values = np.stack([value for _, value in found], axis=1) if found else np.empty((len(rows), 0))
-    return IndicatorTable(rows, tuple(indicator for indicator, _ in found), values)
+    rows = tuple(Row(recording.recording_id, channel, *facts, speed, pressure) for channel in picked.channels)
+    values = np.stack([value for _, value in pairs], axis=1) if pairs else np.empty((len(rows), 0))
+    return IndicatorTable(rows, tuple(column for column, _ in pairs), values)
 
 
 def stacked(tables: Sequence[IndicatorTable]) -> IndicatorTable:
@@ -162,12 +162,12 @@ def stacked(tables: Sequence[IndicatorTable]) -> IndicatorTable:
     """
     if not tables:
         raise DataError("no recording to make a table of; check the folder or the selection.")
-    meanings = {(one.name, one.unit): one for table in tables for one in table.columns}
-    place = {key: number for number, key in enumerate(meanings)}
+    meanings = {(column.name, column.unit): column for table in tables for column in table.columns}
+    column_of = {key: number for number, key in enumerate(meanings)}
     values = []
     for table in tables:
-        block = np.full((len(table.rows), len(place)), math.nan)
-        block[:, [place[one.name, one.unit] for one in table.columns]] = table.values
+        block = np.full((len(table.rows), len(column_of)), math.nan)
+        block[:, [column_of[column.name, column.unit] for column in table.columns]] = table.values
         values.append(block)
     rows = tuple(row for table in tables for row in table.rows)
     return IndicatorTable(rows, tuple(meanings.values()), np.concatenate(values))

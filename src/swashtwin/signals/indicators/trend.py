@@ -21,7 +21,7 @@ LEAST_HEALTHY = 5
 """Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie 5 spreads off."""
 
 _LEAST_SPREAD = 0.01
-"""Spread of a baseline relative to its median, of phases in rad, at least: equal readings do not make any difference a
+"""Spread of a baseline relative to its median, of phases in rad, at least: equal samples do not make any difference a
 fault."""
 
 Status = Literal["within", "above", "below", "no baseline"]
@@ -142,7 +142,7 @@ def trend_of(
         raise DataError(
             f"no recording is stated to be healthy (class or id like {', '.join(healthy)}); name some with --healthy."
         )
-    points = [_point(place, picked, good, k, column.unit == "rad") for place in range(len(picked))]
+    points = [_point(index, picked, good, k, column.unit == "rad") for index in range(len(picked))]
     return Trend(column, channel, k, by, tuple(sorted(points, key=lambda point: _order(point.row, by))))
 
 
@@ -162,16 +162,16 @@ def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:
 
 
 def _point(
-    place: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float, is_phase: bool
+    index: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float, is_phase: bool
 ) -> TrendPoint:
-    row, value = picked[place]
+    row, value = picked[index]
     others = [
         other
         for number, (candidate, other) in enumerate(picked)
-        if number != place and good[number] and math.isfinite(other) and _same_point(candidate, row)
+        if number != index and good[number] and math.isfinite(other) and _same_point(candidate, row)
     ]
     if len(others) < LEAST_HEALTHY or not math.isfinite(value):
-        return TrendPoint(row, value, good[place], math.nan, math.nan, len(others), "no baseline")
+        return TrendPoint(row, value, good[index], math.nan, math.nan, len(others), "no baseline")
     if is_phase:  # each taken at the turn nearest to their mean direction
         middle = float(np.angle(np.exp(1j * np.array(others)).sum()))
         others = [middle + math.remainder(other - middle, 2 * math.pi) for other in others]
@@ -183,7 +183,7 @@ def _point(
     status: Status = "within"
     if abs(value - median) > k * spread:
         status = "above" if value > median else "below"
-    return TrendPoint(row, value, good[place], median, spread, len(others), status)
+    return TrendPoint(row, value, good[index], median, spread, len(others), status)
 
 
 def _same_point(a: Row, b: Row) -> bool:

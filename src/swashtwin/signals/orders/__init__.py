@@ -1,4 +1,4 @@
-"""From time to turns: where the shaft stood at each reading, and the recording along its angle.
+"""From time to turns: where the shaft stood at each sample, and the recording along its angle.
 
 A speed that wanders by half a percent smears the line at order 100 over half an order; along the shaft's angle it
 stands still. The angle comes from a tachometer channel (`tachometer_speed`), from a line of the signal itself

@@ -11,7 +11,7 @@ _LOW, _FOLLOWED = 3, 6
 """So many of the lowest piston-pass lines tell the speed, and so many the angle; the clearest of them."""
 _SEARCH = 0.02
 """How far from the stated speed the shaft's may lie, relative."""
-_APART = 0.45
+_SEARCH_SHARE = 0.45
 """Share of the distance to a line's neighbors, one order away, within which it is looked for."""
 
 
@@ -30,9 +30,9 @@ def piston_pass_angle(recording: Recording, piston_count: int) -> ShaftAngle:
         No piston-pass line stands clear enough to be followed (`tracked_speed`).
     """
     lines = [piston_count * number for number in range(1, _FOLLOWED + 1)]
-    fine = min(_SEARCH, _APART / lines[-1])
+    fine = min(_SEARCH, _SEARCH_SHARE / lines[-1])
     try:
-        low = tracked_speed(recording, order=lines[:_LOW], search=min(_SEARCH, _APART / lines[_LOW - 1]))
+        low = tracked_speed(recording, order=lines[:_LOW], search=min(_SEARCH, _SEARCH_SHARE / lines[_LOW - 1]))
     except DataError:  # those above may still be followed
         return tracked_speed(recording, order=lines, search=fine)
     if recording.speed is None:

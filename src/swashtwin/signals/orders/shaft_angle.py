@@ -1,4 +1,4 @@
-"""Where the shaft stood at each reading, and how well that is known."""
+"""Where the shaft stood at each sample, and how well that is known."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from swashtwin.recordings import Recording, stated_speed
 
 @dataclass(frozen=True, eq=False)
 class ShaftAngle:
-    """Angle of the shaft at each reading of a recording."""
+    """Angle of the shaft at each sample of a recording."""
 
     angle: Float[np.ndarray, " time"]
     """Angle since some zero [rad], never falling."""
@@ -29,7 +29,7 @@ class ShaftAngle:
 
     @property
     def speed(self) -> Float[np.ndarray, " time"]:
-        """Angular speed of the shaft at each reading [rad/s]."""
+        """Angular speed of the shaft at each sample [rad/s]."""
         return np.gradient(self.angle) * self.sample_rate
 
     @property
@@ -44,10 +44,10 @@ class ShaftAngle:
 
     def require_fits(self, recording: Recording) -> None:
         """Refuse a recording of another length or rate than the angle's."""
-        readings = recording.signal.shape[1]
-        if len(self.angle) != readings or self.sample_rate != recording.sample_rate:
+        n_samples = recording.signal.shape[1]
+        if len(self.angle) != n_samples or self.sample_rate != recording.sample_rate:
             raise InputError(
-                f"{recording.recording_id} has {readings} readings at {recording.sample_rate:g} Hz, the angle "
+                f"{recording.recording_id} has {n_samples} samples at {recording.sample_rate:g} Hz, the angle "
                 f"{len(self.angle)} at {self.sample_rate:g} Hz; take the angle from this recording."
             )
 

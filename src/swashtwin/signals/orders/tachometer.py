@@ -20,7 +20,7 @@ _ODD_INTERVAL = 1.5
 def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
     """Angle of the shaft from the rising edges of a tachometer channel.
 
-    Each edge is placed between two readings by a straight line; between edges the angle follows a monotone cubic
+    Each edge is placed between two samples by a straight line; between edges the angle follows a monotone cubic
     (Fritsch and Carlson), before the first and after the last it goes on at the nearest interval's speed. With one
     pulse per turn angle 0 is the first pulse, the same mark in every recording. An encoder's marks are taken as evenly
     spaced.
@@ -35,7 +35,7 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
     InputError
         No such channel, or a count below 1.
     DataError
-        Fewer than three pulses, missing readings, or a pulse that was missed or counted twice.
+        Fewer than three pulses, missing samples, or a pulse that was missed or counted twice.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         raise InputError(f"pulses_per_turn ({pulses_per_turn}) must be 1 or more.")
     level = recording.picked([channel]).signal[0]
     if not np.isfinite(level).all():
-        raise DataError(f"{recording.recording_id}, {channel}: readings are missing; no pulse can be counted there.")
+        raise DataError(f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there.")
     pulses = _rising_edges(level)
     if len(pulses) < 3:
         raise DataError(
@@ -74,10 +74,10 @@ def _rising_edges(level: Float[np.ndarray, " time"]) -> Float[np.ndarray, " puls
         return np.empty(0)
     share = (level - low) / (high - low)
     state = np.where(share >= _RISE, 1, np.where(share <= _FALL, -1, 0))
-    known = np.flatnonzero(state)
-    rises = np.flatnonzero((state[known[1:]] == 1) & (state[known[:-1]] == -1))
+    certain = np.flatnonzero(state)
+    rises = np.flatnonzero((state[certain[1:]] == 1) & (state[certain[:-1]] == -1))
     edges = []
-    for before, after in zip(known[rises], known[rises + 1], strict=True):
+    for before, after in zip(certain[rises], certain[rises + 1], strict=True):
         part = share[before : after + 1]
         at = int(np.flatnonzero((part[:-1] < 0.5) & (part[1:] >= 0.5))[0])
         edges.append(before + at + (0.5 - part[at]) / (part[at + 1] - part[at]))
@@ -96,10 +96,10 @@ def _require_even(time: Float[np.ndarray, " pulse"], where: str) -> None:
 
 
 def _between(
-    pulses: Float[np.ndarray, " pulse"], marks: Float[np.ndarray, " pulse"], readings: int
+    pulses: Float[np.ndarray, " pulse"], marks: Float[np.ndarray, " pulse"], n_samples: int
 ) -> Float[np.ndarray, " time"]:
-    reading = np.arange(readings, dtype=float)
-    angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(reading, pulses[0], pulses[-1]))
+    sample = np.arange(n_samples, dtype=float)
+    angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(sample, pulses[0], pulses[-1]))
     first = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
     last = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
-    return angle + np.minimum(reading - pulses[0], 0) * first + np.maximum(reading - pulses[-1], 0) * last
+    return angle + np.minimum(sample - pulses[0], 0) * first + np.maximum(sample - pulses[-1], 0) * last

@@ -27,7 +27,7 @@ _CLEAR = 10.0
 _LEAST_QUALITY = 0.5
 """Share of the time in which the line must stand clear."""
 _PASSES = 3
-_KEPT_PER_TURN = 16
+_VALUES_PER_TURN = 16
 """Values of the line kept per revolution, at least."""
 _ASIDE = 0.1
 """Half-width of the bands half an order beside the line in which the noise is read off, in orders."""
@@ -69,15 +69,15 @@ def tracked_speed(
         raise InputError(f"order {min(orders)} is no line of the shaft; the least is 1, seven pistons' line is 7.")
     if not 0 < search < 1:
         raise InputError(f"search ({search:g}) is relative to the speed and lies in (0, 1); 3 % is 0.03.")
-    found, refusals = [], []
-    for one in _below_half(recording, start, orders, search):
+    angles, refusals = [], []
+    for candidate in _below_half(recording, start, orders, search):
         try:
-            found.append(_followed(recording, start, one, search))
+            angles.append(_followed(recording, start, candidate, search))
         except DataError as refusal:
             refusals.append(refusal)
-    if not found:
+    if not angles:
         raise refusals[0]
-    return min(found, key=lambda angle: angle.deviation)
+    return min(angles, key=lambda angle: angle.deviation)
 
 
 def _below_half(recording: Recording, start: ShaftAngle, orders: Sequence[int], search: float) -> list[int]:
@@ -106,8 +106,8 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
             f"{recording.recording_id}: the line found for order {order} lies {search:.1%} off the speed to look "
             "near, as far as the search goes; correct the speed."
         )
-    reading = np.arange(len(start.angle), dtype=float)
-    angle = start.angle + make_interp_spline(line.reading, change, k=3)(reading)
+    sample = np.arange(len(start.angle), dtype=float)
+    angle = start.angle + make_interp_spline(line.sample, change, k=3)(sample)
     if np.any(np.diff(angle) < 0):
         raise DataError(
             f"{recording.recording_id}: by its line at order {order} the shaft turns back; follow a stronger line."
@@ -130,8 +130,8 @@ class _Line:
 
     order: int
     """Multiple of the shaft frequency that it is about."""
-    reading: Float[np.ndarray, " kept"]
-    """Place of each kept value among the recording's readings."""
+    sample: Float[np.ndarray, " kept"]
+    """Place of each kept value among the recording's samples."""
     values: Complex[np.ndarray, "channel kept"]
     """Complex peak amplitude of what is near the line."""
     turn: Float[np.ndarray, " kept"]
@@ -143,14 +143,14 @@ class _Line:
     def of(recording: Recording, start: ShaftAngle, order: int, search: float) -> "_Line":
         """Line of a recording; `search` says how far from zero frequency it may lie then."""
         shaft = start.mean_speed / (2 * math.pi)
-        wanted = max(_KEPT_PER_TURN, 4 * (search * order + 1)) * shaft
+        wanted = max(_VALUES_PER_TURN, 4 * (search * order + 1)) * shaft
         thinner = max(1, math.floor(recording.sample_rate / wanted))
         signal = recording.signal - recording.signal.mean(axis=1, keepdims=True)
         turned = 2 * signal * np.exp(-1j * order * start.angle)
         values = scipy.signal.resample_poly(turned, 1, thinner, axis=-1)
-        reading = thinner * np.arange(values.shape[1], dtype=float)
+        sample = thinner * np.arange(values.shape[1], dtype=float)
         turn = start.angle[::thinner]
-        return _Line(order, reading, values, turn, recording.sample_rate / thinner / shaft)
+        return _Line(order, sample, values, turn, recording.sample_rate / thinner / shaft)
 
     def near(
         self, change: Float[np.ndarray, " kept"], half_width: float = _BANDWIDTH, aside: float = 0.0
@@ -172,8 +172,8 @@ class _Line:
 
 def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, " kept"]:
     """Coarse change of the angle [rad]: the line's path through overlapping segments."""
-    length = min(len(line.reading), round(_RIDGE_TURNS * line.per_turn))
-    rest = len(line.reading) - length
+    length = min(len(line.sample), round(_RIDGE_TURNS * line.per_turn))
+    rest = len(line.sample) - length
     first = np.unique(np.linspace(0, rest, math.ceil(4 * rest / length) + 1).astype(int))
     step = 1 / (_RIDGE_FINENESS * _RIDGE_TURNS * line.order)
     tried = step * np.arange(-math.ceil(search / step), math.ceil(search / step) + 1)
@@ -192,8 +192,8 @@ def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, "
 
 def _strongest_path(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
     """Column of each row on the path with the highest score, steps between rows costing their square (Viterbi)."""
-    place = np.arange(score.shape[1])
-    cost = _RIDGE_PENALTY * ((place[:, None] - place) / _RIDGE_FINENESS) ** 2
+    column = np.arange(score.shape[1])
+    cost = _RIDGE_PENALTY * ((column[:, None] - column) / _RIDGE_FINENESS) ** 2
     best, origin = score[0], []
     for row in score[1:]:
         total = best[:, None] - cost
@@ -207,10 +207,10 @@ def _strongest_path(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
 
 def _ends_steady(change: Float[np.ndarray, " kept"], turn: int) -> Float[np.ndarray, " kept"]:
     """The change; its first and last revolution, where filters see half of the line, go on at their neighbors' pace."""
-    place = np.arange(turn)
+    index = np.arange(turn)
     first, last = ((change[at + turn] - change[at]) / turn for at in (turn, len(change) - 2 * turn - 1))
     inner = change[turn:-turn]
-    return np.concatenate([inner[0] - first * (turn - place), inner, inner[-1] + last * (place + 1)])
+    return np.concatenate([inner[0] - first * (turn - index), inner, inner[-1] + last * (index + 1)])
 
 
 def _fluctuating(power: Float[np.ndarray, " kept"], block: int) -> float:

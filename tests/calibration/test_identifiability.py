@@ -91,7 +91,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
     truth = objective.unknowns.start
     clean = objective.with_observables(objective.observables(objective.start).detach().numpy())
     is_held, is_far = [], []
-    for index in range(30):
+    for index in range(20):
         noise = clean.sigma.numpy() * stream(0, "coverage", index).standard_normal(len(clean.sigma))
         noisy = objective.with_observables(np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
@@ -142,7 +142,7 @@ def test_a_twin_that_lacks_something_gets_intervals_that_hold_more(twin: Twin, w
     mistaken = replace(twin, scales=Scales(mount=1.2)) if wrong == "mount" else replace(twin, path=PATH)
     is_held: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
     is_identified: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
-    for _ in range(8):
+    for _ in range(5):
         values = twin.values.numpy() * np.exp(generator.normal(0, 0.5, 6))
         objective = objective_for(twin, replace(mistaken, interfaces=Interfaces.from_values(values)))
         point = solution(objective)

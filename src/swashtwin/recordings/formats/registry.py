@@ -35,6 +35,11 @@ _FORMATS = {
 }
 _registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
+_IN_PARTS = (".wav", ".tdms", ".h5", ".hdf5", ".parquet")
+"""Suffixes of files that are read in parts. A file of any other format is parsed whole."""
+_PARSED_BYTES = 1 << 28
+"""Bytes of parsed files that are kept, so that a file is not parsed for its facts and again for its samples."""
+_parsed: dict[tuple[object, ...], RawFile] = {}
 _RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
@@ -102,9 +107,22 @@ def open_raw(path: Path, options: Options) -> RawFile:
     """
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
-    read = _reader(path)
-    if path.stat().st_size == 0:
+    read, stat = _reader(path), path.stat()
+    if stat.st_size == 0:
         raise DataError(f"{path} is empty (0 bytes).")
+    key = (read, path.resolve(), stat.st_ino, stat.st_size, stat.st_mtime_ns, options)
+    if key in _parsed:
+        return _parsed[key]
+    raw = _read(path, read, options)
+    if suffix_of(path) not in _IN_PARTS:
+        _parsed[key] = raw
+        while sum(8 * len(column) for parsed in _parsed.values() for column in parsed.columns.values()) > _PARSED_BYTES:
+            del _parsed[next(iter(_parsed))]  # the oldest
+    return raw
+
+
+def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options) -> RawFile:
+    """Content of a file as its format reads it, refused where it is damaged."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here

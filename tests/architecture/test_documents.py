@@ -19,3 +19,13 @@ def test_every_relative_link_leads_somewhere(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
     targets = re.findall(r"\]\((?!https?://|#)([^)#]+)", text)
     assert [target for target in targets if not (document.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("document", [path for path in DOCUMENTS if path.name != "CHANGELOG.md"], ids=lambda p: p.name)
+def test_every_module_that_a_document_names_exists(document: Path) -> None:
+    names = re.findall(
+        r"`((?:\w+/)+[a-z_0-9]+\.py)`|python (benchmarks/[a-z_]+\.py)", document.read_text(encoding="utf-8")
+    )
+    paths = [next(filter(None, groups)) for groups in names]
+    roots = (ROOT, ROOT / "src", ROOT / "src" / "swashtwin")
+    assert [path for path in paths if not any((root / path).exists() for root in roots)] == []

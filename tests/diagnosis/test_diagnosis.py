@@ -13,6 +13,7 @@ import pytest
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
 from swashtwin.foundation import ArtifactError, DataError, MissingFileError, MPa, read_artifact, rpm, write_artifact
 from swashtwin.learning import (
+    NETWORKS,
     BiTCN,
     FittedClassifier,
     TrainingSettings,
@@ -53,11 +54,13 @@ def saved(classifier, tmp_path) -> Path:
     return save_classifier(classifier, tmp_path / "pump.safetensors")
 
 
-@pytest.mark.parametrize("name", sorted(BUILT_IN))
-@pytest.mark.parametrize("normalization", ["window", "set"])
+@pytest.mark.parametrize(
+    ("name", "normalization"), [*((name, "set") for name in sorted(BUILT_IN)), ("bitcn", "window")]
+)
 def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name, normalization):
     settings = TrainingSettings(epochs=1, normalization=normalization)
-    classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
+    shape = {"pretraining_epochs": 1} if name == "autoencoder" else {}
+    classifier = fit(build_network(name, 1, 2, **shape), windows(), settings=settings, manifest=["extra"])
     loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
     np.testing.assert_array_equal(loaded.predict_proba(windows()), classifier.predict_proba(windows()))
     np.testing.assert_array_equal(loaded.embed(windows()), classifier.embed(windows()))

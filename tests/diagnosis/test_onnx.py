@@ -18,7 +18,13 @@ from swashtwin.learning import FittedClassifier, TrainingSettings, WindowSet, bu
 from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.recordings import Recording
 
-SMALLER = {"channels": (8, 12)}
+SMALLER = {
+    "bitcn": {"channels": (8, 12)},
+    "tcn": {"channels": (8, 12)},
+    "resnet1d": {"channels": (8,)},
+    "spectral_bitcn": {"channels": (8,), "dilations": (1,)},
+}
+"""Settings of the networks whose files would otherwise take many seconds to write."""
 OFFSET = 9.8
 """What no scaling may forget to take away [m/s^2]."""
 
@@ -36,8 +42,7 @@ def windows(count: int = 12) -> WindowSet:
 
 
 def fitted(name: str, normalization: str = "window") -> FittedClassifier:
-    settings = SMALLER if name.startswith(("bitcn", "tcn", "resnet1d")) else {}
-    network = build_network(name, 2, 2, **settings)
+    network = build_network(name, 2, 2, **SMALLER.get(name, {}))
     return fit(network, windows(), settings=TrainingSettings(epochs=2, normalization=normalization))
 
 

@@ -186,7 +186,7 @@ def test_a_pump_starts_from_standstill_and_is_silent_there(pump: Pump, at_15: Op
 
 
 def test_a_ramp_down_to_standstill_is_finite_and_never_turns_back(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, LooseSlipper(mm(0.1)), bandwidth=1000)
+    twin = Twin(pump, at_15, LooseSlipper(mm(0.1), pulse=2e-3), bandwidth=1000)
     marched = simulate_profile(twin, OperatingProfile.ramp(at_15, 0.5, to_speed=0.0), RATE)
     assert marched.speed is not None
     assert marched.speed.min() >= 0

@@ -179,7 +179,7 @@ def test_an_rk4_run_stays_on_the_steady_state(pump: Pump, at_15: OperatingCondit
     ],
 )
 def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition, fault: object, topology: str) -> None:
-    bandwidth = 220 if isinstance(fault, TiltedBlockFace) else 450
+    bandwidth = 120 if isinstance(fault, TiltedBlockFace) else 300
     twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)  # type: ignore[arg-type]
     scale = twin.values
 

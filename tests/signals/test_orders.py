@@ -241,8 +241,8 @@ def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
 
 @pytest.fixture(scope="module")
 def rig() -> list[Recording]:
-    """Four recordings of the rig, whose speed wanders by up to 0.5 %."""
-    size = RigSize(specimens=2, repeats=2)
+    """Two recordings of the rig, whose speed wanders by up to 0.5 %."""
+    size = RigSize(specimens=2, repeats=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
         return [recording for recording, _ in rig_recordings(2, size, labels=("normal",))]

@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.signals import TIME_STATISTICS, band_shares, hann_taper, tapered_transform, time_statistics
+from swashtwin.signals import (
+    TIME_STATISTICS,
+    band_shares,
+    hann_taper,
+    signal_envelope,
+    tapered_transform,
+    time_statistics,
+)
 
 N_BANDS = 32
 """Logarithmic bands per spectrum."""
@@ -44,7 +51,7 @@ def extract_features(windows: WindowSet) -> FeatureTable:
     parts, names = [], []
     for index, channel in enumerate(windows.channels):
         signal = windows.signal[:, index].astype(np.float64)
-        envelope = _envelope(signal - signal.mean(axis=1, keepdims=True))
+        envelope = signal_envelope(signal - signal.mean(axis=1, keepdims=True))
         parts += [
             time_statistics(signal),
             band_energies(signal),
@@ -56,14 +63,6 @@ def extract_features(windows: WindowSet) -> FeatureTable:
         names += [f"{channel} envelope {name}" for name in ENVELOPE_STATISTICS]
         names += [f"{channel} envelope spectrum band {band}" for band in range(N_BANDS)]
     return FeatureTable(np.concatenate(parts, axis=1), tuple(names))
-
-
-def _envelope(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window time"]:
-    """Magnitude of the analytic signal, bit by bit that of `scipy.signal.hilbert`, whose import takes a second."""
-    length = signal.shape[1]
-    spectrum = np.fft.rfft(signal, axis=1)
-    spectrum[:, 1 : (length + 1) // 2] *= 2
-    return np.abs(np.fft.ifft(spectrum, n=length, axis=1))
 
 
 def band_energies(

@@ -42,6 +42,7 @@ from .spectra import line_frequencies as line_frequencies
 from .spectra import order_spectrum as order_spectrum
 from .spectra import periodic_signal as periodic_signal
 from .spectra import power_density as power_density
+from .spectra import signal_envelope as signal_envelope
 from .spectra import synchronous_signal as synchronous_signal
 from .spectra import tapered_transform as tapered_transform
 from .spectra import transform as transform
@@ -79,6 +80,7 @@ __all__ = [
     "power_density",
     "prewhitened",
     "resampled_by_angle",
+    "signal_envelope",
     "spectral_correlation",
     "spectrum_of",
     "spectrum_value_error",

@@ -9,11 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import hilbert
 
 from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
 from swashtwin.recordings import Recording
-from swashtwin.signals import TIME_STATISTICS, band_limited, hann_taper, line_frequencies, time_statistics, transform
+from swashtwin.signals import (
+    TIME_STATISTICS,
+    band_limited,
+    hann_taper,
+    line_frequencies,
+    signal_envelope,
+    time_statistics,
+    transform,
+)
 
 _PAIRS = (
     (("hA", "fA"), ("hB", "fB")),
@@ -47,7 +54,7 @@ def _fault_signs(recording: Recording) -> Float[np.ndarray, " sign"]:
     rate, centered = recording.sample_rate, recording.signal - recording.signal.mean(axis=1, keepdims=True)
     lines = _Lines.of(centered, rate)
     high = band_limited(centered, rate, _HIGH, rate / 2)
-    envelope = np.abs(hilbert(high, axis=1))
+    envelope = signal_envelope(high)
     beats = _Lines.of(envelope - envelope.mean(axis=1, keepdims=True), rate, lines.shaft)
     raw, fast = time_statistics(centered), time_statistics(high)
     kurtosis, crest = TIME_STATISTICS.index("kurtosis"), TIME_STATISTICS.index("crest_factor")

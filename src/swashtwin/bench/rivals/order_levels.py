@@ -10,13 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.signal
 from jaxtyping import Float, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FeatureTable, WindowSet
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin.signals import band_limited, power_density
+from swashtwin.signals import band_limited, power_density, signal_envelope
 
 Extractor = Callable[[WindowSet], FeatureTable]
 """Anything that gives features of windows."""
@@ -85,7 +84,7 @@ def envelope_levels(windows: WindowSet, count: int = 28) -> FeatureTable:
     """
     flat = windows.signal.reshape(-1, windows.length).astype(np.float64)
     high = band_limited(flat, windows.sample_rate, ENVELOPE_FROM, windows.sample_rate / 2)
-    envelope = np.abs(scipy.signal.hilbert(high, axis=1)).reshape(windows.signal.shape)
+    envelope = signal_envelope(high).reshape(windows.signal.shape)
     table = order_lines(replace(windows, signal=envelope.astype(np.float32)), count)
     return FeatureTable(table.values, tuple(f"{name} of the envelope" for name in table.names))
 

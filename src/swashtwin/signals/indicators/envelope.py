@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.signals.filtering import band_limited
 from swashtwin.signals.indicators.kurtogram import kurtogram
-from swashtwin.signals.spectra import amplitude_spectrum
+from swashtwin.signals.spectra import amplitude_spectrum, signal_envelope
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +33,7 @@ def envelopes(
         band_limited(row[None], sample_rate, max(low, 1e-3 * sample_rate), high)
         for row, (low, high) in zip(signal, bands, strict=True)
     ]
-    return np.abs(scipy.signal.hilbert(np.concatenate(limited), axis=-1))
+    return signal_envelope(np.concatenate(limited))
 
 
 def automatic_bands(

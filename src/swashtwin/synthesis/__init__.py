@@ -1,4 +1,4 @@
-"""Windows that nobody measured: made with a twin, or from measured windows alone."""
+"""Synthetic windows: simulated with a twin, or made from measured windows alone."""
 
 import lazy_loader
 

@@ -12,7 +12,7 @@ from swashtwin.physics import Twin
 
 @dataclass(frozen=True)
 class Variation:
-    """What is drawn anew for each synthetic window; the shaft's phase always is. Zero switches one off.
+    """Spreads of what is drawn for each synthetic window, besides the shaft's phase. Zero switches one off.
 
     Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
     estimates of ours; those of severity and angle are also the virtual rig's, so that results on the rig are those

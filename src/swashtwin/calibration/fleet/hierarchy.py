@@ -1,4 +1,4 @@
-"""Several pumps of one type, calibrated together: each learns from the others what its own recordings leave open."""
+"""Several pumps of one type, calibrated together: each with the others as its prior."""
 
 import re
 import time
@@ -40,7 +40,7 @@ TOLERANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class FleetCalibration:
-    """Pumps of one type, each calibrated with what its recordings and the others say."""
+    """Pumps of one type, each calibrated on its recordings with the others as prior."""
 
     population: Population
     """What the pumps have in common; the prior of a new pump (``calibrate(..., prior=population)``)."""

@@ -63,7 +63,7 @@ class IPINN:
     values: Literal["base_values", "plain", "logarithms"] = "base_values"
     """What the network gives: theta in P = theta * S (the paper's), P itself, or ln(P / nominal) (ours)."""
     recordings: Literal["first", "all"] = "first"
-    """Which recordings the network reads; what it gives for each of all is averaged."""
+    """Recordings that the network reads; its output is averaged over all."""
     revolutions: float = 2.0
     """Length of the window that the network reads, in revolutions of the shaft."""
     kernel: int = 7

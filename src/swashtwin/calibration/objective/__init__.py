@@ -1,1 +1,1 @@
-"""What is searched, what it is compared with, and how the difference is measured."""
+"""Unknowns, measurements, and the distance between a twin and a measurement."""

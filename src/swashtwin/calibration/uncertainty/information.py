@@ -170,7 +170,7 @@ def _with_twin(objective: Objective, point: np.ndarray, twin: Twin) -> Objective
 def _expected(
     comparison: Comparison, twin: Twin, orders: np.ndarray, unknowns: Unknowns, point: np.ndarray
 ) -> Comparison:
-    """Comparison of `twin` with what it would itself read at `point`, without scatter."""
+    """Comparison of `twin` with its own lines at `point`, without scatter."""
     blank = np.zeros((len(comparison.measurement.channels), len(orders)))
     empty = replace(comparison.measurement, orders=orders, amplitude=blank, deviation=blank, recordings=(), left_out=())
     with torch.no_grad():

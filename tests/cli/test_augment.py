@@ -29,17 +29,17 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recordings.append(
             Recording(signal, 3000.0, name, channels=("x", "y"), label=label, specimen="A", condition=condition)
         )
-    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
     return write_index(recordings, files, folder)
 
 
 def test_a_filled_cell_is_written_for_training_and_its_likeness_told(index: Path, tmp_path: Path) -> None:
     out = tmp_path / "cell.safetensors"
-    told = run_json("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out)
-    assert (told["count"], told["measured_in_cell"], told["pressure_pa"]) == (8, 7, MPa(15))
-    assert told["compared_with"] == "training windows of the cell"
-    assert told["fidelity"]["discriminative_auroc"] is None  # the cell has one recording
-    assert set(told["fidelity"]["spectral_distance_db"]) == {"x", "y"}
+    answer = run_json("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out)
+    assert (answer["count"], answer["measured_in_cell"], answer["pressure_pa"]) == (8, 7, MPa(15))
+    assert answer["compared_with"] == "training windows of the cell"
+    assert answer["fidelity"]["discriminative_auroc"] is None  # the cell has one recording
+    assert set(answer["fidelity"]["spectral_distance_db"]) == {"x", "y"}
     windows = load_windows(out)
     assert windows.synthetic.all()
     assert len(windows.manifest) == 10
@@ -53,9 +53,9 @@ def test_held_out_recordings_are_compared_with_where_they_are_given(index: Path,
     run("data", "split", index, "--test-fraction", 0.4, "--out", tmp_path / "parts")
     parts = ("--held-out", tmp_path / "parts" / "test.toml", "--out", tmp_path / "cell.safetensors")
     facts = ("--label", "normal", "--pressure", "10 MPa", "--count", 8, "--window", 256)
-    told = run_json("bench", "augment", tmp_path / "parts" / "train.toml", "--filler", "duplicate", *facts, *parts)
-    assert told["compared_with"] == "held-out windows of the cell"
-    assert told["fidelity"]["copied_share"] == 1.0
+    answer = run_json("bench", "augment", tmp_path / "parts" / "train.toml", "--filler", "duplicate", *facts, *parts)
+    assert answer["compared_with"] == "held-out windows of the cell"
+    assert answer["fidelity"]["copied_share"] == 1.0
     said = run(
         "bench", "augment", tmp_path / "parts" / "train.toml", "--filler", "smote", *facts, *parts, "--seed", 1
     ).stdout
@@ -66,12 +66,13 @@ def test_held_out_recordings_are_compared_with_where_they_are_given(index: Path,
 def test_a_pressure_is_not_given_to_windows_that_state_none(tmp_path: Path) -> None:
     signals = [stream(0, str(number)).normal(size=(2, 2000)) for number in range(2)]
     recordings = [
-        Recording(one, 3000.0, f"p{place}", channels=("x", "y"), label="piston") for place, one in enumerate(signals)
+        Recording(signal, 3000.0, f"p{index}", channels=("x", "y"), label="piston")
+        for index, signal in enumerate(signals)
     ]
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     index, out = write_index(recordings, files, tmp_path), tmp_path / "cell.safetensors"
-    told = one_line(run("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out, code=3))
-    assert "states its pressure" in told
+    line = one_line(run("bench", "augment", index, "--filler", "jitter", *FACTS, "--out", out, code=3))
+    assert "states its pressure" in line
     assert not out.exists()
     run("bench", "augment", index, "--filler", "jitter", *FACTS[:2], *FACTS[4:], "--out", out)
     assert out.is_file()

@@ -30,41 +30,43 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     size = RigSize(specimens=2, repeats=2, duration=1.3)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-        recordings = [one for one, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
-    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+        recordings = [recording for recording, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
+    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
     write_index(recordings, files, folder)
     return folder
 
 
 @pytest.fixture(scope="module")
 def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """What split, calibrate, synthesize and train told, each fed with the files of the one before."""
+    """What split, calibrate, synthesize and train answer, each fed with the files of the one before."""
     folder = tmp_path_factory.mktemp("chain")
-    told = {"split": run_json("data", "split", rig, "--out", folder, "--test-fraction", 0.5)}
-    train = told["split"]["train"]
+    answers = {"split": run_json("data", "split", rig, "--out", folder, "--test-fraction", 0.5)}
+    train = answers["split"]["train"]
     out = folder / "calibration.json"
-    told["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, *QUICK, "--out", out)
+    answers["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, *QUICK, "--out", out)
     windows = ("--count", 3, "--out", folder / "made.safetensors")
-    told["synthesize"] = run_json("synthesize", out, "--like", train, *windows)
+    answers["synthesize"] = run_json("synthesize", out, "--like", train, *windows)
     options = ("--test-fraction", 0, "--out", folder / "model.safetensors", *TINY)
-    told["train"] = run_json("train", train, "--add", folder / "made.safetensors", *options)
-    return told
+    answers["train"] = run_json("train", train, "--add", folder / "made.safetensors", *options)
+    return answers
 
 
 def test_a_split_written_down_holds_every_recording_once(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
-    sides = [{one.recording_id for one in load_recordings(chain["split"][name])} for name in ("train", "test")]
+    sides = [
+        {recording.recording_id for recording in load_recordings(chain["split"][name])} for name in ("train", "test")
+    ]
     assert not sides[0] & sides[1]
-    assert sides[0] | sides[1] == {one.recording_id for one in load_recordings(rig)}
+    assert sides[0] | sides[1] == {recording.recording_id for recording in load_recordings(rig)}
     assert sides[1] == set(chain["split"]["test_recordings"])
 
 
 def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: dict[str, dict[str, Any]]) -> None:
-    told = chain["calibrate"]
-    assert set(told["recording_ids"]) <= set(chain["split"]["train_recordings"])
-    saved = swashtwin.load_calibration(told["calibration"])
-    assert [one["value"] for one in told["estimates"]] == [one.value for one in saved.estimates]
-    assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
-    assert "[interfaces.block_valve]" in Path(told["interfaces"]).read_text(encoding="utf-8")
+    answer = chain["calibrate"]
+    assert set(answer["recording_ids"]) <= set(chain["split"]["train_recordings"])
+    saved = swashtwin.load_calibration(answer["calibration"])
+    assert [estimate["value"] for estimate in answer["estimates"]] == [estimate.value for estimate in saved.estimates]
+    assert answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
+    assert "[interfaces.block_valve]" in Path(answer["interfaces"]).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("method", ["lbfgs", "cmaes"])
@@ -73,8 +75,9 @@ def test_a_housing_that_bends_is_kept_by_the_calibrated_twin(
 ) -> None:
     freed = ("--no-phases", "--nuisances", "usual" if method == "cmaes" else "housing")
     train, out = chain["split"]["train"], tmp_path / "twin.json"
-    told = run_json("calibrate", train, *AT_15, *DEFECT, "--method", method, *freed, "--bounds", 3, "--out", out)
-    assert told["fit_after"]["spectrum_value_error"] < told["fit_before"]["spectrum_value_error"]
+    freed = (*freed, "--set", "starts=1") if method == "lbfgs" else freed
+    answer = run_json("calibrate", train, *AT_15, *DEFECT, "--method", method, *freed, "--bounds", 3, "--out", out)
+    assert answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
     twin = load_calibration(out).twin
     assert (twin.path is not None) == (method == "lbfgs")
     assert twin.scales.excitation != 1
@@ -106,39 +109,41 @@ def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]
 
 
 def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
-    told = run_json("evaluate", chain["train"]["model"], rig, "--level", "L2")
-    assert told["recordings"] == [
-        one.recording_id for one in load_recordings(rig) if one.recording_id in set(chain["split"]["test_recordings"])
+    answer = run_json("evaluate", chain["train"]["model"], rig, "--level", "L2")
+    assert answer["recordings"] == [
+        recording.recording_id
+        for recording in load_recordings(rig)
+        if recording.recording_id in set(chain["split"]["test_recordings"])
     ]
-    assert told["level"] == "L2"
-    assert sum(map(sum, told["confusion"])) == told["n_windows"]
+    assert answer["level"] == "L2"
+    assert sum(map(sum, answer["confusion"])) == answer["n_windows"]
     assert "g_mean" in run("evaluate", chain["train"]["model"], rig).stdout
 
 
 def test_diagnose_names_a_class_and_writes_a_report(
     rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:
-    one, model = next(rig.glob("*.h5")), chain["train"]["model"]
-    told = run_json("diagnose", model, one, rig, "--report", tmp_path)
-    assert told["diagnoses"][0]["recording_id"] == one.stem
-    assert len(told["diagnoses"]) == 1 + len(load_recordings(rig))
-    assert Path(told["report"]).is_file()
+    file, model, test = next(rig.glob("*.h5")), chain["train"]["model"], chain["split"]["test"]
+    answer = run_json("diagnose", model, file, test, "--report", tmp_path)
+    assert answer["diagnoses"][0]["recording_id"] == file.stem
+    assert len(answer["diagnoses"]) == 1 + len(load_recordings(test))
+    assert Path(answer["report"]).is_file()
 
 
 def test_train_holds_whole_recordings_out(rig: Path, tmp_path: Path) -> None:
-    told = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
-    manifest = swashtwin.load_classifier(Path(told["model"])).manifest
-    assert told["held_out"]
-    assert not set(told["held_out"]) & set(manifest)
-    scores = run_json("evaluate", told["model"], rig)
-    assert sorted(scores["recordings"]) == told["held_out"]
+    answer = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
+    manifest = swashtwin.load_classifier(Path(answer["model"])).manifest
+    assert answer["held_out"]
+    assert not set(answer["held_out"]) & set(manifest)
+    scores = run_json("evaluate", answer["model"], rig)
+    assert sorted(scores["recordings"]) == answer["held_out"]
 
 
 def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
     rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:
-    made, out = chain["synthesize"]["windows"], tmp_path / "m.safetensors"
-    result = run("train", rig, "--add", made, "--test-fraction", 0.5, "--seed", 1, "--out", out, *TINY, code=3)
+    windows, out = chain["synthesize"]["windows"], tmp_path / "m.safetensors"
+    result = run("train", rig, "--add", windows, "--test-fraction", 0.5, "--seed", 1, "--out", out, *TINY, code=3)
     assert "split first" in one_line(result)
     assert not out.exists()
 
@@ -189,14 +194,14 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
     monkeypatch.setitem(MODELS["quick"], DEFAULT, network)
     monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=2, repeats=2, duration=1.3)})
     monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-    told = run_json("demo", "--out", tmp_path, "--jobs", 1)
-    assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(told)
+    answer = run_json("demo", "--out", tmp_path, "--jobs", 1)
+    assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(answer)
     wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]
-    assert [(row["training_set"], row["level"]) for row in told["rows"]] == wanted
-    for row in told["rows"]:
+    assert [(row["training_set"], row["level"]) for row in answer["rows"]] == wanted
+    for row in answer["rows"]:
         for metric in ("accuracy", "recall", "f1", "g_mean"):
             assert set(row[metric]) == {"mean", "std", "values"}
-    assert "<html" in Path(told["report"]).read_text(encoding="utf-8")
+    assert "<html" in Path(answer["report"]).read_text(encoding="utf-8")
     again = run("bench", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
     assert "6 of seed 0 done before" in again.stderr
     assert "calibrated" in again.stdout
@@ -207,8 +212,8 @@ def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
     monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
     monkeypatch.chdir(tmp_path)
-    told = run_json("bench", "rig", "rig", "--seed", 3, "--format", "csv")
-    report = run_json("inspect", told["index"])
+    answer = run_json("bench", "rig", "rig", "--seed", 3, "--format", "csv")
+    report = run_json("inspect", answer["index"])
     assert len(report["recordings"]) == 5
     assert not report["has_errors"]
     assert "5 recordings" in run("inspect", tmp_path / "rig").stdout
@@ -221,8 +226,8 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
         for number in (1, 2):
             rows = "\n".join(f"{value:.6f}" for value in rng.standard_normal(400))
             (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
-    told = run_json("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g")
-    assert (told["recordings"], told["classes"]) == (4, ["normal", "piston"])
+    answer = run_json("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g")
+    assert (answer["recordings"], answer["classes"]) == (4, ["normal", "piston"])
     assert "--overwrite" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
     assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--overwrite").stdout
     run("data", "split", tmp_path, "--test-fraction", 0.5)
@@ -233,11 +238,13 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
 
 def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) -> None:
     path = run_json("twin", "pump", "new", "mine", "--out", tmp_path)["pump"]
-    told = run_json("twin", "pump", "show", path)
-    assert told["name"] == "mine"
-    assert all(one["source"] for one in told["parameters"])
-    assert {one["name"]: one["unit"] for one in told["parameters"]}["interfaces.block_valve.stiffness"] == "N/m"
-    assert {one["name"] for one in told["parameters"]} == set(swashtwin.load_pump(path).sources)
+    answer = run_json("twin", "pump", "show", path)
+    assert answer["name"] == "mine"
+    assert all(parameter["source"] for parameter in answer["parameters"])
+    assert {parameter["name"]: parameter["unit"] for parameter in answer["parameters"]}[
+        "interfaces.block_valve.stiffness"
+    ] == "N/m"
+    assert {parameter["name"] for parameter in answer["parameters"]} == set(swashtwin.load_pump(path).sources)
     assert "block_valve" in run("twin", "pump", "show").stdout
 
 
@@ -292,7 +299,9 @@ def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
 ) -> None:
     recordings = load_recordings(rig)
     broken = replace(recordings[0], signal=change(recordings[0].signal))
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in (broken, *recordings[1:])]
+    files = [
+        write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in (broken, *recordings[1:])
+    ]
     write_index([broken, *recordings[1:]], files, tmp_path)
     report = run_json("inspect", tmp_path, code=3)
     assert report["has_errors"]
@@ -303,10 +312,10 @@ def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
 
 
 def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path) -> None:
-    recordings = [one for one in load_recordings(rig) if one.label == "normal"]
+    recordings = [recording for recording in load_recordings(rig) if recording.label == "normal"]
     other = replace(recordings[0], sample_rate=12800.0, recording_id="slow", label="swash_plate")
     for name, members in {"mixed": [*recordings, other], "lone": recordings[:1]}.items():
-        files = [write_recording(one, tmp_path / name / f"{one.recording_id}.h5") for one in members]
+        files = [write_recording(recording, tmp_path / name / f"{recording.recording_id}.h5") for recording in members]
         write_index(members, files, tmp_path / name)
     assert "sample rate 25600 Hz against 12800 Hz" in one_line(run("train", tmp_path / "mixed", *TINY, code=3))
     assert run_json("inspect", tmp_path / "mixed", code=3)["has_errors"]
@@ -362,7 +371,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[s
     def only_a_kilobyte() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
 
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-B", "-m", "swashtwin", *words],
         cwd=tmp_path,
         preexec_fn=only_a_kilobyte,
@@ -370,8 +379,8 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(words: tuple[s
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (3, "")
-    assert done.stderr.splitlines() == ["swashtwin: error: File too large; nothing is half-written."]
+    assert (process.returncode, process.stdout) == (3, "")
+    assert process.stderr.splitlines() == ["swashtwin: error: File too large; nothing is half-written."]
     assert [path.name for path in tmp_path.iterdir()] == ["full.h5"]
     assert (tmp_path / "full.h5").read_text() == "old"
 

@@ -61,9 +61,9 @@ def test_help_answers_at_once_and_loads_nothing_heavy() -> None:
         "try: main()\n"
         "except SystemExit: print(time.process_time(), *sys.modules, file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    seconds, *modules = done.stderr.split()
-    assert "calibrate" in done.stdout
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    seconds, *modules = process.stderr.split()
+    assert "calibrate" in process.stdout
     assert float(seconds) < 0.5
     assert not set(HEAVY) & set(modules)
 
@@ -121,8 +121,8 @@ def test_an_option_takes_the_same_kind_of_value_in_every_command() -> None:
 )
 def test_the_shell_completes_commands_and_options(typed: str, answer: str) -> None:
     environment = {"_SWASHTWIN_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
-    done = CliRunner().invoke(app, [], env=environment, prog_name="swashtwin")
-    assert answer in done.output.split()
+    process = CliRunner().invoke(app, [], env=environment, prog_name="swashtwin")
+    assert answer in process.output.split()
 
 
 def test_a_command_that_takes_long_shows_its_progress(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
@@ -141,7 +141,7 @@ def test_the_version_is_the_package_s() -> None:
 
 
 def test_python_m_is_the_same_command() -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "swashtwin", "twin", "pump"], capture_output=True, text=True, check=False
     )
-    assert "show" in done.stdout + done.stderr
+    assert "show" in process.stdout + process.stderr

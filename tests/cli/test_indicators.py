@@ -37,36 +37,40 @@ def measured(name: str, level: float, seed: int, *, label: str = "normal") -> Re
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six healthy recordings, a loud one and one like them."""
-    place = tmp_path_factory.mktemp("pump")
+    path = tmp_path_factory.mktemp("pump")
     recordings = [measured(f"healthy{i}", 1 + 0.01 * (i % 3), i) for i in range(6)]
     recordings += [measured("loud", 1.6, 7, label="piston"), measured("like", 1.0, 8, label="piston")]
-    files = [write_recording(one, place / f"{one.recording_id}.h5") for one in recordings]
-    write_index(recordings, files, place)
-    return place
+    files = [write_recording(recording, path / f"{recording.recording_id}.h5") for recording in recordings]
+    write_index(recordings, files, path)
+    return path
 
 
 def test_features_writes_every_indicator_with_its_unit(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "features.csv"
-    told = run_json("signal", "features", folder, "--pistons", 7, "--tachometer", "tacho", "--out", out)
+    answer = run_json("signal", "features", folder, "--pistons", 7, "--tachometer", "tacho", "--out", out)
     rows = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == len(told["rows"]) == 8
+    assert len(rows) == len(answer["rows"]) == 8
     assert {row["channel"] for row in rows} == {"cover"}
-    first = told["rows"][0]
+    first = answer["rows"][0]
     assert first["values"]["order_amplitude 7x"] == pytest.approx(1.0, rel=0.01)
     assert first["values"]["order_phase 7x"] == pytest.approx(0.3, abs=0.05)
     assert float(rows[0]["velocity_rms [m/s]"]) == first["values"]["velocity_rms"]
-    assert next(one["unit"] for one in told["columns"] if one["name"] == "velocity_rms") == "m/s"
+    assert next(column["unit"] for column in answer["columns"] if column["name"] == "velocity_rms") == "m/s"
 
 
 def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path: Path) -> None:
     recordings = [measured(f"healthy{i}", 1 + 0.01 * (i % 3), i) for i in range(12)]
     recordings += [measured("loud", 1.6, 13, label="piston"), measured("like", 1.0, 14, label="piston")]
-    write_index(recordings, [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings], tmp_path)
-    told = run("signal", "trend", tmp_path, "--tachometer", "tacho").stdout
-    assert re.search(r"normal +899.9 rev/min, 15 MPa +12 .* 12 +0 +0 +0", told)
-    assert re.search(r"piston +899.9 rev/min, 15 MPa +2 .* 1 +1 +0 +0", told)
-    assert "Furthest off: loud (" in told
-    assert "healthy7" not in told
+    write_index(
+        recordings,
+        [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings],
+        tmp_path,
+    )
+    output = run("signal", "trend", tmp_path, "--tachometer", "tacho").stdout
+    assert re.search(r"normal +899.9 rev/min, 15 MPa +12 .* 12 +0 +0 +0", output)
+    assert re.search(r"piston +899.9 rev/min, 15 MPa +2 .* 1 +1 +0 +0", output)
+    assert "Furthest off: loud (" in output
+    assert "healthy7" not in output
     assert "healthy7" in run("signal", "trend", tmp_path, "--tachometer", "tacho", "--all").stdout
     medians = run("signal", "features", tmp_path, "--tachometer", "tacho").stdout
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
@@ -83,16 +87,16 @@ def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder:
 
 def test_bands_and_families_are_those_asked_for(folder: Path) -> None:
     options = ("--family", "bands", "--band", "10-200 Hz", "--band", "0.5-1.5x", "--channels", "cover")
-    told = run_json("signal", "features", folder / "loud.h5", *options)
-    assert [one["name"] for one in told["columns"]] == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
-    assert told["rows"][0]["values"]["band_rms 0.5-1.5x"] == pytest.approx(1.6 * 0.3 / math.sqrt(2), rel=0.02)
+    answer = run_json("signal", "features", folder / "loud.h5", *options)
+    assert [column["name"] for column in answer["columns"]] == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
+    assert answer["rows"][0]["values"]["band_rms 0.5-1.5x"] == pytest.approx(1.6 * 0.3 / math.sqrt(2), rel=0.02)
 
 
 def test_a_line_can_be_tracked_instead_of_a_tachometer(folder: Path) -> None:
     options = ("--pistons", 7, "--track", "7", "--channels", "cover", "--family", "orders")
-    told = run_json("signal", "features", folder / "loud.h5", *options)
-    assert told["rows"][0]["values"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
-    assert told["rows"][0]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT, rel=1e-3)
+    answer = run_json("signal", "features", folder / "loud.h5", *options)
+    assert answer["rows"][0]["values"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
+    assert answer["rows"][0]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -103,15 +107,15 @@ def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
 ) -> None:
     out = tmp_path / f"{kind}.svg"
     options = ("--kind", kind, "--pistons", 7, "--tachometer", "tacho", "--out", out)
-    told = run_json("signal", "spectrum", folder / "loud.h5", *options)
-    mark = next(one for one in told["marks"] if one["name"] == "7x")
+    answer = run_json("signal", "spectrum", folder / "loud.h5", *options)
+    mark = next(mark for mark in answer["marks"] if mark["name"] == "7x")
     assert mark["at"] == pytest.approx(at, rel=0.002)
     if kind in ("amplitude", "order"):
         assert mark["value"]["cover"] == pytest.approx(1.6, rel=0.03)
     drawing = out.read_text(encoding="utf-8")
     assert ">7x<" in drawing
     assert "mathdefault" not in drawing
-    rows = list(csv.reader(Path(told["csv"]).read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.reader(Path(answer["csv"]).read_text(encoding="utf-8").splitlines()))
     assert rows[0][1] == ("cover [1]" if kind == "cepstrum" else "cover [m/s^2]")
     assert len(rows) > 1000
 
@@ -121,17 +125,19 @@ def test_a_spectrum_without_a_speed_says_how_to_get_marks(tmp_path: Path) -> Non
     file = write_recording(Recording(noise, RATE, "noise"), tmp_path / "noise.h5")
     result = run("signal", "spectrum", file, "--out", tmp_path / "a.svg")
     assert "--speed" in result.stderr
-    told = run_json("signal", "spectrum", file, "--speed", "900 rpm", "--out", tmp_path / "b.svg")
-    assert [one["name"] for one in told["marks"]] == ["1x", "2x"]
+    answer = run_json("signal", "spectrum", file, "--speed", "900 rpm", "--out", tmp_path / "b.svg")
+    assert [mark["name"] for mark in answer["marks"]] == ["1x", "2x"]
 
 
 def test_trend_flags_the_loud_recording_only(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "trend.svg"
-    told = run_json("signal", "trend", folder, "--indicator", "rms", "--channel", "cover", "--by", "time", "--out", out)
-    assert told["flagged"] == ["loud"]
-    assert [point["recording"] for point in told["points"]][:2] == ["like", "loud"]
+    answer = run_json(
+        "signal", "trend", folder, "--indicator", "rms", "--channel", "cover", "--by", "time", "--out", out
+    )
+    assert answer["flagged"] == ["loud"]
+    assert [point["recording"] for point in answer["points"]][:2] == ["like", "loud"]
     assert "loud" in out.read_text(encoding="utf-8")
-    assert Path(told["csv"]).read_text(encoding="utf-8").count("within") == 7
+    assert Path(answer["csv"]).read_text(encoding="utf-8").count("within") == 7
     said = run("signal", "trend", folder, "--channel", "cover").stdout
     assert "No ISO zone is printed" in said
     assert "1 of 8 flagged" in said
@@ -160,24 +166,24 @@ def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
 
 def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> None:
     text = "cover\n" + "".join(f"{value:.6f}\n" for value in measured("a", 1.0, 0).signal[0])
-    own = tmp_path / "own.csv"
-    own.write_text(text)
+    table = tmp_path / "own.csv"
+    table.write_text(text)
     facts = ("--sample-rate", "4 kHz", "--unit", "m/s^2", "--speed", "900 rpm")
-    assert "would be lost" in one_line(run("signal", "features", own, *facts, "--out", own, code=3))
-    told = run_json("signal", "spectrum", own, *facts, "--out", tmp_path / "own.svg")
-    assert told == run_json(
-        "signal", "spectrum", own, *facts, "--out", tmp_path / "own.svg"
+    assert "would be lost" in one_line(run("signal", "features", table, *facts, "--out", table, code=3))
+    answer = run_json("signal", "spectrum", table, *facts, "--out", tmp_path / "own.svg")
+    assert answer == run_json(
+        "signal", "spectrum", table, *facts, "--out", tmp_path / "own.svg"
     )  # its own output it writes anew
-    data = own.with_name("own-data.csv")
-    assert told["csv"] == str(data)
-    assert own.read_text() == text
+    data = table.with_name("own-data.csv")
+    assert answer["csv"] == str(data)
+    assert table.read_text() == text
     facts = ("--sample-rate", "4 kHz", "--unit", "g", "--channels", "cover*", "--out", tmp_path / "own.svg")
     assert "would be lost" in one_line(run("signal", "spectrum", data, *facts, code=3))
     index = tmp_path / "recordings.toml"
     index.write_text('format = 1\n[[recording]]\nfile = "own.csv"\nsample_rate = "4 kHz"\nunit = "g"\n')
     for source in (index, tmp_path):
-        assert "would be lost" in one_line(run("signal", "features", source, "--out", own, code=3))
-    assert own.read_text() == text
+        assert "would be lost" in one_line(run("signal", "features", source, "--out", table, code=3))
+    assert table.read_text() == text
 
 
 @pytest.mark.parametrize(
@@ -228,8 +234,8 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(folder: Pa
     options = ("--pistons", 7, "--track", "7", "--channels", "cover")
     result = run("signal", "features", folder / "loud.h5", lost, *options, "--json")
     assert "no orders: lost: the line at order 7" in result.stderr
-    found = {row["recording"]: row["values"] for row in json.loads(result.stdout)["rows"]}
-    assert found["loud"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
-    assert found["lost"]["order_amplitude 7x"] is None
-    assert found["lost"]["rms"] == pytest.approx(1.0, rel=0.05)
+    values = {row["recording"]: row["values"] for row in json.loads(result.stdout)["rows"]}
+    assert values["loud"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
+    assert values["lost"]["order_amplitude 7x"] is None
+    assert values["lost"]["rms"] == pytest.approx(1.0, rel=0.05)
     assert "the line at order 7" in one_line(run("signal", "features", lost, *options, code=3))

@@ -42,8 +42,8 @@ def test_public_recordings_go_the_whole_way(
 ) -> None:
     folder = public_data / name
     index = tmp_path / "recordings.toml"
-    told = run_json("index", folder, "--table", folder / "files.csv", "--out", index, *facts)
-    assert set(told["classes"]) == classes
+    answer = run_json("index", folder, "--table", folder / "files.csv", "--out", index, *facts)
+    assert set(answer["classes"]) == classes
     model = tmp_path / "m.safetensors"
     run("train", index, "--out", model, "--test-fraction", 0.4, "--window", length, *TINY)
     scores = run_json("evaluate", model, index, "--level", "L2")
@@ -64,9 +64,9 @@ def test_the_readme_s_way_to_one_s_own_recordings_runs(tmp_path: Path, monkeypat
     for label, tone in (("normal", 100.0), ("swash_plate", 400.0)):
         for repeat in (1, 2, 3):
             time = np.arange(25600) / 25600
-            reading = np.sin(2 * np.pi * tone * time) + 0.1 * rng.standard_normal(time.size)
+            samples = np.sin(2 * np.pi * tone * time) + 0.1 * rng.standard_normal(time.size)
             header = "acceleration_z"
-            np.savetxt(folder / f"{label}_15MPa_{repeat}.csv", reading, header=header, comments="", fmt="%.5f")
+            np.savetxt(folder / f"{label}_15MPa_{repeat}.csv", samples, header=header, comments="", fmt="%.5f")
     soundfile.write(tmp_path / "new-recording.wav", np.sin(np.arange(25600) / 10) / 2, 25600, subtype="PCM_16")
     lines = [
         line.replace(".venv/bin/swashtwin ", "")

@@ -31,18 +31,18 @@ FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
 def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Path) -> None:
     run("index", folder, *FACTS)
     store = folder / "store.h5"
-    told = run_json("data", "convert", folder, "--out", store)
-    assert (told["recordings"], told["seconds"], told["bytes"]) == (4, 0.8, store.stat().st_size)
-    for back, one in zip(load_recordings(store), load_recordings(folder), strict=True):
-        assert (back.recording_id, back.label) == (one.recording_id, one.label)
-        np.testing.assert_array_equal(back.signal, one.signal)
+    answer = run_json("data", "convert", folder, "--out", store)
+    assert (answer["recordings"], answer["seconds"], answer["bytes"]) == (4, 0.8, store.stat().st_size)
+    for back, recording in zip(load_recordings(store), load_recordings(folder), strict=True):
+        assert (back.recording_id, back.label) == (recording.recording_id, recording.label)
+        np.testing.assert_array_equal(back.signal, recording.signal)
     assert len(run_json("inspect", store)["recordings"]) == 4
     windows = cut_windows(load_recordings(store), length=50)
     classifier = fit(build_network("bitcn", 1, 2, channels=(2,)), windows, settings=TrainingSettings(epochs=1), seed=0)
     model = save_classifier(classifier, folder / "m.safetensors")
     verdicts = run_json("diagnose", model, store)["diagnoses"]
     assert verdicts == run_json("diagnose", model, folder)["diagnoses"]
-    assert [one["n_windows"] for one in verdicts] == [8] * 4
+    assert [verdict["n_windows"] for verdict in verdicts] == [8] * 4
 
 
 def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
@@ -70,10 +70,10 @@ def test_convert_never_writes_over_what_it_reads(folder: Path) -> None:
 @pytest.mark.parametrize("command", ["inspect", "signal features", "data convert"])
 def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
     out = ("--out", folder / "s.h5") if command == "data convert" else ()
-    own = one_line(run(*command.split(), folder / "normal_1.csv", *out, code=3))
-    assert 'add --sample-rate "25.6 kHz"' in own
-    own = one_line(run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
-    assert 'add --unit "g"' in own
+    line = one_line(run(*command.split(), folder / "normal_1.csv", *out, code=3))
+    assert 'add --sample-rate "25.6 kHz"' in line
+    line = one_line(run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
+    assert 'add --unit "g"' in line
     (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
     assert 'add sample_rate = "25.6 kHz"' in one_line(run(*command.split(), folder, *out, code=3))
 
@@ -81,11 +81,11 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(fo
 def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
     for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
         (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
-    told = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["fact_sources"]
-    (pressure,) = [text for text in told if text.startswith("discharge_pressure")]
+    answer = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["fact_sources"]
+    (pressure,) = [text for text in answer if text.startswith("discharge_pressure")]
     assert "15 MPa (1), says the flag" in pressure
     assert "the flag's 15 MPa gives way in 2 of 3 files" in pressure
-    assert not any("gives way" in text for text in told if text is not pressure)
+    assert not any("gives way" in text for text in answer if text is not pressure)
 
 
 def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_asked_for(tmp_path: Path) -> None:
@@ -112,9 +112,9 @@ def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatc
     answers = iter(["2 kHz", "g"])
     monkeypatch.setattr("swashtwin.cli.recordings._ask", lambda key, question: next(answers))
     monkeypatch.setattr("swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True)))
-    told = run("index", folder).stdout
-    assert "label: normal (2), piston (2), says its name" in told
-    assert {one.sample_rate for one in load_recordings(folder)} == {2000.0}
+    output = run("index", folder).stdout
+    assert "label: normal (2), piston (2), says its name" in output
+    assert {recording.sample_rate for recording in load_recordings(folder)} == {2000.0}
 
 
 def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,23 +140,23 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
             angle = 2 * np.pi * speed / 60 * time
             noise = 0.1 * np.random.default_rng(speed).standard_normal(8000)
             rows = np.sin(angle) + level * np.sin(7 * angle) + noise
-            place = tmp_path / ("new" if speed == 750 else "old")
-            place.mkdir(exist_ok=True)
-            (place / f"{label}_{speed}rpm.csv").write_text("x\n" + "\n".join(f"{value:.6f}" for value in rows))
-    for place in ("old", "new"):
-        run("index", tmp_path / place, *FACTS)
+            path = tmp_path / ("new" if speed == 750 else "old")
+            path.mkdir(exist_ok=True)
+            (path / f"{label}_{speed}rpm.csv").write_text("x\n" + "\n".join(f"{value:.6f}" for value in rows))
+    for path in ("old", "new"):
+        run("index", tmp_path / path, *FACTS)
         angle = ("--samples-per-turn", 64, "--playback-speed", "900 rpm")
-        told = run_json("data", "convert", tmp_path / place, "--out", tmp_path / f"{place}.h5", *angle)
-    assert told["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
+        answer = run_json("data", "convert", tmp_path / path, "--out", tmp_path / f"{path}.h5", *angle)
+    assert answer["seconds"] == pytest.approx(2 * 50 / 15, rel=0.05)
     stored = load_recordings(tmp_path / "old.h5")
-    assert [one.sample_rate for one in stored] == pytest.approx([960.0] * 4)
-    assert {one.attributes["angle_from"] for one in stored} == {"the stated speed"}
+    assert [recording.sample_rate for recording in stored] == pytest.approx([960.0] * 4)
+    assert {recording.attributes["angle_from"] for recording in stored} == {"the stated speed"}
     settings = ("--window", 128, "--test-fraction", 0)
     for text in ("epochs=6", "channels=8,8", "learning_rate=0.01"):
         settings = (*settings, "--set", text)
     run("train", tmp_path / "old.h5", "--out", tmp_path / "m.safetensors", *settings)
-    told = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
-    assert [one["label"] for one in told] == [one["recording_id"].split("_")[0] for one in told]
+    answer = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
+    assert [item["label"] for item in answer] == [item["recording_id"].split("_")[0] for item in answer]
     refusal = one_line(run("diagnose", tmp_path / "m.safetensors", tmp_path / "new", code=3))
     assert "does not fit the classifier" in refusal
     assert 'resample = "..."' in refusal

@@ -21,19 +21,19 @@ SHORT = ("--duration", "0.2 s")
 
 def test_simulate_writes_what_it_tells(tmp_path: Path) -> None:
     out = tmp_path / "new" / "s.h5"
-    told = run_json("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--sample-rate", "12.8 kHz", "--out", out)
+    answer = run_json("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--sample-rate", "12.8 kHz", "--out", out)
     back = load_recording(out)
-    assert (told["label"], told["duration_s"], told["sample_rate_hz"]) == ("swash_plate", 0.2, 12800.0)
+    assert (answer["label"], answer["duration_s"], answer["sample_rate_hz"]) == ("swash_plate", 0.2, 12800.0)
     assert (back.label, back.duration, back.recording_id) == ("swash_plate", 0.2, "s")
     assert back.speed is None
     for name, row in zip(back.channels, back.signal, strict=True):
-        assert told["rms_m_s2"][name] == pytest.approx(np.sqrt((row**2).mean()))
+        assert answer["rms_m_s2"][name] == pytest.approx(np.sqrt((row**2).mean()))
     assert "cover_z" in run("twin", "simulate", *AT_15, *SHORT, "--out", out).stdout
 
 
 def test_a_file_that_nothing_writes_is_refused_before_the_work(tmp_path: Path) -> None:
-    told = one_line(run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "q", code=3))
-    assert "must end in .h5" in told
+    line = one_line(run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "q", code=3))
+    assert "must end in .h5" in line
     assert "to " not in run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "Q.H5").stderr
 
 
@@ -56,8 +56,8 @@ def test_a_run_up_writes_the_speed_of_each_reading(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.speed, rpm(900) * back.time / 0.2, atol=1e-9)
     assert back.condition.speed == pytest.approx(rpm(450))
     assert back.condition.discharge_pressure == pytest.approx(MPa(13.5))
-    told = run(*words, *SHORT, "--out", tmp_path / "s.wav")
-    assert ".wav cannot hold the speed" in told.stderr
+    answer = run(*words, *SHORT, "--out", tmp_path / "s.wav")
+    assert ".wav cannot hold the speed" in answer.stderr
 
 
 def test_jitter_is_drawn_by_the_seed(tmp_path: Path) -> None:
@@ -106,9 +106,9 @@ def test_films_follow_the_temperature_of_each_recording_and_no_profile(tmp_path:
 def test_fewer_recordings_than_there_are_leave_all_in_the_index(tmp_path: Path) -> None:
     words = ("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "runs")
     run(*words, "--count", 4)
-    told = run_json(*words, "--count", 2)
-    assert told["new"] == []
-    assert len(load_recordings(told["index"])) == 4
+    answer = run_json(*words, "--count", 2)
+    assert answer["new"] == []
+    assert len(load_recordings(answer["index"])) == 4
 
 
 # ---- many
@@ -119,31 +119,33 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_many_recordings_differ_in_all_that_varies(tmp_path: Path) -> None:
-    told = run_json("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--count", 4, "--seed", 3, "--out", tmp_path / "runs")
-    back = load_recordings(told["index"])
-    assert told["new"] == [one.recording_id for one in back] == [f"runs-000{i}" for i in range(4)]
-    conditions = [one.condition for one in back if one.condition is not None]
+    answer = run_json(
+        "twin", "simulate", *AT_15, *DEFECT, *SHORT, "--count", 4, "--seed", 3, "--out", tmp_path / "runs"
+    )
+    back = load_recordings(answer["index"])
+    assert answer["new"] == [recording.recording_id for recording in back] == [f"runs-000{i}" for i in range(4)]
+    conditions = [recording.condition for recording in back if recording.condition is not None]
     for name, center, width in (("speed", rpm(860), 0.005), ("discharge_pressure", MPa(15), 0.03)):
         values = [getattr(condition, name) for condition in conditions]
         assert len(set(values)) == 4
         assert all(abs(value / center - 1) <= width for value in values)
-    assert {one.label for one in back} == {"swash_plate"}
+    assert {recording.label for recording in back} == {"swash_plate"}
 
 
 def test_without_variation_only_the_phase_differs(tmp_path: Path) -> None:
     words = ("twin", "simulate", *AT_15, *SHORT, "--count", 2, "--no-vary", "--out", tmp_path / "runs")
     first, second = load_recordings(run_json(*words)["index"])
     assert first.condition == second.condition
-    spectra = [np.abs(np.fft.rfft(one.signal[0] * np.hanning(5120))) for one in (first, second)]
+    spectra = [np.abs(np.fft.rfft(item.signal[0] * np.hanning(5120))) for item in (first, second)]
     assert np.linalg.norm(spectra[0] - spectra[1]) < 0.1 * np.linalg.norm(spectra[0])
     assert np.abs(first.signal - second.signal).max() > 0.1
 
 
 def test_a_temperature_that_is_given_is_kept(tmp_path: Path) -> None:
     words = ("twin", "simulate", *AT_15, *SHORT, "--count", 2, "--temperature", "40 degC", "--out", tmp_path / "runs")
-    for one in load_recordings(run_json(*words)["index"]):
-        assert one.condition is not None
-        assert one.condition.oil_temperature == pytest.approx(313.15)
+    for recording in load_recordings(run_json(*words)["index"]):
+        assert recording.condition is not None
+        assert recording.condition.oil_temperature == pytest.approx(313.15)
 
 
 def test_many_profiles_follow_their_own_speeds(tmp_path: Path) -> None:
@@ -159,12 +161,12 @@ def test_many_profiles_follow_their_own_speeds(tmp_path: Path) -> None:
 
 def test_an_interrupted_run_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--count", 4, "--out")
-    made: list[int] = []
+    calls: list[int] = []
 
     def interrupted(*arguments: Any, **options: Any) -> Iterator[Recording]:
-        made.append(len(made))
+        calls.append(len(calls))
         yield from whole(*arguments, **options)
-        if len(made) == 3:
+        if len(calls) == 3:
             raise KeyboardInterrupt
 
     whole = steady.steady_blocks
@@ -268,7 +270,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(out: str, tmp_
         resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384))
 
     words = ("--count", "2") if out == "runs" else ()
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-B", "-m", "swashtwin", "twin", "simulate", *AT_15, *SHORT, "--out", out, *words],
         cwd=tmp_path,
         preexec_fn=only_some,
@@ -276,8 +278,8 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(out: str, tmp_
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (3, "")
-    assert done.stderr.splitlines()[-1] == "swashtwin: error: File too large; nothing is half-written."
+    assert (process.returncode, process.stdout) == (3, "")
+    assert process.stderr.splitlines()[-1] == "swashtwin: error: File too large; nothing is half-written."
     assert (tmp_path / "full.h5").read_text() == "old"
     left = sorted(path.name for path in tmp_path.rglob("*") if path.is_file())
     assert left == ["full.h5", *(["series.json"] if out == "runs" else [])]
@@ -287,5 +289,5 @@ def test_the_phases_of_many_recordings_lie_all_around(tmp_path: Path) -> None:
     words = ("twin", "simulate", *AT_15, "--duration", "70 ms", "--count", 12, "--no-vary", "--out", tmp_path / "runs")
     back = load_recordings(run_json(*words)["index"])
     turn = np.exp(-7j * rpm(860) * back[0].time)
-    phases = [np.angle((one.signal[1] * turn).sum()) for one in back]
+    phases = [np.angle((recording.signal[1] * turn).sum()) for recording in back]
     assert np.ptp(phases) > math.pi

@@ -21,8 +21,8 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = replace(SCENARIOS["quick"], method=GaussNewton(starts=1), **few)
     monkeypatch.setitem(SCENARIOS, "quick", scenario)
     size = RigSize(specimens=2, repeats=2, duration=0.9)
-    for place in ("swashtwin.bench.rigs.writing.SIZES", "swashtwin.bench.studies.sources.SIZES"):
-        monkeypatch.setattr(place, {"small": size})
+    for name in ("swashtwin.bench.rigs.writing.SIZES", "swashtwin.bench.studies.sources.SIZES"):
+        monkeypatch.setattr(name, {"small": size})
     monkeypatch.setattr("swashtwin.bench.studies.sources.require_rig", lambda *_: None)
     monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
 
@@ -30,26 +30,26 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done, real = [], runner.run_task
+    keys, real = [], runner.run_task
 
     def interrupted(*arguments: Any) -> Any:
-        if len(done) == 1:
-            done.append("interrupted")
+        if len(keys) == 1:
+            keys.append("interrupted")
             raise KeyboardInterrupt
-        done.append(arguments[0].key)
+        keys.append(arguments[0].key)
         return real(*arguments)
 
     monkeypatch.setattr(runner, "run_task", interrupted)
     words = ("bench", "case1", "--rig", "--out", tmp_path / "out", "--jobs", 1, "--classifiers", "extra_trees")
     words = (*words, "--training-sets", "measured,nominal")
     assert "the same command resumes" in one_line(run(*words, code=130))
-    told = run_json(*words)
-    assert len(done) == 3
-    assert {row["training_set"] for row in [*told["rows"], *told["rivals"]]} == {"measured", "nominal"}
-    assert Path(told["report"]).is_file()
+    answer = run_json(*words)
+    assert len(keys) == 3
+    assert {row["training_set"] for row in [*answer["rows"], *answer["rivals"]]} == {"measured", "nominal"}
+    assert Path(answer["report"]).is_file()
     assert "2 of seed 0 done before" in run(*words).stderr
     gathered = run_json("report", tmp_path / "out", "--out", tmp_path / "page")
-    assert [(one["study"], one["runs"]) for one in gathered["studies"]] == [("case1", 2)]
+    assert [(study["study"], study["runs"]) for study in gathered["studies"]] == [("case1", 2)]
     assert "case1" in run("report", tmp_path / "out", "--out", tmp_path / "page").stdout
 
 
@@ -58,8 +58,8 @@ def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> Non
 
 
 def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
-    told = one_line(run("report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
-    assert "does not exist" in told
+    line = one_line(run("report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
+    assert "does not exist" in line
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "taken").write_text("kept")
-    told = run(*words, "--out", Path("taken") / below, code=2).stderr
-    assert "is a file" in " ".join(told.replace("│", " ").split())
+    output = run(*words, "--out", Path("taken") / below, code=2).stderr
+    assert "is a file" in " ".join(output.replace("│", " ").split())
     assert (tmp_path / "taken").read_text() == "kept"
 
 
@@ -100,8 +100,8 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
 
 
 def test_values_that_a_study_does_not_have_and_those_at_which_nothing_is_trained_are_named() -> None:
-    told = one_line(run("bench", "few-shot", "x", "--values", "guess", code=3))
-    assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in told
+    line = one_line(run("bench", "few-shot", "x", "--values", "guess", code=3))
+    assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in line
     plan = plan_of("augmentation", "quick").of_training_sets(["calibrated"]).of_values(["0"])
     with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):
         run_plan(plan, [])

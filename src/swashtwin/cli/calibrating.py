@@ -280,7 +280,7 @@ class _Job:
                 rates,
                 seed=self.seed,
                 storage=self.study,
-                progress=lambda done, total, loss: bar(done, total, f"trying learning rates, loss {loss:.4g}"),
+                progress=lambda count, total, loss: bar(count, total, f"trying learning rates, loss {loss:.4g}"),
             )
 
     def search(self, method: "Calibrator") -> "Calibration":
@@ -298,7 +298,7 @@ class _Job:
                 self.recordings,
                 method=method,
                 seed=self.seed,
-                progress=lambda done, total, loss: bar(done, total, f"calibrating, loss {loss:.4g}"),
+                progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
                 **self.options,
                 **storage,
             )

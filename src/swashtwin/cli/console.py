@@ -73,7 +73,7 @@ def _is_word(value: object) -> bool:
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[..., None]]:
-    """Bar on standard error while the block runs; call what it yields with (done, total, optional words).
+    """Bar on standard error while the block runs; call what it yields with (count, total, optional words).
 
     The bar appears after a second, so a quick command prints none.
     """
@@ -94,8 +94,8 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
             for task in bar.task_ids:
                 bar.update(task, **state)
 
-    def update(done: int, total: int, words: str = title) -> None:
-        state.update(completed=done, total=total, description=words)
+    def update(count: int, total: int, words: str = title) -> None:
+        state.update(completed=count, total=total, description=words)
         refresh()
 
     timer = Timer(_PATIENCE, show)

@@ -142,11 +142,11 @@ def _recipe(
     name = network or recipe.classifier["network"]
     if not has_network(name):
         build_network(name, 2, 2)
-    own = default_settings(NETWORKS[name])
-    chosen = read_settings(texts, {**own, **defaults_of(recipe.training)}, f"training a {name}")
-    shape = {setting: value for setting, value in chosen.items() if setting in own}
+    shape_defaults = default_settings(NETWORKS[name])
+    chosen = read_settings(texts, {**shape_defaults, **defaults_of(recipe.training)}, f"training a {name}")
+    shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window, **shape)
-    return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in own}), shape
+    return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}), shape
 
 
 def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:

@@ -146,10 +146,10 @@ def _run_plan(
         hint = "finished runs are kept; the same command resumes"
     with resumable(hint), progress(plan.study) as bar:
 
-        def show_step(step: str, done: int, total: int) -> None:
+        def show_step(step: str, count: int, total: int) -> None:
             if step.endswith("done before"):
                 note(f"{step}, in {out}")
-            bar(done, total, f"{plan.study}: {step}")
+            bar(count, total, f"{plan.study}: {step}")
 
         if source is not None:
             data: SameRecordings | Fleets = SameRecordings(load_recordings(source))

@@ -160,7 +160,7 @@ def zero_shot(
             size=size.value,
             seeds=numbers,
             jobs=jobs,
-            progress=lambda what, done, total: bar(done, total, f"zero-shot: {what}"),
+            progress=lambda step, count, total: bar(count, total, f"zero-shot: {step}"),
             command=typed_command(),
         )
     tell_study(study, out, as_json)
@@ -222,7 +222,7 @@ def public(
             seeds=numbers,
             jobs=jobs,
             sets=read_words(public_sets),
-            progress=lambda what, done, total: bar(done, total, what),
+            progress=lambda step, count, total: bar(count, total, step),
             command=typed_command(),
         )
     tell_study(study, out, as_json)
@@ -240,7 +240,7 @@ def scarce(
             data,
             seeds=numbers,
             jobs=jobs,
-            progress=lambda what, done, total: bar(done, total, what),
+            progress=lambda step, count, total: bar(count, total, step),
             command=typed_command(),
         )
     tell_study(study, out, as_json)

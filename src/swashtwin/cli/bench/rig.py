@@ -62,7 +62,7 @@ def demo(
             seeds=[seed],
             workers=Workers(jobs),
             out=out / "runs",
-            progress=lambda what, done, total: bar(done, total, f"Case I: {what}"),
+            progress=lambda step, count, total: bar(count, total, f"Case I: {step}"),
             command=typed_command(),
         )
     tell_study(result, out / "report", as_json)

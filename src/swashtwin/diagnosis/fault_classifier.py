@@ -35,7 +35,7 @@ from swashtwin.learning import (
     split_by_recording,
     without_overlap,
 )
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, Recordings
 
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
@@ -362,10 +362,12 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)
 
 
-def _as_recordings(X: Any) -> list[Recording] | None:
-    """Recordings in a list, or None where `X` is something else."""
+def _as_recordings(X: Any) -> Sequence[Recording] | None:
+    """Recordings in a sequence, or None where `X` is something else."""
     if isinstance(X, Recording):
         return [X]
+    if isinstance(X, Recordings):
+        return X
     if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
         return None
     entries = list(X)

@@ -17,6 +17,7 @@ from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, Model
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.calibration import GaussNewton, load_calibration
+from swashtwin.diagnosis import load_classifier
 from swashtwin.foundation import MPa
 from swashtwin.learning import TrainingSettings, load_windows
 from swashtwin.pump import new_pump
@@ -102,7 +103,7 @@ def test_synthetic_windows_lie_over_the_residual_of_measured_ones_where_told(
 
 
 def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:
-    classifier = swashtwin.load_classifier(Path(chain["train"]["model"]))
+    classifier = load_classifier(Path(chain["train"]["model"]))
     assert set(chain["split"]["train_recordings"]) <= set(classifier.manifest)
     assert not set(chain["split"]["test_recordings"]) & set(classifier.manifest)
     assert chain["train"]["synthetic_windows"] == 3
@@ -132,7 +133,7 @@ def test_diagnose_names_a_class_and_writes_a_report(
 
 def test_train_holds_whole_recordings_out(rig: Path, tmp_path: Path) -> None:
     answer = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
-    manifest = swashtwin.load_classifier(Path(answer["model"])).manifest
+    manifest = load_classifier(Path(answer["model"])).manifest
     assert answer["held_out"]
     assert not set(answer["held_out"]) & set(manifest)
     scores = run_json("evaluate", answer["model"], rig)

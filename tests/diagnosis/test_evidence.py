@@ -101,10 +101,10 @@ def test_the_planted_line_is_named_with_its_channel_and_its_order(evidence: Evid
 
 
 def test_the_moments_that_speak_are_those_in_which_the_line_sounds(classifier: FittedClassifier) -> None:
-    found = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
-    half = found.moments.shape[1] // 2
-    assert found.label == "valve_plate"
-    assert found.moments[1, half:].sum() > 3 * abs(found.moments[1, :half].sum())
+    result = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
+    half = result.moments.shape[1] // 2
+    assert result.label == "valve_plate"
+    assert result.moments[1, half:].sum() > 3 * abs(result.moments[1, :half].sum())
 
 
 def test_random_weights_give_other_evidence(classifier: FittedClassifier, evidence: Evidence) -> None:
@@ -126,21 +126,21 @@ def test_the_nearest_known_recordings_are_of_the_class(evidence: Evidence) -> No
 
 
 def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(classifier: FittedClassifier) -> None:
-    found = evidence_of(classifier, replace(recording("new", "valve_plate"), condition=None))
-    assert all(band.order is None for band in found.bands)
-    assert found.bands[0].low == 0
-    assert found.bands[-1].high == RATE / 2
-    assert [band.high for band in found.bands[:-1]] == [band.low for band in found.bands[1:]]
-    assert found.lines.sum() == pytest.approx(found.moments.sum(), rel=1e-9)
-    _, band, _ = found.strongest()[0]
+    result = evidence_of(classifier, replace(recording("new", "valve_plate"), condition=None))
+    assert all(band.order is None for band in result.bands)
+    assert result.bands[0].low == 0
+    assert result.bands[-1].high == RATE / 2
+    assert [band.high for band in result.bands[:-1]] == [band.low for band in result.bands[1:]]
+    assert result.lines.sum() == pytest.approx(result.moments.sum(), rel=1e-9)
+    _, band, _ = result.strongest()[0]
     assert band.low <= 7 * SHAFT <= band.high
 
 
 def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, monkeypatch) -> None:
     monkeypatch.setattr("swashtwin.diagnosis.evidence.MOST_WINDOWS", 4)
-    found = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
-    assert found.start >= 1.0
-    assert found.moments.shape[1] * found.moment == pytest.approx(4 * 128 / RATE)
+    result = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
+    assert result.start >= 1.0
+    assert result.moments.shape[1] * result.moment == pytest.approx(4 * 128 / RATE)
 
 
 def test_the_rms_of_all_bands_is_that_of_the_readings(evidence: Evidence) -> None:

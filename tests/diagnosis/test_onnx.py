@@ -51,11 +51,11 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
     """A fitted network by its name, and its file."""
 
     @cache
-    def made(name: str) -> tuple[FittedClassifier, Path]:
+    def created(name: str) -> tuple[FittedClassifier, Path]:
         classifier = fitted(name)
         return classifier, export_onnx(classifier, tmp_path_factory.mktemp(name) / "model.onnx")
 
-    return made
+    return created
 
 
 def session(path: Path) -> onnxruntime.InferenceSession:
@@ -69,8 +69,8 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
     expected = classifier.predict_proba(windows())
     assert expected.std(axis=0).min() > 1e-5
     for chosen in (slice(0, 1), slice(None)):
-        told = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
-        np.testing.assert_allclose(told, expected[chosen], atol=1e-5)
+        answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
+        np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
@@ -83,8 +83,8 @@ def test_the_file_scales_as_the_classifier_does_but_for_what_rests_on_a_whole_re
     given = windows().signal
     if normalization == "recording":
         given = classifier.normalization.apply(windows())
-    told = opened.run(None, {"windows": given})[0]
-    np.testing.assert_allclose(told, classifier.predict_proba(windows()), atol=1e-5)
+    answer = opened.run(None, {"windows": given})[0]
+    np.testing.assert_allclose(answer, classifier.predict_proba(windows()), atol=1e-5)
     facts = opened.get_modelmeta().custom_metadata_map
     assert json.loads(facts["scaled"]) is (normalization != "recording")
 
@@ -101,8 +101,8 @@ def test_recurrent_layers_are_onnxs_own(exported) -> None:
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
     saved = save_classifier(fitted("wdcnn"), tmp_path / "model.safetensors")
-    told = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
-    assert (told["network"], told["classes"], told["scaled"]) == ("wdcnn", ["normal", "piston"], True)
+    answer = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
+    assert (answer["network"], answer["classes"], answer["scaled"]) == ("wdcnn", ["normal", "piston"], True)
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
     facts = {name: json.loads(value) for name, value in opened.get_modelmeta().custom_metadata_map.items()}

@@ -30,14 +30,14 @@ def table(folder: Path, text: str) -> Path:
     return path
 
 
-def kinds(told: dict) -> dict[str, str]:
-    return {one["kind"]: one["severity"] for one in told["findings"]}
+def kinds(answer: dict) -> dict[str, str]:
+    return {one["kind"]: one["severity"] for one in answer["findings"]}
 
 
 def test_a_clean_table_has_no_finding_and_strict_ends_with_0(tmp_path):
-    told = run_json("data", "audit", table(tmp_path, CLEAN), "--strict")
-    assert told["findings"] == []
-    assert told["roles"] == {"train": 4, "test": 3}
+    answer = run_json("data", "audit", table(tmp_path, CLEAN), "--strict")
+    assert answer["findings"] == []
+    assert answer["roles"] == {"train": 4, "test": 3}
     assert "No leak was found" in run("data", "audit", table(tmp_path, CLEAN)).stdout
 
 
@@ -62,8 +62,8 @@ def test_each_fault_of_a_table_is_found(tmp_path, row, kind, severity):
 
 
 def test_windows_that_only_touch_do_not_overlap(tmp_path):
-    told = run_json("data", "audit", table(tmp_path, CLEAN + "x,a,p1,test,100,200,normal,h9\n"))
-    assert "overlap" not in kinds(told)
+    answer = run_json("data", "audit", table(tmp_path, CLEAN + "x,a,p1,test,100,200,normal,h9\n"))
+    assert "overlap" not in kinds(answer)
 
 
 def test_synthetic_windows_in_a_test_are_a_leak(tmp_path):
@@ -73,30 +73,30 @@ def test_synthetic_windows_in_a_test_are_a_leak(tmp_path):
 
 
 def test_quoted_names_may_hold_commas_and_breaks(tmp_path):
-    told = run_json("data", "audit", table(tmp_path, 'recording,role\n"a, first\nday",train\n"a, first\nday",test\n'))
-    assert told["findings"][0]["examples"] == ["a, first\nday"]
+    answer = run_json("data", "audit", table(tmp_path, 'recording,role\n"a, first\nday",train\n"a, first\nday",test\n'))
+    assert answer["findings"][0]["examples"] == ["a, first\nday"]
 
 
 def test_what_must_stay_whole_is_named_by_the_reader(tmp_path):
     path = table(tmp_path, CLEAN + "x,z,p1,test,0,100,normal,h9\n")
     run("data", "audit", path, "--group", "specimen", "--strict", code=3)
     days = "file_no;fold;day\n1;1;mon\n2;2;mon\n3;2;tue\n"
-    told = run_json("data", "audit", table(tmp_path, days), "--column", "recording=file_no", "--group", "day")
-    assert kinds(told) == {"shared_day": "leak"}
-    assert told["facts"] == ["recording", "day"]
+    answer = run_json("data", "audit", table(tmp_path, days), "--column", "recording=file_no", "--group", "day")
+    assert kinds(answer) == {"shared_day": "leak"}
+    assert answer["facts"] == ["recording", "day"]
 
 
 def test_other_names_of_columns_and_roles_are_understood(tmp_path):
     text = "file_id\tsplit\tlabel\tmachine\n1\tTraining\tx\tA\n2\tval\tx\tB\n1\tVALID\tx\tA\n"
-    told = run_json("data", "audit", table(tmp_path, text))
-    assert told["roles"] == {"train": 1, "validation": 2}
-    assert {"shared_recording", "shared_specimen"} <= set(kinds(told))
+    answer = run_json("data", "audit", table(tmp_path, text))
+    assert answer["roles"] == {"train": 1, "validation": 2}
+    assert {"shared_recording", "shared_specimen"} <= set(kinds(answer))
 
 
 @pytest.mark.parametrize(
     ("text", "words", "said"),
     [
-        ("a,b\n1,2\n", (), r"no column 'recording'; it has a, b. Say which one it is: --columns recording=COLUMN"),
+        ("a,b\n1,2\n", (), r"no column 'recording'; it has a, b. Name its column with --column."),
         (CLEAN, ("--column", "recording=recordin"), "did you mean 'recording'?"),
         (CLEAN, ("--column", "recordin=window"), "'recordin' is no fact of a window; did you mean 'recording'?"),
         (CLEAN, ("--group", "day"), "no column 'day'"),
@@ -136,8 +136,8 @@ def test_an_overlap_is_found_just_where_two_windows_of_both_roles_share_a_moment
         if other.role != row.role and other.recording == row.recording
         and other.start < row.stop and row.start < other.stop
     }  # fmt: skip
-    found = [one for one in audit(rows).findings if one.kind == "overlap"]
-    assert (found[0].windows if found else 0) == len(struck)
+    result = [one for one in audit(rows).findings if one.kind == "overlap"]
+    assert (result[0].windows if result else 0) == len(struck)
 
 
 def spans_second(rows: list[AuditRow]) -> str:
@@ -162,8 +162,10 @@ def test_a_folder_that_split_wrote_is_audited_by_its_readings(tmp_path):
     )
     (tmp_path / "copied").mkdir()
     for role, ids in (("train", ["x1", "y1", "x2"]), ("test", ["copy", "y2", "y3"])):
-        kept = [place for place, each in enumerate(recordings) if each.recording_id in ids]
-        write_index([recordings[at] for at in kept], [files[at] for at in kept], tmp_path / "copied" / f"{role}.toml")
-    told = run_json("data", "audit", tmp_path / "copied")
-    assert kinds(told)["duplicate"] == "leak"
-    assert json.dumps(told)
+        remaining = [place for place, each in enumerate(recordings) if each.recording_id in ids]
+        write_index(
+            [recordings[at] for at in remaining], [files[at] for at in remaining], tmp_path / "copied" / f"{role}.toml"
+        )
+    answer = run_json("data", "audit", tmp_path / "copied")
+    assert kinds(answer)["duplicate"] == "leak"
+    assert json.dumps(answer)

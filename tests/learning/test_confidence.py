@@ -100,9 +100,9 @@ def test_the_temperature_lowers_the_loss_of_a_classifier_that_is_too_sure(bare: 
     rough = windows(several("validation", 20, noise=3.0))
     taught, other = learn_confidence(bare, rough), windows(several("other", 30, noise=3.0))
     assert taught.confidence.temperature > 1.2
-    found = score_confidence(taught, other)
-    assert found.log_loss_after < found.log_loss_before
-    assert found.ece_after < found.ece_before
+    result = score_confidence(taught, other)
+    assert result.log_loss_after < result.log_loss_before
+    assert result.ece_after < result.ece_before
 
 
 def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(taught: FittedClassifier) -> None:
@@ -125,16 +125,16 @@ def test_a_perfectly_calibrated_toy_has_the_calibration_error_of_chance_alone() 
 def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: FittedClassifier, kind: str) -> None:
     if kind == "trees":
         trees = fit_extra_trees(windows(several("train", 4)), n_trees=20)
-        told = learn_confidence(trees, windows(several("validation", 10)))
+        answer = learn_confidence(trees, windows(several("validation", 10)))
     else:
-        told = taught
+        answer = taught
     foreign = windows([one.relabeled(None) for one in several("test", 10, ("howl",))])
-    found = score_confidence(told, windows(several("test", 10)), foreign=foreign)
-    assert found.accuracy == 1
-    assert found.coverage >= 0.8
-    assert found.set_size == 1
-    assert found.called_unknown <= 0.3
-    assert found.unknown_auroc > 0.95
+    result = score_confidence(answer, windows(several("test", 10)), foreign=foreign)
+    assert result.accuracy == 1
+    assert result.coverage >= 0.8
+    assert result.set_size == 1
+    assert result.called_unknown <= 0.3
+    assert result.unknown_auroc > 0.95
 
 
 def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedClassifier) -> None:
@@ -237,16 +237,16 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     settings = ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3", "learning_rate=3e-3")
     shape = ("--network", "bitcn", "--window", 80, *(word for text in settings for word in ("--set", text)))
     options = ("--validation-fraction", 0.5, "--out", tmp_path / "m.safetensors", *shape)
-    told = run_json("train", folder, *options)
-    assert not set(told["validation"]) & set(told["held_out"])
-    assert told["temperature"] > 0
-    scored = run_json("evaluate", told["model"], folder)["confidence"]
-    assert scored["n_recordings"] == len(told["held_out"])
+    answer = run_json("train", folder, *options)
+    assert not set(answer["validation"]) & set(answer["held_out"])
+    assert answer["temperature"] > 0
+    scored = run_json("evaluate", answer["model"], folder)["confidence"]
+    assert scored["n_recordings"] == len(answer["held_out"])
     assert scored["unknown_auroc"] is None
-    assert "Confidence, by recording" in run("evaluate", told["model"], folder).stdout
-    (one,) = run_json("diagnose", told["model"], files[0], "--error-rate", 0.2)["diagnoses"]
+    assert "Confidence, by recording" in run("evaluate", answer["model"], folder).stdout
+    (one,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert one["trust"]["error_rate"] == 0.2
-    shown = run("diagnose", told["model"], folder, "--report", tmp_path / "page").stdout
+    shown = run("diagnose", answer["model"], folder, "--report", tmp_path / "page").stdout
     assert "could be" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
     line = one_line(run("train", folder, "--validation-fraction", 0.3, "--error-rate", 0.01, *shape, code=3))

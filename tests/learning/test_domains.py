@@ -59,8 +59,8 @@ def test_features_are_misaligned_where_a_condition_changes_them(kind):
     same = torch.as_tensor(stream(0, "features").normal(size=(400, 3)))
     condition = torch.arange(400) % 2
     spread = torch.where(condition[:, None] == 1, 3.0, 1.0) * same
-    alike, apart = (float(misalignment(one, condition, kind)) for one in (same, spread))
-    assert alike < 0.1 * apart
+    alike, distance = (float(misalignment(one, condition, kind)) for one in (same, spread))
+    assert alike < 0.1 * distance
     assert float(misalignment(same, torch.zeros_like(condition), kind)) == 0
 
 

@@ -78,8 +78,8 @@ def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pair
     assume(len(set(target)) > 1 and set(target) >= set(predicted))
     order = {label: index for index, label in enumerate(sorted(set(target.tolist())))}
     confusion = np.zeros((len(order), len(order)), dtype=np.int64)
-    for actual, told in pairs:
-        confusion[order[actual], order[told]] += 1
+    for actual, answer in pairs:
+        confusion[order[actual], order[answer]] += 1
     expected = geometric_mean_score(target, predicted, average="multiclass", correction=0.0)
     assert g_mean(confusion) == pytest.approx(expected)
     classes = tuple(f"class {index}" for index in range(4))

@@ -142,16 +142,16 @@ def index(tmp_path):
 
 
 def test_split_by_an_attribute_writes_indexes_that_share_no_value_of_it(index, tmp_path):
-    told = run_json("data", "split", index, "--group", "day", "--test-fraction", "0.34")
-    days = [{one.attributes["day"] for one in load_recordings(told[name])} for name in ("train", "test")]
+    answer = run_json("data", "split", index, "--group", "day", "--test-fraction", "0.34")
+    days = [{one.attributes["day"] for one in load_recordings(answer[name])} for name in ("train", "test")]
     assert not days[0] & days[1]
     assert days[0] | days[1] == {"mon", "tue", "wed"}
 
 
 def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, tmp_path):
-    told = run_json("data", "split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
-    tested = [one.recording_id for fold in told["folds"] for one in load_recordings(fold["test"])]
-    assert len(told["folds"]) == 3
+    answer = run_json("data", "split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
+    tested = [one.recording_id for fold in answer["folds"] for one in load_recordings(fold["test"])]
+    assert len(answer["folds"]) == 3
     assert len(tested) == len(set(tested)) == 12
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
     again = run("data", "split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)

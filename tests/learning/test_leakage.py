@@ -38,13 +38,13 @@ def warned(recordings: list[Recording], **settings) -> set[str]:
     st.integers(0, 4),
     st.sampled_from(["<f8", "<f4"]),
 )
-def test_a_copy_at_any_gain_sign_and_offset_is_found_and_nothing_else(gain, offset, place, kind):
+def test_a_copy_at_any_gain_sign_and_offset_is_found_and_nothing_else(gain, offset, index, kind):
     recordings = [recording(f"r{number}") for number in range(5)]
-    copied = gain * recordings[place].signal + offset * gain
-    recordings.append(replace(recordings[place], signal=copied.astype(kind).astype(float), recording_id="copy"))
-    found = copied_recordings(recordings)
-    assert [(one.first.recording_id, one.again.recording_id) for one in found] == [(f"r{place}", "copy")]
-    assert found[0].gain == pytest.approx(gain, rel=1e-3)
+    copied = gain * recordings[index].signal + offset * gain
+    recordings.append(replace(recordings[index], signal=copied.astype(kind).astype(float), recording_id="copy"))
+    result = copied_recordings(recordings)
+    assert [(one.first.recording_id, one.again.recording_id) for one in result] == [(f"r{index}", "copy")]
+    assert result[0].gain == pytest.approx(gain, rel=1e-3)
 
 
 def test_a_copy_far_off_zero_is_found_with_its_gain():
@@ -68,7 +68,7 @@ def test_two_measurements_of_one_sine_with_a_little_noise_are_no_copies():
     time = np.arange(2000) / 1000
     noise = np.random.default_rng(0).normal(size=(2, 2000)) * 0.01
     recordings = [
-        Recording(np.sin(2 * np.pi * 25 * time)[None] + noise[place], 1000.0, f"r{place}") for place in range(2)
+        Recording(np.sin(2 * np.pi * 25 * time)[None] + noise[index], 1000.0, f"r{index}") for index in range(2)
     ]
     assert copied_recordings(recordings) == ()
 
@@ -79,10 +79,10 @@ def test_copied_windows_say_whether_they_stand_in_two_roles():
         "train": cut_windows([source, replace(source, recording_id="again", signal=source.signal * 3)], length=100),
         "test": cut_windows([replace(source, recording_id="b", signal=source.signal[:, 100:200] - 7)], length=100),
     }
-    found = copied_windows(sets)
-    assert [one.again.recording_id for one in found if one.across] == ["b"]
-    assert [one.again.start for one in found if not one.across] == [0, 100, 200]
-    across = next(one for one in found if one.across)
+    result = copied_windows(sets)
+    assert [one.again.recording_id for one in result if one.across] == ["b"]
+    assert [one.again.start for one in result if not one.across] == [0, 100, 200]
+    across = next(one for one in result if one.across)
     assert (across.first.role, across.first.start, across.again.role) == ("train", 100, "test")
 
 
@@ -95,11 +95,11 @@ def test_random_classes_get_a_warning_no_more_often_than_said():
     random = np.random.default_rng(0)
     base = [
         replace(
-            recording(f"r{place}", samples=64),
+            recording(f"r{index}", samples=64),
             signal=random.normal(random.normal(), random.lognormal(), (1, 64)),
             attributes={"bench": str(random.integers(3)), "shift": str(random.integers(2))},
         )
-        for place in range(36)
+        for index in range(36)
     ]
     alarms = 0
     for trial in range(30):
@@ -129,10 +129,10 @@ def test_random_classes_get_a_warning_no_more_often_than_said():
 )
 def test_what_gives_one_class_away_is_named_and_nothing_else(attribute, confound):
     recordings = [confound(one, one.label == "class 1") for one in fleet()]
-    found = {one.attribute: one for one in confounding(recordings) if one.is_warning}
-    assert attribute in found
-    assert set(found) <= {attribute, "length"}
-    assert "tells the class" in found[attribute].message
+    result = {one.attribute: one for one in confounding(recordings) if one.is_warning}
+    assert attribute in result
+    assert set(result) <= {attribute, "length"}
+    assert "tells the class" in result[attribute].message
 
 
 def _in_steps(one: Recording, step: float) -> Recording:
@@ -152,16 +152,16 @@ def test_classes_are_dealt_to_whole_machines_so_their_own_levels_are_no_surprise
 
 
 def test_a_class_on_one_machine_of_its_own_is_always_told():
-    recordings = [*fleet(2), *(recording(f"x{place}", "crack", specimen="pump x") for place in range(4))]
-    told = next(one for one in confounding(recordings) if one.attribute == "one specimen")
-    assert told.is_warning
-    assert told.message.startswith("crack: measured on one specimen only")
+    recordings = [*fleet(2), *(recording(f"x{index}", "crack", specimen="pump x") for index in range(4))]
+    answer = next(one for one in confounding(recordings) if one.attribute == "one specimen")
+    assert answer.is_warning
+    assert answer.message.startswith("crack: measured on one specimen only")
 
 
 def test_an_attribute_that_is_the_class_by_another_name_is_called_a_label():
     recordings = [replace(one, attributes={"grade": (one.label or "")[-1]}) for one in fleet()]
-    told = next(one for one in confounding(recordings) if one.attribute == "grade")
-    assert (told.kind, told.is_warning, told.balanced_accuracy) == ("label", True, 1.0)
+    answer = next(one for one in confounding(recordings) if one.attribute == "grade")
+    assert (answer.kind, answer.is_warning, answer.balanced_accuracy) == ("label", True, 1.0)
 
 
 def test_one_class_alone_is_refused():

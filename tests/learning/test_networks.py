@@ -193,8 +193,8 @@ def test_a_network_of_the_spectrum_does_not_care_when_a_window_begins(name):
     tones = [(40, 0.0), (40, 0.1), (40, 0.37), (120, 0.0)]
     windows = torch.stack([torch.sin(2 * torch.pi * (line * cycles + phase)) + noise for line, phase in tones])
     features = network.features(windows.unsqueeze(1))
-    apart = (features[1:] - features[0]).abs().amax(dim=1)
-    assert apart[:2].max() < 0.05 * apart[2]
+    distance = (features[1:] - features[0]).abs().amax(dim=1)
+    assert distance[:2].max() < 0.05 * distance[2]
 
 
 def test_pretraining_teaches_encoders_that_can_be_undone_and_keeps_units_silent():
@@ -223,9 +223,9 @@ def test_pretraining_teaches_encoders_that_can_be_undone_and_keeps_units_silent(
 
 def test_a_network_without_pretraining_stays_as_it_is():
     network = build_network("wdcnn", 1, 2).fresh(0)
-    kept = {key: value.clone() for key, value in network.state_dict().items()}
+    remaining = {key: value.clone() for key, value in network.state_dict().items()}
     network.pretrain(torch.randn(8, 1, 64), seed=0)
-    assert all(torch.equal(value, kept[key]) for key, value in network.state_dict().items())
+    assert all(torch.equal(value, remaining[key]) for key, value in network.state_dict().items())
     assert type(network).pretrain is Network.pretrain
 
 

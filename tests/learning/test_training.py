@@ -231,9 +231,11 @@ class Majority(Network):
 @pytest.mark.parametrize(("class_weights", "share"), [(False, 0.8), (True, 0.5)])
 def test_class_weights_let_each_class_count_the_same(class_weights, share):
     windows = tones(windows=10)
-    kept = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
+    remaining = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
     settings = TrainingSettings(epochs=300, batch_size=25, learning_rate=0.05, class_weights=class_weights)
-    assert fit(Majority(1, 2), kept, settings=settings).predict_proba(kept)[0, 0] == pytest.approx(share, abs=0.01)
+    assert fit(Majority(1, 2), remaining, settings=settings).predict_proba(remaining)[0, 0] == pytest.approx(
+        share, abs=0.01
+    )
 
 
 @pytest.mark.parametrize("kind", ["window", "recording", "set"])

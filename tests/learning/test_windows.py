@@ -54,8 +54,8 @@ def test_a_duration_is_a_length_at_the_sample_rate():
 
 
 def test_windows_carry_label_specimen_condition_and_origin():
-    made = recording("b", "piston", pressure=5, specimen="pump-2", synthetic=True)
-    windows = cut_windows([recording("a"), made], length=500)
+    created = recording("b", "piston", pressure=5, specimen="pump-2", synthetic=True)
+    windows = cut_windows([recording("a"), created], length=500)
     assert windows.label.tolist() == ["normal", "normal", "piston", "piston"]
     assert windows.specimen.tolist() == ["", "", "pump-2", "pump-2"]
     assert windows.discharge_pressure.tolist() == [15e6, 15e6, 5e6, 5e6]

@@ -193,9 +193,9 @@ def _dealings(
 ) -> Int[np.ndarray, "dealing recording"]:
     """Classes dealt anew to whole units."""
     random = stream(seed, "confounding")
-    places, first = np.unique(unit, return_index=True)
+    units, first = np.unique(unit, return_index=True)
     of_unit = target[first]
-    order = np.searchsorted(places, unit)
+    order = np.searchsorted(units, unit)
     return np.stack([random.permutation(of_unit)[order] for _ in range(count)])
 
 

@@ -146,8 +146,7 @@ def _columns(path: Path, names: list[str], named: Mapping[str, str], groups: tup
     for fact in ("recording", "role"):
         if fact not in column_of:
             raise DataError(
-                f"{path} has no column {fact!r}; it has {', '.join(names) or 'none'}. Say which one it is: "
-                f"--columns {fact}=COLUMN"
+                f"{path} has no column {fact!r}; it has {', '.join(names) or 'none'}. Name its column with --column."
             )
     return column_of
 

@@ -278,7 +278,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
         if plan.films:
             twin = carry_over(twin.at(plan.twin.condition), twin.condition)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
-        return plan.blocks(twin, phase, derive_seed(plan.seed, "profile", number), folder.name)
+        return plan.blocks(twin, phase, derive_seed(plan.seed, "course", number), folder.name)
 
     with resumable("complete recordings stay; the same command continues"), progress("simulating") as bar:
         index, new = write_series(

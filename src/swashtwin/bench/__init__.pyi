@@ -4,12 +4,12 @@ from .fillers.registry import FILLERS as FILLERS
 from .public.readers.registry import read_public_set as read_public_set
 from .public.scarce import run_scarce as run_scarce
 from .public.study import run_public as run_public
-from .questions.calibration import CONTENDERS as CONTENDERS
 from .questions.calibration import CalibrationStudySettings as CalibrationStudySettings
 from .questions.calibration import run_calibration_study as run_calibration_study
 from .questions.conditions import run_conditions as run_conditions
 from .questions.confidence import ConfidenceStudySettings as ConfidenceStudySettings
 from .questions.confidence import run_confidence as run_confidence
+from .questions.contenders import CONTENDERS as CONTENDERS
 from .questions.fault_map import run_fault_map as run_fault_map
 from .questions.leakage import run_leakage as run_leakage
 from .questions.misspecification import BACKGROUNDS as BACKGROUNDS

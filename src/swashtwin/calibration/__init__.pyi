@@ -37,8 +37,8 @@ from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
 from .severity.dimensions import search_of as search_of
 from .severity.severity import Severity as Severity
+from .severity.severity import SeveritySettings as SeveritySettings
 from .severity.severity import SeverityTrend as SeverityTrend
-from .severity.severity_search import SeveritySettings as SeveritySettings
 from .severity.severity_search import estimate_severity as estimate_severity
 from .twin_difference import Difference as Difference
 from .twin_difference import difference as difference

@@ -10,6 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
 from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
 from swashtwin.cli.options import (
     FaultText,
     Index,
@@ -25,7 +26,6 @@ from swashtwin.cli.options import (
     Specimen,
     Step,
     band_from,
-    condition_from,
     defaults_of,
     fault_from,
     read_list,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         Objective,
     )
     from swashtwin.physics import SteadySolver, Twin
-    from swashtwin.pump import Fault, Pump
+    from swashtwin.pump import Pump
     from swashtwin.recordings import Recording
 
 
@@ -74,19 +74,6 @@ class Freed(StrEnum):
     housing = "housing"
 
 
-Speeds = Annotated[
-    str | None, typer.Option("--speed", help='Use recordings at this shaft speed only, such as "860 rpm".')
-]
-Pressures = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--pressure", help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'
-    ),
-]
-OptionalTemperature = Annotated[
-    str | None,
-    typer.Option("--temperature", help='Oil temperature where --speed and --pressure are given, such as "45 degC".'),
-]
 FreedName = Annotated[
     Freed | None,
     typer.Option(
@@ -153,7 +140,7 @@ def calibrate(
     rates = _rates(learning_rates)
     searcher = _method(method, settings, solver_from(solver, step), has_rates=rates is not None)
     edges = None if band is None else band_from(band)
-    points = _OperatingPoints(speed, pressure or [], temperature)
+    points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
     recordings = points.select(load_recordings(source).where(specimen=specimen))
     job = _Job(
@@ -185,55 +172,6 @@ def calibrate(
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
     answer["learning_rates"] = trials and {"rates": trials.rates, "weighted_losses": trials.weighted_losses}
     tell(answer, as_json, lambda: _show(result, trials, out))
-
-
-@dataclass(frozen=True)
-class _OperatingPoints:
-    """Operating points that the options name: all, those of one speed or of some pressures, or complete ones."""
-
-    speed: str | None
-    pressures: Sequence[str]
-    temperature: str | None
-
-    def __post_init__(self) -> None:
-        if self.temperature is not None and not self.is_complete:
-            raise typer.BadParameter("needs --speed and --pressure.", param_hint="--temperature")
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether speed and pressure are named, so that no recording has to state them."""
-        return self.speed is not None and bool(self.pressures)
-
-    def twins(self, pump: "Pump", fault: "Fault | None") -> "Pump | list[Twin]":
-        """A twin at each operating point; the pump itself where the recordings state the points."""
-        from swashtwin.physics import Twin
-
-        if self.speed is None or not self.pressures:
-            return pump
-        conditions = [condition_from(self.speed, text, self.temperature) for text in self.pressures]
-        return [Twin(pump, condition, fault) for condition in conditions]
-
-    def select(self, recordings: "Sequence[Recording]") -> "Sequence[Recording]":
-        """The recordings within 1 % of the speed or 6 % of a pressure, where only one of both is named."""
-        from swashtwin.foundation import DataError, parse
-
-        if self.is_complete or (self.speed is None and not self.pressures):
-            return recordings
-        speeds = [] if self.speed is None else [parse(self.speed, "rad/s", name="--speed")]
-        pressures = [parse(text, "Pa", name="--pressure") for text in self.pressures]
-        chosen = [
-            recording
-            for recording in recordings
-            if (condition := recording.condition) is not None
-            and all(abs(condition.speed / speed - 1) <= 0.01 for speed in speeds)
-            and (not pressures or any(abs(condition.discharge_pressure / limit - 1) <= 0.06 for limit in pressures))
-        ]
-        if not chosen:
-            words = ", ".join(self.pressures) or self.speed
-            raise DataError(
-                f"no recording states an operating point at {words}; swashtwin inspect shows what there is."
-            )
-        return chosen
 
 
 @dataclass(frozen=True)
@@ -399,7 +337,7 @@ def calibrate_fleet(
     from swashtwin.pump import load_pump
     from swashtwin.recordings import load_recordings
 
-    points = _OperatingPoints(speed, pressure or [], temperature)
+    points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
     with progress("calibrating the fleet"):
         fleet = calibration.calibrate_fleet(

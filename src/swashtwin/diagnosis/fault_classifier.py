@@ -44,13 +44,11 @@ _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalizat
 class FaultClassifier(ClassifierMixin, BaseEstimator):
     """Classifier of pump faults from vibration, an estimator of scikit-learn.
 
-    `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array. Each recording gets one
-    answer, pooled over its windows; each window of a set or an array gets one. An array is
-    ``(window, channel, sample)``, or ``(window, sample)`` for one channel.
+    `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array ``(window, channel,
+    sample)`` or ``(window, sample)``. Each recording gets one answer, pooled over its windows; else each window does.
 
-    A recording that had a part in the training is never scored: `score` and `evaluate` raise a `LeakError`. An array
-    does not say which recording its windows are of, so cross-validation of arrays needs `groups`
-    (``StratifiedGroupKFold``).
+    `score` and `evaluate` raise a `LeakError` for a recording that had a part in the training. Cross-validation of
+    arrays needs `groups` (``StratifiedGroupKFold``).
 
     Parameters
     ----------
@@ -63,8 +61,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         features.
     training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
-    validation_fraction : share of the training recordings from which the classifier learns how reliable its answers
-        are (`learn_confidence`) instead of training on them; 0 for none.
+    validation_fraction : share of the recordings that calibrate its confidence (`learn_confidence`); 0 for none.
     error_rate : share of recordings whose prediction set may miss the true class; used with `validation_fraction`.
     sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
     device : ``"cpu"``, or a GPU such as ``"cuda"``.

@@ -16,12 +16,12 @@ from .fault_forcing import motion_lines as motion_lines
 from .fault_forcing import no_action as no_action
 from .fault_forcing import turning_terms as turning_terms
 from .fault_forcing import worn_values as worn_values
-from .loads import AddedLeakage as AddedLeakage
+from .fault_leakage import AddedLeakage as AddedLeakage
+from .fault_leakage import PortChange as PortChange
+from .fault_leakage import added_leakage as added_leakage
+from .fault_leakage import port_change as port_change
 from .loads import LoadCase as LoadCase
-from .loads import PortChange as PortChange
-from .loads import added_leakage as added_leakage
 from .loads import force_lines as force_lines
-from .loads import port_change as port_change
 from .recess import recess_of as recess_of
 from .solvers.periodic import PeriodicTerm as PeriodicTerm
 from .solvers.periodic import periodic_steady_state as periodic_steady_state

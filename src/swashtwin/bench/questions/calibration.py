@@ -10,26 +10,21 @@ recording of the same pump, which is all that can be known without it.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from joblib import Parallel, delayed
 
+from swashtwin.bench.questions.contenders import CONTENDERS
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.measuring import Run, sensor_lines, true_values
 from swashtwin.bench.rigs.measuring import measure as record
 from swashtwin.bench.rigs.writing import RigSize, rig_recordings
 from swashtwin.calibration import (
-    CMAES,
-    IPINN,
-    LBFGS,
     Agreement,
     Calibration,
-    Calibrator,
-    GaussNewton,
-    Nuisances,
     agreement,
     agreement_of_lines,
     calibrate,
@@ -41,31 +36,6 @@ from swashtwin.foundation import VERSION, InputError, MPa, mm
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
-
-
-@dataclass(frozen=True)
-class Contender:
-    """One way to calibrate."""
-
-    method: Calibrator
-    """The search."""
-    nuisances: Nuisances = field(default_factory=Nuisances)
-    """What is searched beside the six values."""
-    phases: bool = False
-    """Whether the lines' phases are compared too."""
-
-
-CONTENDERS: dict[str, Contender] = {
-    "calibrated": Contender(GaussNewton(), Nuisances.housing(), phases=True),
-    "gauss_newton_housing": Contender(GaussNewton(), Nuisances.housing()),
-    "gauss_newton": Contender(GaussNewton()),
-    "lbfgs_housing": Contender(LBFGS(), Nuisances.housing()),
-    "cmaes_housing": Contender(CMAES(), Nuisances.housing()),
-    "ipinn": Contender(IPINN()),
-    "ipinn_improved": Contender(IPINN.improved()),
-    "ipinn_improved_phases": Contender(IPINN.improved(), Nuisances.housing(), phases=True),
-}
-"""Ways to calibrate by name; ``calibrated`` is the one to use, ``ipinn`` the paper's."""
 
 FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
 """What the twin of each class simulates: the recess as it was machined."""

@@ -7,9 +7,32 @@ from typing import Any, Literal
 
 from swashtwin.calibration.severity.dimensions import Dimension
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
+from swashtwin.foundation import InputError
 from swashtwin.pump import Fault, OperatingCondition
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
+
+
+@dataclass(frozen=True)
+class SeveritySettings:
+    """How a severity is searched, and what is expected of the pump and of the model."""
+
+    band: tuple[float, float] = (0.0, 1000.0)
+    """Frequencies [Hz] whose lines are compared. A housing that bends above falsifies severities more than it falsifies
+    the six values' spectrum, so this ends below `DEFAULT_BAND`."""
+    drift: float = 0.15
+    """Standard deviation by which the logarithm of each interface value may have moved since the healthy calibration
+    [an estimate of ours], beside half of what oil and pressure are expected to move it by."""
+    law: float | None = None
+    """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
+    be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: 0.25 for
+    contacts, 0.1 for openings and leaks (`dimensions.SeveritySearch`) [estimates of ours]."""
+
+    def __post_init__(self) -> None:
+        for name in ("drift", "law"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value >= 0):
+                raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,13 @@ from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Inversion, Prior
-from swashtwin.calibration.severity.severity import DimensionEstimate, Severity, SeverityTrend, SeverityVerdict
+from swashtwin.calibration.severity.severity import (
+    DimensionEstimate,
+    Severity,
+    SeveritySettings,
+    SeverityTrend,
+    SeverityVerdict,
+)
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import interval_of, profile_likelihood
 from swashtwin.foundation import VERSION, DataError, InputError
@@ -30,28 +36,6 @@ UNIDENTIFIED_STD = 1.0
 to both sides."""
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
-
-
-@dataclass(frozen=True)
-class SeveritySettings:
-    """How a severity is searched, and what is expected of the pump and of the model."""
-
-    band: tuple[float, float] = (0.0, 1000.0)
-    """Frequencies [Hz] whose lines are compared. A housing that bends above falsifies severities more than it falsifies
-    the six values' spectrum, so this ends below `DEFAULT_BAND`."""
-    drift: float = 0.15
-    """Standard deviation by which the logarithm of each interface value may have moved since the healthy calibration
-    [an estimate of ours], beside half of what oil and pressure are expected to move it by."""
-    law: float | None = None
-    """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
-    be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: 0.25 for
-    contacts, 0.1 for openings and leaks (`dimensions.SeveritySearch`) [estimates of ours]."""
-
-    def __post_init__(self) -> None:
-        for name in ("drift", "law"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value >= 0):
-                raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
 
 
 def estimate_severity(

@@ -154,13 +154,13 @@ def test_what_no_recording_tells_stays_not_identified(fleet: FleetCalibration) -
 
 def test_a_new_pump_of_the_type_starts_from_what_the_others_taught(twin: Twin, fleet: FleetCalibration) -> None:
     recordings, truth = fleet_of(twin, "G", seed=5)
-    recordings = [replace(one, specimen="new") for one in recordings]
+    recordings = [replace(recording, specimen="new") for recording in recordings]
     blind = calibrate(twin, recordings, method=QUICK, **SIX_VALUES)
     taught = calibrate(twin, recordings, method=QUICK, prior=fleet.population, **SIX_VALUES)
     indices = [2, 3, 4]
     errors = [
-        np.square([np.log(one.estimates[index].value) - truth["G"][index] for index in indices]).mean()
-        for one in (blind, taught)
+        np.square([np.log(calibration.estimates[index].value) - truth["G"][index] for index in indices]).mean()
+        for calibration in (blind, taught)
     ]
     assert errors[1] < errors[0]
     assert taught.estimate("K_v").log_std < 0.5 * blind.estimate("K_v").log_std

@@ -132,7 +132,7 @@ def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
 def test_the_diagnosis_decides_as_the_evaluation_does(classifier):
     new = [recording(f"again {label} {n}", label) for label in CLASSES for n in range(2)]
     scores = evaluate(classifier, cut_windows(new, length=80))
-    hits = [diagnose(classifier, one).label == one.label for one in new]
+    hits = [diagnose(classifier, recording).label == recording.label for recording in new]
     assert scores.recording_accuracy == np.mean(hits)
 
 

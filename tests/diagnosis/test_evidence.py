@@ -40,8 +40,8 @@ def classifier() -> FittedClassifier:
     return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
 
 
-def evidence_of(classifier: FittedClassifier, one: Recording, **options: int) -> Evidence:
-    return explain(classifier, one, diagnose(classifier, one), **options)
+def evidence_of(classifier: FittedClassifier, recording: Recording, **options: int) -> Evidence:
+    return explain(classifier, recording, diagnose(classifier, recording), **options)
 
 
 @pytest.fixture(scope="module")
@@ -109,10 +109,10 @@ def test_the_moments_that_speak_are_those_in_which_the_line_sounds(classifier: F
 
 def test_random_weights_give_other_evidence(classifier: FittedClassifier, evidence: Evidence) -> None:
     """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it shows the data only."""
-    one, similar = recording("new", "valve_plate"), []
+    measurement, similar = recording("new", "valve_plate"), []
     for seed in range(5):
         drawn = replace(classifier, network=classifier.network.fresh(seed).eval())
-        lines = evidence_of(drawn, one).lines
+        lines = evidence_of(drawn, measurement).lines
         similar.append(np.corrcoef(np.abs(lines).ravel(), np.abs(evidence.lines).ravel())[0, 1])
     again = evidence_of(classifier, recording("other", "valve_plate")).lines
     assert np.corrcoef(np.abs(again).ravel(), np.abs(evidence.lines).ravel())[0, 1] > 0.9
@@ -120,8 +120,8 @@ def test_random_weights_give_other_evidence(classifier: FittedClassifier, eviden
 
 
 def test_the_nearest_known_recordings_are_of_the_class(evidence: Evidence) -> None:
-    assert [one.label for one in evidence.nearest[:2]] == ["valve_plate"] * 2
-    distances = [one.distance for one in evidence.nearest]
+    assert [neighbor.label for neighbor in evidence.nearest[:2]] == ["valve_plate"] * 2
+    distances = [neighbor.distance for neighbor in evidence.nearest]
     assert distances == sorted(distances)
 
 
@@ -173,9 +173,9 @@ def test_the_page_shows_lines_moments_neighbors_and_checks(classifier, evidence,
 def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) -> None:
     model = save_classifier(classifier, tmp_path / "m.safetensors")
     file = write_recording(recording("new", "valve_plate"), tmp_path / "new.h5")
-    told = run_json("diagnose", model, file, "--report", tmp_path / "page.html", "--pistons", 7)
-    assert told["report"] == str(tmp_path / "page.html")
-    assert told["evidence"][0]["strongest"][0]["channel"] == "cover_z"
+    answer = run_json("diagnose", model, file, "--report", tmp_path / "page.html", "--pistons", 7)
+    assert answer["report"] == str(tmp_path / "page.html")
+    assert answer["evidence"][0]["strongest"][0]["channel"] == "cover_z"
     assert "piston-pass line" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.safetensors", "new.h5", "page.html"]
     assert run_json("diagnose", model, file)["evidence"] == []

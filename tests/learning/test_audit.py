@@ -31,7 +31,7 @@ def table(folder: Path, text: str) -> Path:
 
 
 def kinds(answer: dict) -> dict[str, str]:
-    return {one["kind"]: one["severity"] for one in answer["findings"]}
+    return {finding["kind"]: finding["severity"] for finding in answer["findings"]}
 
 
 def test_a_clean_table_has_no_finding_and_strict_ends_with_0(tmp_path):
@@ -129,14 +129,14 @@ def test_a_missing_or_binary_file_ends_in_one_line(tmp_path):
 def test_an_overlap_is_found_just_where_two_windows_of_both_roles_share_a_moment(spans):
     rows = [AuditRow(name, role, start=start, stop=start + length) for name, role, start, length in spans]
     struck = {
-        (place, row.recording)
-        for place, row in enumerate(rows)
+        (position, row.recording)
+        for position, row in enumerate(rows)
         if row.role == spans_second(rows)
         for other in rows
         if other.role != row.role and other.recording == row.recording
         and other.start < row.stop and row.start < other.stop
     }  # fmt: skip
-    result = [one for one in audit(rows).findings if one.kind == "overlap"]
+    result = [finding for finding in audit(rows).findings if finding.kind == "overlap"]
     assert (result[0].windows if result else 0) == len(struck)
 
 
@@ -146,14 +146,14 @@ def spans_second(rows: list[AuditRow]) -> str:
 
 
 def test_a_folder_that_split_wrote_is_audited_by_its_readings(tmp_path):
-    def one(name: str, source: str, label: str, machine: str) -> Recording:
+    def recording(name: str, source: str, label: str, machine: str) -> Recording:
         noise = np.random.default_rng(list(source.encode())).normal(size=(1, 200))
         return Recording(noise, 1000.0, name, label=label, specimen=machine)
 
     recordings = [
-        one(f"{label}{number}", f"{label}{number}", label, f"p{number}") for label in "xy" for number in range(4)
+        recording(f"{label}{number}", f"{label}{number}", label, f"p{number}") for label in "xy" for number in range(4)
     ]
-    recordings.append(one("copy", "x1", "x", "p1"))
+    recordings.append(recording("copy", "x1", "x", "p1"))
     files = [write_recording(each, tmp_path / f"{each.recording_id}.h5") for each in recordings]
     index = write_index(recordings, files, tmp_path)
     run("data", "split", index, "--group", "specimen", "--out", tmp_path / "by_specimen", "--test-fraction", "0.25")
@@ -162,7 +162,7 @@ def test_a_folder_that_split_wrote_is_audited_by_its_readings(tmp_path):
     )
     (tmp_path / "copied").mkdir()
     for role, ids in (("train", ["x1", "y1", "x2"]), ("test", ["copy", "y2", "y3"])):
-        remaining = [place for place, each in enumerate(recordings) if each.recording_id in ids]
+        remaining = [position for position, each in enumerate(recordings) if each.recording_id in ids]
         write_index(
             [recordings[at] for at in remaining], [files[at] for at in remaining], tmp_path / "copied" / f"{role}.toml"
         )

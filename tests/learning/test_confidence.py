@@ -77,9 +77,9 @@ def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
     covered, sizes = [], []
     for _ in range(200):
         target, probability = answers(40)
-        known = confidence(-np.log(probability[np.arange(40), target]), 0.1)
+        predictor = confidence(-np.log(probability[np.arange(40), target]), 0.1)
         target, probability = answers(50)
-        chosen = known.prediction_set(probability)
+        chosen = predictor.prediction_set(probability)
         covered.append(chosen[np.arange(50), target].mean())
         sizes.append(chosen.sum(axis=1).mean())
     assert 0.89 < np.mean(covered) < 0.94  # 0.9 to 0.9 + 1/41 is promised
@@ -87,11 +87,11 @@ def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
 
 
 def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
-    known = confidence(np.full(39, 1e-6))
+    predictor = confidence(np.full(39, 1e-6))
     doubtful = np.array([[0.4, 0.35, 0.25]])
-    assert known.prediction_set(doubtful).tolist() == [[True, False, False]]
-    known = confidence(np.linspace(0, 3, 39))
-    sizes = [known.prediction_set(doubtful, rate).sum() for rate in (0.6, 0.3, 0.05)]
+    assert predictor.prediction_set(doubtful).tolist() == [[True, False, False]]
+    predictor = confidence(np.linspace(0, 3, 39))
+    sizes = [predictor.prediction_set(doubtful, rate).sum() for rate in (0.6, 0.3, 0.05)]
     assert sizes == sorted(sizes)
     assert sizes[-1] == 3
 
@@ -128,7 +128,7 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: 
         answer = learn_confidence(trees, windows(several("validation", 10)))
     else:
         answer = taught
-    foreign = windows([one.relabeled(None) for one in several("test", 10, ("howl",))])
+    foreign = windows([recording.relabeled(None) for recording in several("test", 10, ("howl",))])
     result = score_confidence(answer, windows(several("test", 10)), foreign=foreign)
     assert result.accuracy == 1
     assert result.coverage >= 0.8
@@ -138,11 +138,11 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: 
 
 
 def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedClassifier) -> None:
-    known = diagnose(taught, recording("new piston", "piston")).trust
-    assert known.prediction_set == ("piston",)
-    assert not known.unknown
-    assert known.ood_score <= known.ood_threshold
-    assert "No other class is plausible at an error rate of 10 %" in known.sentence()
+    trust = diagnose(taught, recording("new piston", "piston")).trust
+    assert trust.prediction_set == ("piston",)
+    assert not trust.unknown
+    assert trust.ood_score <= trust.ood_threshold
+    assert "No other class is plausible at an error rate of 10 %" in trust.sentence()
     strange = diagnose(taught, recording("new howl", "howl").relabeled(None)).trust
     assert strange.unknown
     assert strange.ood_score > strange.ood_threshold
@@ -159,19 +159,19 @@ def test_a_recording_is_unknown_exactly_beyond_the_threshold(taught: FittedClass
 
 def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
     loaded = load_classifier(save_classifier(taught, tmp_path / "a.safetensors"))
-    one = recording("new piston", "piston")
-    assert diagnose(loaded, one).to_dict() == diagnose(taught, one).to_dict()
+    piston = recording("new piston", "piston")
+    assert diagnose(loaded, piston).to_dict() == diagnose(taught, piston).to_dict()
     assert loaded.training_reference.recording_id == taught.training_reference.recording_id
     loaded = load_classifier(save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors"))
     assert loaded.training_reference is None
-    assert diagnose(loaded, one).trust is None
+    assert diagnose(loaded, piston).trust is None
     with pytest.raises(DataError, match="train it with measured recordings"):
         learn_confidence(loaded, windows(several("validation", 10)))
 
 
 def test_the_probabilities_of_a_diagnosis_are_those_at_the_temperature(bare, taught) -> None:
-    one = recording("new piston", "piston")
-    before, after = (np.array(list(diagnose(fitted, one).probabilities.values())) for fitted in (bare, taught))
+    piston = recording("new piston", "piston")
+    before, after = (np.array(list(diagnose(fitted, piston).probabilities.values())) for fitted in (bare, taught))
     np.testing.assert_allclose(after, temperature_scaled(before, taught.confidence.temperature), atol=1e-12)
 
 
@@ -219,10 +219,10 @@ def test_the_out_of_distribution_score_counts_what_differs_within_classes_and_li
     label = tuple(np.repeat(["a", "b"], 30).tolist())
     features = random.normal(0, [1.0, 0.1, 5.0], (60, 3))
     features[30:, 0] += 8.0  # the classes differ in the first, and in the second hardly anything varies
-    known = TrainingReference(tuple(map(str, range(60))), label, features)
-    at_home = known.ood_score(np.array([8.0, 0.0, 0.0]))
-    assert known.ood_score(np.array([0.0, 0.0, 9.0])) < at_home + 1
-    assert known.ood_score(np.array([4.0, 0.0, 0.0])) > at_home + 2
+    reference = TrainingReference(tuple(map(str, range(60))), label, features)
+    at_home = reference.ood_score(np.array([8.0, 0.0, 0.0]))
+    assert reference.ood_score(np.array([0.0, 0.0, 9.0])) < at_home + 1
+    assert reference.ood_score(np.array([4.0, 0.0, 0.0])) > at_home + 2
     alone = TrainingReference(("x", "y", "z"), ("a", "a", "a"), features[:3])
     assert alone.ood_score(features[0] + 50) > alone.ood_score(features[0])
     single = TrainingReference(("x", "y"), ("a", "b"), features[[0, 30]])
@@ -232,7 +232,7 @@ def test_the_out_of_distribution_score_counts_what_differs_within_classes_and_li
 def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:
     recordings = several("rig", 12)
     folder = tmp_path / "rig"
-    files = [write_recording(one, folder / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
     write_index(recordings, files, folder)
     settings = ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3", "learning_rate=3e-3")
     shape = ("--network", "bitcn", "--window", 80, *(word for text in settings for word in ("--set", text)))
@@ -244,8 +244,8 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     assert scored["n_recordings"] == len(answer["held_out"])
     assert scored["unknown_auroc"] is None
     assert "Confidence, by recording" in run("evaluate", answer["model"], folder).stdout
-    (one,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
-    assert one["trust"]["error_rate"] == 0.2
+    (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
+    assert diagnosis["trust"]["error_rate"] == 0.2
     shown = run("diagnose", answer["model"], folder, "--report", tmp_path / "page").stdout
     assert "could be" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")

@@ -59,14 +59,14 @@ def test_features_are_misaligned_where_a_condition_changes_them(kind):
     same = torch.as_tensor(stream(0, "features").normal(size=(400, 3)))
     condition = torch.arange(400) % 2
     spread = torch.where(condition[:, None] == 1, 3.0, 1.0) * same
-    alike, distance = (float(misalignment(one, condition, kind)) for one in (same, spread))
+    alike, distance = (float(misalignment(features, condition, kind)) for features in (same, spread))
     assert alike < 0.1 * distance
     assert float(misalignment(same, torch.zeros_like(condition), kind)) == 0
 
 
 def test_the_covariances_misalignment_has_the_right_derivative():
     features = torch.as_tensor(stream(1, "features").normal(size=(8, 3))).requires_grad_()
-    assert torch.autograd.gradcheck(lambda one: misalignment(one, torch.arange(8) % 2, "coral"), features)
+    assert torch.autograd.gradcheck(lambda values: misalignment(values, torch.arange(8) % 2, "coral"), features)
 
 
 @pytest.mark.parametrize(
@@ -76,11 +76,11 @@ def test_each_remedy_trains_to_the_same_bits_twice_and_to_others_than_without(wi
     network = BiTCN(1, 2, channels=(4,), dilations=(1,), kernel_size=2)
     plain = TrainingSettings(epochs=2)
     settings = replace(plain, **changes)
-    first, again, without = (fit(network, windows, settings=one, seed=3) for one in (settings, settings, plain))
-    for one, other in zip(first.network.parameters(), again.network.parameters(), strict=True):
-        assert torch.equal(one, other)
+    first, again, without = (fit(network, windows, settings=variant, seed=3) for variant in (settings, settings, plain))
+    for weight, other in zip(first.network.parameters(), again.network.parameters(), strict=True):
+        assert torch.equal(weight, other)
     pairs = zip(first.network.parameters(), without.network.parameters(), strict=True)
-    assert any(not torch.equal(one, other) for one, other in pairs)
+    assert any(not torch.equal(weight, other) for weight, other in pairs)
     assert first.settings == settings
 
 

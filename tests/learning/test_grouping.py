@@ -79,7 +79,7 @@ def test_more_folds_than_groups_and_one_group_are_refused():
 
 def test_a_condition_is_a_speed_where_no_pressure_is_stated_and_close_speeds_are_one():
     speeds = ["700 rpm", "714 rpm", "703 rpm", "1003 rpm", "1000 rpm", "105 rad/s"]
-    recordings = [recording(f"r{place}", attributes={"speed": speed}) for place, speed in enumerate(speeds)]
+    recordings = [recording(f"r{number}", attributes={"speed": speed}) for number, speed in enumerate(speeds)]
     groups = recording_groups(recordings, "condition")
     assert groups["r0"] == groups["r1"] == groups["r2"] == "705.7 rev/min"
     assert groups["r3"] == groups["r4"] == groups["r5"] != groups["r0"]
@@ -137,20 +137,20 @@ def test_thinned_windows_do_not_overlap_and_none_could_be_added(stride):
 @pytest.fixture
 def index(tmp_path):
     recordings = rows(["mon", "tue", "wed"])
-    files = [write_recording(one, tmp_path / f"{one.recording_id}.h5") for one in recordings]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     return write_index(recordings, files, tmp_path)
 
 
 def test_split_by_an_attribute_writes_indexes_that_share_no_value_of_it(index, tmp_path):
     answer = run_json("data", "split", index, "--group", "day", "--test-fraction", "0.34")
-    days = [{one.attributes["day"] for one in load_recordings(answer[name])} for name in ("train", "test")]
+    days = [{recording.attributes["day"] for recording in load_recordings(answer[name])} for name in ("train", "test")]
     assert not days[0] & days[1]
     assert days[0] | days[1] == {"mon", "tue", "wed"}
 
 
 def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, tmp_path):
     answer = run_json("data", "split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
-    tested = [one.recording_id for fold in answer["folds"] for one in load_recordings(fold["test"])]
+    tested = [recording.recording_id for fold in answer["folds"] for recording in load_recordings(fold["test"])]
     assert len(answer["folds"]) == 3
     assert len(tested) == len(set(tested)) == 12
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()

@@ -28,7 +28,7 @@ def fleet(classes: int = 3, machines: int = 3, repeats: int = 4) -> list[Recordi
 
 
 def warned(recordings: list[Recording], **settings) -> set[str]:
-    return {one.attribute for one in confounding(recordings, **settings) if one.is_warning}
+    return {finding.attribute for finding in confounding(recordings, **settings) if finding.is_warning}
 
 
 @settings(deadline=None, max_examples=30)
@@ -43,22 +43,22 @@ def test_a_copy_at_any_gain_sign_and_offset_is_found_and_nothing_else(gain, offs
     copied = gain * recordings[index].signal + offset * gain
     recordings.append(replace(recordings[index], signal=copied.astype(kind).astype(float), recording_id="copy"))
     result = copied_recordings(recordings)
-    assert [(one.first.recording_id, one.again.recording_id) for one in result] == [(f"r{index}", "copy")]
+    assert [(copy.first.recording_id, copy.again.recording_id) for copy in result] == [(f"r{index}", "copy")]
     assert result[0].gain == pytest.approx(gain, rel=1e-3)
 
 
 def test_a_copy_far_off_zero_is_found_with_its_gain():
-    one = recording("one")
-    far = replace(one, signal=2 * one.signal + 1e6, recording_id="far")
-    assert [round(copy.gain, 6) for copy in copied_recordings([one, far])] == [2.0]
+    original = recording("one")
+    far = replace(original, signal=2 * original.signal + 1e6, recording_id="far")
+    assert [round(copy.gain, 6) for copy in copied_recordings([original, far])] == [2.0]
 
 
 def test_a_copy_in_twelve_bits_is_found_and_an_exact_one_is_called_so():
-    one = recording("one")
-    step = np.ptp(one.signal) / 2**12
-    coarse = replace(one, signal=np.round(one.signal / step), recording_id="coarse")
-    exact = replace(one, recording_id="exact")
-    assert [(copy.again.recording_id, copy.exact) for copy in copied_recordings([one, exact, coarse])] == [
+    original = recording("one")
+    step = np.ptp(original.signal) / 2**12
+    coarse = replace(original, signal=np.round(original.signal / step), recording_id="coarse")
+    exact = replace(original, recording_id="exact")
+    assert [(copy.again.recording_id, copy.exact) for copy in copied_recordings([original, exact, coarse])] == [
         ("exact", True),
         ("coarse", False),
     ]
@@ -80,9 +80,9 @@ def test_copied_windows_say_whether_they_stand_in_two_roles():
         "test": cut_windows([replace(source, recording_id="b", signal=source.signal[:, 100:200] - 7)], length=100),
     }
     result = copied_windows(sets)
-    assert [one.again.recording_id for one in result if one.across] == ["b"]
-    assert [one.again.start for one in result if not one.across] == [0, 100, 200]
-    across = next(one for one in result if one.across)
+    assert [copy.again.recording_id for copy in result if copy.across] == ["b"]
+    assert [copy.again.start for copy in result if not copy.across] == [0, 100, 200]
+    across = next(copy for copy in result if copy.across)
     assert (across.first.role, across.first.start, across.again.role) == ("train", 100, "test")
 
 
@@ -104,7 +104,7 @@ def test_random_classes_get_a_warning_no_more_often_than_said():
     alarms = 0
     for trial in range(30):
         labels = random.permutation(np.repeat(["a", "b", "c"], 12))
-        dealt = [one.relabeled(str(label)) for one, label in zip(base, labels, strict=True)]
+        dealt = [recording.relabeled(str(label)) for recording, label in zip(base, labels, strict=True)]
         alarms += bool(warned(dealt, false_alarms=0.2, seed=trial))
     assert alarms <= 11  # 30 sets at a share of 0.2: more happen by chance in 1 of 50 runs
 
@@ -112,31 +112,31 @@ def test_random_classes_get_a_warning_no_more_often_than_said():
 @pytest.mark.parametrize(
     ("attribute", "confound"),
     [
-        ("sample rate", lambda one, hit: replace(one, sample_rate=2000.0 if hit else 1000.0)),
-        ("offset of acceleration", lambda one, hit: replace(one, signal=one.signal + (0.5 if hit else 0))),
-        ("level of acceleration", lambda one, hit: replace(one, signal=one.signal * (3 if hit else 1))),
-        ("sensor", lambda one, hit: replace(one, attributes={"sensor": "new" if hit else "old"})),
+        ("sample rate", lambda source, hit: replace(source, sample_rate=2000.0 if hit else 1000.0)),
+        ("offset of acceleration", lambda source, hit: replace(source, signal=source.signal + (0.5 if hit else 0))),
+        ("level of acceleration", lambda source, hit: replace(source, signal=source.signal * (3 if hit else 1))),
+        ("sensor", lambda source, hit: replace(source, attributes={"sensor": "new" if hit else "old"})),
         (
             "date",
-            lambda one, hit: replace(one, attributes={"date": f"2026-0{1 + hit}-{len(one.label or '') + 10}"}),
+            lambda source, hit: replace(source, attributes={"date": f"2026-0{1 + hit}-{len(source.label or '') + 10}"}),
         ),
         (
             "oil temperature",
-            lambda one, hit: replace(one, attributes={"oil_temperature": f"{40 + 20 * hit} degC"}),
+            lambda source, hit: replace(source, attributes={"oil_temperature": f"{40 + 20 * hit} degC"}),
         ),
-        ("converter step of acceleration", lambda one, hit: _in_steps(one, 0.2 if hit else 0.1)),
+        ("converter step of acceleration", lambda source, hit: _in_steps(source, 0.2 if hit else 0.1)),
     ],
 )
 def test_what_gives_one_class_away_is_named_and_nothing_else(attribute, confound):
-    recordings = [confound(one, one.label == "class 1") for one in fleet()]
-    result = {one.attribute: one for one in confounding(recordings) if one.is_warning}
+    recordings = [confound(recording, recording.label == "class 1") for recording in fleet()]
+    result = {finding.attribute: finding for finding in confounding(recordings) if finding.is_warning}
     assert attribute in result
     assert set(result) <= {attribute, "length"}
     assert "tells the class" in result[attribute].message
 
 
-def _in_steps(one: Recording, step: float) -> Recording:
-    return replace(one, signal=np.round(one.signal / step) * step)
+def _in_steps(recording: Recording, step: float) -> Recording:
+    return replace(recording, signal=np.round(recording.signal / step) * step)
 
 
 def test_a_clean_fleet_gets_no_warning():
@@ -146,21 +146,23 @@ def test_a_clean_fleet_gets_no_warning():
 def test_classes_are_dealt_to_whole_machines_so_their_own_levels_are_no_surprise():
     """Each pump is louder or softer than the next by its make; recordings of one pump are alike."""
     random = np.random.default_rng(3)
-    loudness = {one.specimen: random.lognormal(sigma=1) for one in fleet(2, 8, 3)}
-    recordings = [replace(one, signal=one.signal * loudness[one.specimen]) for one in fleet(2, 8, 3)]
+    loudness = {recording.specimen: random.lognormal(sigma=1) for recording in fleet(2, 8, 3)}
+    recordings = [
+        replace(recording, signal=recording.signal * loudness[recording.specimen]) for recording in fleet(2, 8, 3)
+    ]
     assert "level of acceleration" not in warned(recordings)
 
 
 def test_a_class_on_one_machine_of_its_own_is_always_told():
     recordings = [*fleet(2), *(recording(f"x{index}", "crack", specimen="pump x") for index in range(4))]
-    answer = next(one for one in confounding(recordings) if one.attribute == "one specimen")
+    answer = next(finding for finding in confounding(recordings) if finding.attribute == "one specimen")
     assert answer.is_warning
     assert answer.message.startswith("crack: measured on one specimen only")
 
 
 def test_an_attribute_that_is_the_class_by_another_name_is_called_a_label():
-    recordings = [replace(one, attributes={"grade": (one.label or "")[-1]}) for one in fleet()]
-    answer = next(one for one in confounding(recordings) if one.attribute == "grade")
+    recordings = [replace(recording, attributes={"grade": (recording.label or "")[-1]}) for recording in fleet()]
+    answer = next(finding for finding in confounding(recordings) if finding.attribute == "grade")
     assert (answer.kind, answer.is_warning, answer.balanced_accuracy) == ("label", True, 1.0)
 
 

@@ -55,8 +55,8 @@ def test_every_weight_has_a_part_in_the_scores(name):
     for seed in range(3):  # a hidden layer of few ReLU may sleep under one seed
         drawn = network.fresh(seed)
         drawn(torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))).square().sum().backward()
-        for weight, own in zip(network.parameters(), drawn.parameters(), strict=True):
-            weight.grad = own.grad if weight.grad is None else weight.grad + own.grad
+        for weight, drawn_weight in zip(network.parameters(), drawn.parameters(), strict=True):
+            weight.grad = drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
     idle = [key for key, weight in network.named_parameters() if not weight.grad.any()]
     assert idle == []
 

@@ -89,11 +89,11 @@ def test_a_faster_shaft_moves_every_line_by_as_much():
     taper = np.hanning(length)
     moved = at_other_speeds(np.tile(tone, (200, 2, 1)), 0.05, np.random.default_rng(0))
     assert moved.dtype == np.float32
-    found = np.abs(np.fft.rfft(taper * moved)).argmax(axis=-1) / line - 1
-    assert np.array_equal(found[:, 0], found[:, 1])  # sensors of one shaft
-    assert np.abs(found).max() < 0.05 + 0.005
-    assert found.min() < -0.04
-    assert found.max() > 0.04
+    shift = np.abs(np.fft.rfft(taper * moved)).argmax(axis=-1) / line - 1
+    assert np.array_equal(shift[:, 0], shift[:, 1])  # sensors of one shaft
+    assert np.abs(shift).max() < 0.05 + 0.005
+    assert shift.min() < -0.04
+    assert shift.max() > 0.04
     assert np.abs(moved).max() < 1.01
     still = at_other_speeds(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
     assert np.allclose(still, tone, atol=1e-5)
@@ -113,22 +113,22 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
     assert not np.array_equal(alone, transform_windows(clean, SETTINGS, 0, 2)[0])
 
 
-@pytest.mark.parametrize("made", [network, on_levels])
+@pytest.mark.parametrize("factory", [network, on_levels])
 @pytest.mark.parametrize("change", [{"noise_snr": 0.0}, {"gain": 3.0}, {"stretch": 0.02}])
-def test_training_on_changed_windows_repeats_itself(made: Callable[[], Network], change: dict[str, float | None]):
+def test_training_on_changed_windows_repeats_itself(factory: Callable[[], Network], change: dict[str, float | None]):
     settings = replace(SETTINGS, **{"noise_snr": None, **change})
-    first = fit(made(), tones(), settings=settings, seed=1)
-    assert same(first, fit(made(), tones(), settings=settings, seed=1))
-    assert not same(first, fit(made(), tones(), settings=replace(SETTINGS, noise_snr=None), seed=1))
+    first = fit(factory(), tones(), settings=settings, seed=1)
+    assert same(first, fit(factory(), tones(), settings=settings, seed=1))
+    assert not same(first, fit(factory(), tones(), settings=replace(SETTINGS, noise_snr=None), seed=1))
 
 
-@pytest.mark.parametrize("made", [network, on_levels])
-def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(made: Callable[[], Network], tmp_path):
-    whole = fit(made(), tones(), settings=SETTINGS, seed=1)
+@pytest.mark.parametrize("factory", [network, on_levels])
+def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(factory: Callable[[], Network], tmp_path):
+    whole = fit(factory(), tones(), settings=SETTINGS, seed=1)
     clean = replace(SETTINGS, noise_snr=None)
-    assert same(whole, fit(made(), tones(), settings=SETTINGS, seed=1))
-    assert not same(whole, fit(made(), tones(), settings=clean, seed=1))
-    assert not same(whole, fit(made(), tones(), settings=replace(SETTINGS, noise_snr=10.0), seed=1))
+    assert same(whole, fit(factory(), tones(), settings=SETTINGS, seed=1))
+    assert not same(whole, fit(factory(), tones(), settings=clean, seed=1))
+    assert not same(whole, fit(factory(), tones(), settings=replace(SETTINGS, noise_snr=10.0), seed=1))
 
     def interrupt(epoch) -> None:
         if epoch.number == 2:
@@ -136,10 +136,10 @@ def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(made: Call
 
     run = {"settings": SETTINGS, "seed": 1, "checkpoint": tmp_path / "run.safetensors"}
     with pytest.raises(KeyboardInterrupt):
-        fit(made(), tones(), progress=interrupt, **run)
+        fit(factory(), tones(), progress=interrupt, **run)
     with pytest.raises(InputError, match=r"its noise_snr is 0\.0, this run's is None"):
-        fit(made(), tones(), resume=True, **{**run, "settings": clean})
-    assert same(whole, fit(made(), tones(), resume=True, **run))
+        fit(factory(), tones(), resume=True, **{**run, "settings": clean})
+    assert same(whole, fit(factory(), tones(), resume=True, **run))
 
 
 def test_a_network_that_learned_with_noise_stands_noise_better():
@@ -186,7 +186,7 @@ def test_training_with_gains_and_speeds_continues_bit_for_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"gain": -1.0}, r"gain \(-1\) must be between 0 and 40 dB"),
         ({"gain": float("nan")}, r"gain \(nan\) must be between"),
@@ -196,8 +196,8 @@ def test_training_with_gains_and_speeds_continues_bit_for_bit(tmp_path):
         ({"gain": 1.0, "normalization": "window"}, "gain would change nothing"),
     ],
 )
-def test_gains_and_speeds_that_make_no_sense_are_refused(change: dict[str, Any], told: str):
-    with pytest.raises(InputError, match=told):
+def test_gains_and_speeds_that_make_no_sense_are_refused(change: dict[str, Any], message: str):
+    with pytest.raises(InputError, match=message):
         TrainingSettings(**change)
 
 

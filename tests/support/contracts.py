@@ -13,7 +13,7 @@ from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
 
 
-def _room(module: str) -> str:
+def _subpackage(module: str) -> str:
     """``"swashtwin.pump"`` of ``"swashtwin.pump.faults"``."""
     return ".".join(module.split(".")[:2])
 
@@ -28,13 +28,13 @@ class FrontDoor(Contract):
             (importer, imported)
             for importer in sorted(graph.modules)
             for imported in sorted(graph.find_modules_directly_imported_by(importer))
-            if _room(importer) != _room(imported) and imported.count(".") > 1
+            if _subpackage(importer) != _subpackage(imported) and imported.count(".") > 1
         ]
         return ContractCheck(kept=not trespasses, metadata={"trespasses": trespasses})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         for importer, imported in check.metadata["trespasses"]:
-            output.print_error(f"{importer} imports {imported}: import the name from {_room(imported)}.")
+            output.print_error(f"{importer} imports {imported}: import the name from {_subpackage(imported)}.")
 
 
 class DoorNames(Contract):
@@ -45,7 +45,7 @@ class DoorNames(Contract):
     forbidden = fields.ListField(fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        package = Path(find_spec(_room(self.source).split(".")[0]).submodule_search_locations[0])
+        package = Path(find_spec(_subpackage(self.source).split(".")[0]).submodule_search_locations[0])
         imports = [
             (module, home)
             for module in sorted(graph.find_descendants(self.source))

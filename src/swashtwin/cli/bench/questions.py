@@ -21,7 +21,7 @@ PublicData = Annotated[Path, typer.Option(help="Folder that holds the public set
 class Origin(StrEnum):
     """Whose recordings wrong twins are calibrated on."""
 
-    own = "own"
+    twin = "own"
     rig = "rig"
 
 

@@ -57,8 +57,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own.
     stride : samples from one window of a training recording to the next; None lets none overlap.
     allow_partial_revolution : accept windows shorter than one turn of the shaft.
-    epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; no effect on classifiers on
-        features.
+    epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks only.
     training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
     validation_fraction : share of the recordings that calibrate its confidence (`learn_confidence`); 0 for none.

@@ -23,6 +23,7 @@ from swashtwin.pump import (
     TiltedBlockFace,
     ValvePlateWear,
     canonical_label,
+    is_healthy,
 )
 from swashtwin.pump.faults import ALIASES
 
@@ -153,3 +154,8 @@ def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(l
 
 def test_half_the_slippers_length_leaves_a_quarter_of_the_depth() -> None:
     assert replace(PAPERS, length=mm(11)).effective_depth(mm(22)) == pytest.approx(mm(0.15))
+
+
+def test_normal_healthy_and_ok_are_healthy_in_any_case() -> None:
+    assert all(is_healthy(label) for label in ("normal", "healthy", "ok", "Healthy", " OK "))
+    assert not any(is_healthy(label) for label in (None, "", "piston", "abnormal", "unhealthy"))

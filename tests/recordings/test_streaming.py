@@ -227,7 +227,7 @@ def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
 
 def test_blocks_of_no_sample_or_too_few_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15)
-    with pytest.raises(InputError, match="at least one reading"):
+    with pytest.raises(InputError, match="at least one sample"):
         list(steady_blocks(twin, 1e-6, 25600.0))
     with pytest.raises(InputError, match="twice the twin's bandwidth"):
         list(steady_blocks(twin, 1.0, 8000.0))

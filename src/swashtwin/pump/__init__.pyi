@@ -24,6 +24,7 @@ from .faults import TiltedBlockFace as TiltedBlockFace
 from .faults import ValvePlateWear as ValvePlateWear
 from .faults import canonical_label as canonical_label
 from .faults import fault_type as fault_type
+from .faults import is_healthy as is_healthy
 from .faults import register_fault as register_fault
 from .parameters import LETTERS as LETTERS
 from .parameters import PARAMETERS as PARAMETERS
@@ -65,6 +66,7 @@ __all__ = [
     "canonical_label",
     "fault_type",
     "group_by_condition",
+    "is_healthy",
     "load_pump",
     "merge_close_values",
     "new_pump",

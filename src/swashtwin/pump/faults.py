@@ -60,6 +60,18 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 
 
+def is_healthy(label: str | None) -> bool:
+    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"`` or ``"ok"``, in capitals or not.
+
+    Examples
+    --------
+    >>> is_healthy("Healthy"), is_healthy("piston"), is_healthy(None)
+    (True, False, False)
+    """
+    word = "" if label is None else label.strip().lower()
+    return ALIASES.get(word, word) == CLASSES[0]
+
+
 _F = TypeVar("_F", bound="Fault")
 
 

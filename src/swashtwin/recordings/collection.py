@@ -9,15 +9,13 @@ from typing import Any, overload
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError
-from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, merge_close_values, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_healthy, merge_close_values, values_match
 from swashtwin.recordings.grouping import SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
 from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.splitting import nearest_test_rows
 from swashtwin.recordings.store import is_store, stored_recordings
-
-_HEALTHY = ("normal", "healthy")
 
 
 class Recordings(Sequence[Recording]):
@@ -127,7 +125,7 @@ class Recordings(Sequence[Recording]):
 
         Parameters
         ----------
-        label : class; ``"healthy"`` and ``"normal"`` are the same.
+        label : class; ``"healthy"``, ``"normal"`` and ``"ok"`` are the same.
         specimen : machine that was measured.
         speed : angular speed [rad/s], within 3 %, such as ``rpm(860)``.
         pressure : discharge pressure [Pa], within 6 %, such as ``MPa(15)``.
@@ -269,7 +267,7 @@ def load_recordings(path: str | Path | Iterable[str | Path], **facts: Any) -> Re
 
 
 def _same_label(first: str | None, second: str) -> bool:
-    return first == second or (first in _HEALTHY and second in _HEALTHY)
+    return first == second or (is_healthy(first) and is_healthy(second))
 
 
 def _listed(values: Iterable[str | None]) -> str:

@@ -20,7 +20,16 @@ from swashtwin.calibration import (
 from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.physics import AddedLeakage, Twin, added_leakage, interface_factors
 from swashtwin.physics.fault_forcing import UNCHANGED
-from swashtwin.pump import Fault, Interface, Interfaces, OperatingCondition, Pump, read_fault, register_fault
+from swashtwin.pump import (
+    Fault,
+    Interface,
+    Interfaces,
+    OperatingCondition,
+    Pump,
+    fault_type,
+    read_fault,
+    register_fault,
+)
 from swashtwin.pump.faults import _faults
 
 
@@ -68,6 +77,21 @@ def test_an_own_fault_is_read_as_the_shell_writes_it() -> None:
     assert read_fault("Cracked plate", conductance="2e-12 m^3/(s*Pa)", softening="0.9") == CrackedPlate(2e-12, 0.9)
     with pytest.raises(InputError, match="cracked_plate has no dimension 'depth'; it has conductance, softening"):
         read_fault("cracked_plate", depth="1 mm")
+
+
+def test_an_installed_fault_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    class EntryPoint:
+        name = "cracked_plate"
+
+        def load(self) -> Fault:
+            return CrackedPlate(1e-12)
+
+    groups = {"swashtwin.faults": [EntryPoint()]}
+    monkeypatch.setattr("swashtwin.pump.faults.entry_points", lambda group: groups[group])
+    monkeypatch.delitem(_faults, "cracked_plate")
+    assert read_fault("Cracked plate", softening="0.9") == CrackedPlate(1e-12, 0.9)
+    monkeypatch.delitem(_faults, "cracked_plate")
+    assert fault_type("CrackedPlate") is CrackedPlate
 
 
 def test_an_own_fault_acts_by_its_registered_effects(pump: Pump, at_15: OperatingCondition) -> None:

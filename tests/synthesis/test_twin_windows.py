@@ -14,7 +14,16 @@ from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rp
 from swashtwin.learning import WindowSet, cut_windows, evaluate, fit_extra_trees
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
-from swashtwin.synthesis import FILLERS, Filler, TwinFiller, Variation, register_filler, simulate_windows, synthesize
+from swashtwin.synthesis import (
+    FILLERS,
+    Filler,
+    TwinFiller,
+    Variation,
+    has_filler,
+    register_filler,
+    simulate_windows,
+    synthesize,
+)
 from swashtwin.synthesis import twin_windows as synthesis
 from swashtwin.synthesis.background import background_noise
 from swashtwin.synthesis.synchronous import remove_synchronous
@@ -301,3 +310,18 @@ def test_a_filler_of_ones_own_is_registered_and_used_by_name(
     assert windows.synthetic.all()
     with pytest.raises(InputError, match="registered already"):
         register_filler("silence", fill_with_silence)
+
+
+def test_an_installed_filler_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    class EntryPoint:
+        def load(self) -> Filler:
+            return FILLERS["duplicate"]
+
+    def entry_points(*, group: str, name: str) -> list[EntryPoint]:
+        return [EntryPoint()] if (group, name) == ("swashtwin.fillers", "copies") else []
+
+    monkeypatch.setattr("swashtwin.synthesis.registry.FILLERS", names := dict(FILLERS))
+    monkeypatch.setattr("swashtwin.synthesis.registry.entry_points", entry_points)
+    assert has_filler("copies")
+    assert names["copies"] is FILLERS["duplicate"]
+    assert not has_filler("silence")

@@ -11,6 +11,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
 
@@ -295,10 +296,14 @@ class LooseSlipper(Fault):
 _faults: dict[str, Fault | None] = {"normal": None}
 FAULT_KINDS: Mapping[str, Fault | None] = MappingProxyType(_faults)
 """Faults by the name that the command line reads, each with its typical dimensions; `register_fault` adds to them."""
+_ENTRY_POINTS = "swashtwin.faults"
 
 
 def register_fault(name: str, typical: Fault) -> None:
     """Make a fault known by `name`: to `read_fault`, to the command line, and to whatever loads saved twins.
+
+    A package can have it made automatically, for the command line too, by an entry point `name` of the group
+    ``swashtwin.faults`` that points at `typical`.
 
     Parameters
     ----------
@@ -322,21 +327,35 @@ def register_fault(name: str, typical: Fault) -> None:
     _faults[name] = typical
 
 
+def register_installed_faults() -> None:
+    """Register the faults that installed packages offer by their entry points."""
+    for entry in entry_points(group=_ENTRY_POINTS):
+        if entry.name not in _faults:
+            register_fault(entry.name, entry.load())
+
+
 def fault_type(name: str) -> type[Fault]:
-    """Type of the registered fault whose type has this name, such as ``"PistonWear"``.
+    """Type of the fault, registered or offered by an installed package, whose type has this name (``"PistonWear"``).
 
     Raises
     ------
     InputError
         None is registered by that name.
     """
-    kinds = {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
+    kinds = _types_by_name()
+    if name not in kinds:
+        register_installed_faults()
+        kinds = _types_by_name()
     if name not in kinds:
         raise InputError(
             f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register your own with "
             "register_fault before loading what names it."
         )
     return kinds[name]
+
+
+def _types_by_name() -> dict[str, type[Fault]]:
+    return {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
 
 
 for _name, _typical in {

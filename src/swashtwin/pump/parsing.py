@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 
 from swashtwin.foundation import InputError, parse
 from swashtwin.pump.condition import OperatingCondition
-from swashtwin.pump.faults import FAULT_KINDS, Fault, canonical_label
+from swashtwin.pump.faults import FAULT_KINDS, Fault, canonical_label, register_installed_faults
 
 
 def read_condition(
@@ -49,6 +49,8 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
     UnitError
         A dimension without a unit, or with one of another dimension.
     """
+    if kind not in FAULT_KINDS:
+        register_installed_faults()
     name = kind if kind in FAULT_KINDS else canonical_label(kind, tuple(FAULT_KINDS))
     fault = FAULT_KINDS[name]
     if fault is None:

@@ -22,6 +22,7 @@ from .periodic_extension import cut_extensions as cut_extensions
 from .periodic_extension import extension_length as extension_length
 from .periodic_extension import periodic_extensions as periodic_extensions
 from .registry import FILLERS as FILLERS
+from .registry import has_filler as has_filler
 from .registry import register_filler as register_filler
 from .twin_filler import TwinFiller as TwinFiller
 from .twin_windows import simulate_windows as simulate_windows
@@ -51,6 +52,7 @@ __all__ = [
     "draw_twin",
     "extension_length",
     "fill_cell",
+    "has_filler",
     "in_cell",
     "oversampler",
     "periodic_extensions",

@@ -16,7 +16,7 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import DEFAULT_VARIATION, Background, Filler, TwinFiller, discriminative_score
+from swashtwin.synthesis import DEFAULT_VARIATION, Background, Filler, TwinFiller, discriminative_score, has_filler
 
 TWINS = ("nominal", "calibrated", "posterior")
 """What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""
@@ -59,7 +59,9 @@ class TrainingSet:
         ----------
         faults : what twins simulate of each class, where they fill all of them.
         """
-        filler = repr(FILLERS[self.by]) if self.by in FILLERS else repr(DEFAULT_VARIATION) if self.by else None
+        filler = None
+        if self.by is not None:
+            filler = repr(FILLERS[self.by] if has_filler(self.by) else DEFAULT_VARIATION)
         table = {**asdict(self), "filler": filler}
         if self.every_class:
             table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
@@ -140,7 +142,7 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
 
 
 def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Filler:
-    if training_set.by in FILLERS:
+    if training_set.by is not None and has_filler(training_set.by):
         return FILLERS[training_set.by]
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")

@@ -116,9 +116,9 @@ def augment(
     from swashtwin.foundation import DataError, InputError, parse
     from swashtwin.learning import check_disjoint, cut_windows, save_windows
     from swashtwin.recordings import declared_classes, load_recordings
-    from swashtwin.synthesis import in_cell
+    from swashtwin.synthesis import has_filler, in_cell
 
-    if filler not in FILLERS:
+    if not has_filler(filler):
         raise typer.BadParameter(f"{filler!r} is none of {', '.join(FILLERS)}.", param_hint="--filler")
     require_target(out)
     require_files([held_out])

@@ -39,13 +39,37 @@ def test_a_module_that_breaks_the_floors_is_refused(tmp_path: Path, module: str,
     shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "swashtwin" / module).open("a") as file:
         file.write(text)
+    lines = lint(tmp_path)
+    assert any(contract in line for line in lines if line.endswith("BROKEN"))
+
+
+def test_no_way_of_writing_an_import_hides_a_twin_from_the_law_of_the_rigs(tmp_path: Path) -> None:
+    """All are tried at once, each in a module of its own: reading the package takes longest."""
+    texts = [
+        "from swashtwin import Twin",
+        "from swashtwin import physics",
+        "from swashtwin.physics import *",
+        "from ...physics import Twin",
+        "import swashtwin as st",
+        "import swashtwin.physics as physics",
+        "from swashtwin.bench.questions.wrong_twins import Twin",
+        "from swashtwin.bench import questions",
+    ]
+    shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
+    for index, text in enumerate(texts):
+        (tmp_path / "swashtwin" / "bench" / "rigs" / f"breach_{index}.py").write_text(text + "\n")
+    output = "\n".join(lint(tmp_path))
+    assert [text for index, text in enumerate(texts) if f"rigs.breach_{index} uses" not in output] == []
+
+
+def lint(folder: Path) -> list[str]:
+    """Lines that import-linter prints of the package in `folder`, which breaks its law."""
     command = [sys.executable, "-c", "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports("]
     command[-1] += f"{str(ROOT / '.importlinter')!r}, no_cache=True))"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT / "tests" / "support")])}
-    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    broken = [line for line in process.stdout.splitlines() if line.endswith("BROKEN")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT / "tests" / "support")])}
+    process = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert process.returncode == 1
-    assert any(contract in line for line in broken)
+    return process.stdout.splitlines()
 
 
 def test_importing_swashtwin_loads_nothing_heavy() -> None:

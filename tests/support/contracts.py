@@ -6,6 +6,7 @@ lives. `FrontDoor` refuses an import that goes past a door; `DoorNames` looks be
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -38,47 +39,78 @@ class FrontDoor(Contract):
 
 
 class DoorNames(Contract):
-    """No module of a package imports a name that lives in a forbidden one, by whichever door it comes."""
+    """No module of a package imports a name that lives in a forbidden one or in a neighbor, by whichever door it comes.
+
+    Written as ``import swashtwin...`` an import gives the whole package, so that form is refused whatever it names.
+    """
 
     type_name = "door_names"
     source = fields.StringField()
     forbidden = fields.ListField(fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        package = Path(find_spec(_subpackage(self.source).split(".")[0]).submodule_search_locations[0])
         imports = [
             (module, home)
             for module in sorted(graph.find_descendants(self.source))
-            for home in sorted(set(_homes(package, module)))
-            if any(f"{home}.".startswith(f"{forbidden}.") for forbidden in self.forbidden)
+            for home in sorted(set(_homes(module)))
+            if self._refuses(home)
         ]
         return ContractCheck(kept=not imports, metadata={"imports": imports})
+
+    def _refuses(self, home: str) -> bool:
+        is_neighbor = _is_within(home, self.source.rpartition(".")[0]) and not _is_within(home, self.source)
+        return is_neighbor or any(_is_within(home, name) or _is_within(name, home) for name in self.forbidden)
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         for module, home in check.metadata["imports"]:
             output.print_error(f"{module} uses {home}.")
 
 
-def _homes(package: Path, module: str) -> Iterator[str]:
+def _is_within(name: str, package: str) -> bool:
+    return f"{name}.".startswith(f"{package}.")
+
+
+def _homes(module: str) -> Iterator[str]:
     """Where each name that `module` imports lives, behind the doors."""
-    path = package.joinpath(*module.split(".")[1:])
-    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(module)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            behind = _door(package, node.module)
-            yield from (behind.get(alias.name, f"{node.module}.{alias.name}") for alias in node.names)
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (_home(_imported(module, node), alias.name) for alias in node.names)
 
 
-def _door(package: Path, module: str) -> dict[str, str]:
-    """Home of each name at the door of `module`; nothing where it has none."""
-    stub = package.joinpath(*module.split(".")[1:], "__init__.pyi")
-    if not stub.is_file():
-        return {}
-    return {
-        alias.name: f"{module}.{node.module}"
-        for node in ast.parse(stub.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
+def _home(module: str, name: str) -> str:
+    """Module that defines `name`, which `module` offers; the whole of `module` for ``*``."""
+    if name == "*" or _file(module) is None:
+        return module
+    for node in _tree(module).body:
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    return _home(_imported(module, node), alias.name)
+    return f"{module}.{name}"
+
+
+def _imported(module: str, node: ast.ImportFrom) -> str:
+    """Full name of the module that a ``from ... import`` in `module` names."""
+    if not node.level:
+        return str(node.module)
+    is_package = _file(module).stem == "__init__"
+    parts = module.split(".")[: None if is_package and node.level == 1 else is_package - node.level]
+    return ".".join([*parts, *([node.module] if node.module else [])])
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(_file(module).read_text(encoding="utf-8"))
+
+
+@cache
+def _file(module: str) -> Path | None:
+    """Door of a room, or source of a module; None where it is of another package."""
+    root, *names = module.split(".")
+    if root != "swashtwin":
+        return None
+    path = Path(find_spec(root).submodule_search_locations[0]).joinpath(*names)
+    files = (path / "__init__.pyi", path / "__init__.py", path.with_name(f"{path.name}.py"))
+    return next((file for file in files if file.is_file()), None)

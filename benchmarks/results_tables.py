@@ -2,7 +2,7 @@
 
     python benchmarks/results_tables.py studies
 
-`studies` is the folder that was given to ``swashtwin study ... --out``. Every study that is found there is printed in
+`studies` is the folder that was given to ``swashtwin bench ... --out``. Every study that is found there is printed in
 Markdown: its table, and the differences that the text beside it quotes, in points, paired by seed, with 95 %
 intervals; bold where an interval excludes zero. Nothing is computed anew.
 """

@@ -83,18 +83,18 @@ def convert(folder: Path) -> str:
 def windows(folder: Path) -> str:
     """Cut the store into windows, in batches."""
     from swashtwin.learning import window_batches
-    from swashtwin.recordings import open_store
+    from swashtwin.recordings import load_recordings
 
-    (stored,) = open_store(folder / "store.h5")
+    (stored,) = load_recordings(folder / "store.h5")
     return f"{sum(len(part) for part in window_batches(stored, length=LENGTH))} windows"
 
 
 def diagnose(folder: Path) -> str:
     """Diagnose the store with a small network."""
     from swashtwin.diagnosis import diagnose, load_classifier
-    from swashtwin.recordings import open_store
+    from swashtwin.recordings import load_recordings
 
-    (stored,) = open_store(folder / "store.h5")
+    (stored,) = load_recordings(folder / "store.h5")
     return f"{diagnose(load_classifier(folder / 'model.safetensors'), stored).n_windows} windows"
 
 

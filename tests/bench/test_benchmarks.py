@@ -1,9 +1,11 @@
 """The ways that the benchmark times compute the same; their times are not looked at here."""
 
+import ast
 import importlib
 import importlib.util
 import re
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -103,6 +105,28 @@ def test_every_benchmark_finds_what_it_imports(path: Path) -> None:
         if str(missing.name).startswith("swashtwin"):
             raise
         pytest.skip(f"{missing.name} is not installed")
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda path: path.stem)
+def test_every_name_that_a_benchmark_imports_from_swashtwin_exists(path: Path) -> None:
+    """Imports within functions count, and those in code that a benchmark gives to another process."""
+    for module_name, name in swashtwin_imports(path.read_text(encoding="utf-8")):
+        imported = importlib.import_module(module_name)
+        assert name is None or hasattr(imported, name), f"{module_name} has no {name}"
+
+
+def swashtwin_imports(text: str) -> Iterator[tuple[str, str | None]]:
+    try:
+        nodes = list(ast.walk(ast.parse(textwrap.dedent(text))))
+    except SyntaxError:  # a string that is no code
+        return
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("swashtwin"):
+            yield from ((str(node.module), alias.name) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from ((alias.name, None) for alias in node.names if alias.name.startswith("swashtwin"))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "import" in node.value:
+            yield from swashtwin_imports(node.value)
 
 
 def test_the_printed_tables_hold_what_the_study_does(

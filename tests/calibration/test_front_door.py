@@ -11,6 +11,7 @@ from swashtwin.foundation import DataError, InputError, MPa, mm, rpm
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.recordings import Recording
+from swashtwin.synthesis import synthesize
 
 QUICK = GaussNewton(starts=1, most_iterations=4)
 
@@ -57,6 +58,15 @@ def test_twins_and_a_pump_at_the_same_conditions_give_the_same_bits(pump: Pump, 
     settings = {"method": QUICK, **SIX_VALUES}
     by_pump, by_twins = (calibrate(start, recordings[:2], **settings) for start in (pump, twins))
     np.testing.assert_array_equal(by_pump.posterior.point, by_twins.posterior.point)
+
+
+def test_a_healthy_label_may_read_healthy(pump: Pump, recordings: list[Recording]) -> None:
+    recording = recordings[0].replace(label="healthy")
+    calibration = calibrate(pump, [recording], method=QUICK, **SIX_VALUES)
+    assert calibration.recording_ids == ("healthy-0",)
+    windows = synthesize(calibration, None, count=1, like=[replace(recording, synthetic=False)], window=1024)
+    assert windows.classes == ("healthy",)
+    assert set(windows.label) == {"healthy"}
 
 
 def test_recordings_of_another_class_are_left_out(pump: Pump, recordings: list[Recording]) -> None:

@@ -82,7 +82,7 @@ def test_what_has_no_trend_is_said() -> None:
 
 def phases(healthy: Sequence[float], last: float) -> str:
     """Status of a phase [degrees] against a baseline of others."""
-    rows = [Row(f"r{i}", "cover", "normal") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
+    rows = [Row(f"r{i}", "cover", "Healthy") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
     values = np.radians([*healthy, last])[:, None]
     table = IndicatorTable(tuple(rows), (Indicator("order_phase 7x", "rad", "phase"),), values)
     points = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}

@@ -54,8 +54,8 @@ def calibrate(
 ) -> Calibration:
     """Twin whose lines come nearest to those of measured recordings, and how far to trust its six values.
 
-    `recordings` may hold more than is used. Used are those of the class of `fault` (``"normal"`` without one), with
-    the operating condition that each states; the others are listed in `Calibration.left_out` with the reason.
+    Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are used, with the
+    operating condition that each states; the others are listed in `Calibration.left_out` with the reason.
     Recordings at several operating points are fitted together, with one set of values. Calibrating is training: no
     recording used here may stand in a test set.
 

@@ -25,6 +25,7 @@ from .faults import ValvePlateWear as ValvePlateWear
 from .faults import canonical_label as canonical_label
 from .faults import fault_type as fault_type
 from .faults import is_healthy as is_healthy
+from .faults import is_same_class as is_same_class
 from .faults import register_fault as register_fault
 from .parameters import LETTERS as LETTERS
 from .parameters import PARAMETERS as PARAMETERS
@@ -67,6 +68,7 @@ __all__ = [
     "fault_type",
     "group_by_condition",
     "is_healthy",
+    "is_same_class",
     "load_pump",
     "merge_close_values",
     "new_pump",

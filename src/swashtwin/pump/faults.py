@@ -73,6 +73,11 @@ def is_healthy(label: str | None) -> bool:
     return ALIASES.get(word, word) == CLASSES[0]
 
 
+def is_same_class(first: str | None, second: str | None) -> bool:
+    """Whether two labels are equal, or both healthy."""
+    return first == second or (is_healthy(first) and is_healthy(second))
+
+
 _F = TypeVar("_F", bound="Fault")
 
 

@@ -9,7 +9,7 @@ from typing import Any, overload
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError
-from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_healthy, merge_close_values, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.grouping import SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
@@ -141,7 +141,7 @@ class Recordings(Sequence[Recording]):
         left = [
             recording
             for recording in self._recordings
-            if (label is None or _same_label(recording.label, label))
+            if (label is None or is_same_class(recording.label, label))
             and (specimen is None or recording.specimen == specimen)
             and (speed is None or values_match(stated_angular_speed(recording), speed, SPEED_TOLERANCE))
             and (pressure is None or values_match(stated_pressure(recording), pressure, PRESSURE_TOLERANCE))
@@ -264,10 +264,6 @@ def load_recordings(path: str | Path | Iterable[str | Path], **facts: Any) -> Re
             )
         recordings += stored_recordings(source) if is_store(source) else indexed_recordings(source)
     return Recordings(recordings)
-
-
-def _same_label(first: str | None, second: str) -> bool:
-    return first == second or (is_healthy(first) and is_healthy(second))
 
 
 def _listed(values: Iterable[str | None]) -> str:

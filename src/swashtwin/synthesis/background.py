@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
+from swashtwin.pump import is_healthy
 from swashtwin.signals import inverse_transform, line_frequencies, transform
 from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, remove_synchronous
 
@@ -90,8 +91,9 @@ def _quiet_windows(like: WindowSet, pressure: float, specimen: str | None) -> np
     candidates = ~like.synthetic
     if specimen is not None:
         candidates &= like.specimen == specimen
-    if "normal" in like.classes and np.any(candidates & (like.label == "normal")):
-        candidates &= like.label == "normal"
+    is_normal = np.isin(like.label, [name for name in like.classes if is_healthy(name)])
+    if np.any(candidates & is_normal):
+        candidates &= is_normal
     if not candidates.any():
         of = "" if specimen is None else f" of {specimen}"
         raise InputError(f"no measured window{of} to take noise from; pass background='none'.")

@@ -8,6 +8,7 @@ from swashtwin.calibration import Posterior
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
+from swashtwin.pump import is_same_class
 from swashtwin.synthesis.background import Background
 from swashtwin.synthesis.twin_windows import simulate_windows
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation
@@ -30,7 +31,7 @@ class TwinFiller:
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, made with the twins of its class (`Filler`)."""
-        numbers = [number for number, twin in enumerate(self.twins) if twin.label == label]
+        numbers = [number for number, twin in enumerate(self.twins) if is_same_class(twin.label, label)]
         if not numbers:
             labels = ", ".join(sorted({twin.label for twin in self.twins})) or "nothing"
             raise InputError(f"no twin simulates {label!r}; those given simulate {labels}.")

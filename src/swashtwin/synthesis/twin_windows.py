@@ -15,7 +15,7 @@ from swashtwin.calibration import Calibration, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
-from swashtwin.pump import Fault, OperatingCondition
+from swashtwin.pump import Fault, OperatingCondition, is_same_class
 from swashtwin.recordings import Recording
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
@@ -71,8 +71,9 @@ def synthesize(
     twin = twin.with_fault(fault)
     if not isinstance(like, WindowSet):
         recordings = list(like)
-        labels = {recording.label for recording in recordings if recording.label is not None}
-        like = cut_windows(recordings, length=window, classes=sorted(labels | {twin.label}))
+        labels = sorted({recording.label for recording in recordings if recording.label is not None})
+        classes = sorted({*labels, _class_among(labels, twin)})
+        like = cut_windows(recordings, length=window, classes=classes)
     twin = replace(twin, bandwidth=min(twin.bandwidth, like.sample_rate / 2.56))
     conditions = [twin.condition] if condition is None else [condition]
     if condition is None and isinstance(source, Calibration):
@@ -128,7 +129,6 @@ def simulate_windows(
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     require_count(count)
     _require_agreement(twins, like)
-    label = twins[0].label
     draw_values = _value_draws(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
     noises = _noises(twins, like, background, specimens)
@@ -140,7 +140,7 @@ def simulate_windows(
         with torch.no_grad():
             batch = accelerations(varied)
         for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
-            rng = stream(seed, "window", label, i)
+            rng = stream(seed, "window", twins[0].label, i)
             angle = rng.uniform(0, 2 * np.pi) + source.condition.speed * time
             window = synchronous_signal(lines[:, np.isin(batch.orders, source.orders)], source.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
@@ -150,7 +150,7 @@ def simulate_windows(
         signal,
         like=like,
         name="synthetic",
-        label=label,
+        label=_class_among(like.classes, twins[0]),
         pressure=pressure,
         speed=np.array([source.condition.speed for source in sources]),
         specimen=np.array([f"twin of {source.pump.name}" for source in sources]),
@@ -199,9 +199,15 @@ def _value_draws(
     return draw_values
 
 
+def _class_among(classes: Sequence[str], twin: Twin) -> str:
+    """Name of the twin's class among `classes`, where a healthy pump may be called ``"healthy"``."""
+    names = [name for name in classes if is_same_class(name, twin.label)]
+    return names[0] if names and twin.label not in names else twin.label
+
+
 def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
     for twin in twins:
-        if twin.label not in like.classes:
+        if _class_among(like.classes, twin) not in like.classes:
             raise InputError(f"class {twin.label!r} is not among the windows' classes ({', '.join(like.classes)}).")
         if twin.label != twins[0].label:
             raise InputError(f"one twin simulates {twins[0].label!r}, another {twin.label!r}; give twins of one class.")

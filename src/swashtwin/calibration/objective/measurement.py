@@ -13,7 +13,7 @@ from swashtwin.calibration.objective.phases import combine_lines, phased_lines
 from swashtwin.calibration.objective.recording_checks import clipping_note, level_notes, lines_of, refuse_other_speed
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
-from swashtwin.pump import values_match
+from swashtwin.pump import is_same_class, values_match
 from swashtwin.recordings import Recording, refuse_unfit
 from swashtwin.signals import OrderSpectrum
 
@@ -161,7 +161,7 @@ def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[R
 
 
 def _disagreement(twin: Twin, recording: Recording) -> str | None:
-    if recording.label != twin.label:
+    if not is_same_class(recording.label, twin.label):
         return f"the recording's label is {recording.label}, the twin's {twin.label}"
     if recording.condition is None:
         return "the recording has no operating condition"

@@ -8,7 +8,7 @@ import numpy as np
 from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE
 from swashtwin.foundation import DataError, InputError
 from swashtwin.physics import Twin
-from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, load_pump
+from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, is_same_class, load_pump
 from swashtwin.recordings import Recording
 
 
@@ -43,7 +43,7 @@ def starting_twins(
 def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> list[OperatingCondition]:
     """Mean condition of each group of recordings at the same operating point, by speed and pressure."""
     label = "normal" if fault is None else fault.label
-    labeled = [recording for recording in recordings if recording.label == label]
+    labeled = [recording for recording in recordings if is_same_class(recording.label, label)]
     if not labeled:
         labels = ", ".join(sorted({str(recording.label) for recording in recordings})) or "no recording was given"
         hint = "give fault= for recordings of a fault" if fault is None else "give a fault of their class"

@@ -26,7 +26,7 @@ from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE
 from swashtwin.calibration.uncertainty.profiles import interval_of, profile_likelihood
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin, carry_over
-from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, is_healthy, values_match
 from swashtwin.recordings import Recording
 
 TRADED = 0.7
@@ -123,7 +123,7 @@ def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recordi
     for recording in recordings:
         if recording.condition is None:
             left_out.append((recording.recording_id, "the recording has no operating condition"))
-        elif recording.label not in (None, "normal", fault.label):
+        elif recording.label not in (None, fault.label) and not is_healthy(recording.label):
             left_out.append(
                 (recording.recording_id, f"the recording's label is {recording.label}, the fault's {fault.label}")
             )
@@ -214,7 +214,7 @@ def _background(
     """What a healthy pump shows at orders where its twin is silent [m/s^2], and the least deviation of each line."""
     healthy_twin = twin.with_fault(None)
     silent = ~np.isin(measurement.orders, healthy_twin.orders)
-    if not silent.any() or not any(recording.label == "normal" for recording in healthy):
+    if not silent.any() or not any(is_healthy(recording.label) for recording in healthy):
         return None, FLOOR
     try:
         similar, _ = select_agreeing(healthy_twin, healthy)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_same_class, values_match
 from swashtwin.signals.indicators.registry import Indicator
 from swashtwin.signals.indicators.table import IndicatorTable, Row
 
@@ -147,7 +147,7 @@ def trend_of(
 
 
 def _stated_healthy(row: Row, patterns: Sequence[str]) -> bool:
-    return any(row.label == pattern or fnmatch(row.recording_id, pattern) for pattern in patterns)
+    return any(is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern) for pattern in patterns)
 
 
 def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:

@@ -22,7 +22,7 @@ FORMAT = "swashtwin calibration 4"
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A twin that was brought near to recordings, and everything one needs to judge it."""
+    """A twin calibrated on recordings, and all that is needed to judge it."""
 
     twin: Twin
     """The calibrated twin."""
@@ -31,14 +31,14 @@ class Calibration:
     estimates: tuple[Estimate, ...]
     """The six values, in the order of `pump.PARAMETERS`."""
     posterior: Posterior
-    """What is known of all that was searched, with covariances."""
+    """Posterior of all searched coordinates, with covariances."""
     fits: tuple[Fit, ...]
-    """How near both twins are to the recordings, one for each condition."""
+    """Agreement of both twins with the recordings, one for each condition."""
     history: History
     """How the search went."""
     recording_ids: tuple[str, ...]
-    """Recordings it was calibrated on. They are training data: hand them to ``fit`` as ``manifest=``, and no test set
-    may hold them."""
+    """Recordings it was calibrated on. They are training data: pass them to ``FaultClassifier.fit`` as ``manifest=``,
+    and no test set may hold them."""
     recording_hashes: Mapping[str, str]
     """SHA-256 of each of them by id (`Recording.fingerprint`): what was calibrated on, whatever a file is called."""
     left_out: tuple[tuple[str, str], ...]
@@ -69,7 +69,7 @@ class Calibration:
 
     @property
     def fit_before(self) -> Agreement:
-        """How near the nominal twin is to the recordings, in the mean over the conditions."""
+        """Agreement of the nominal twin with the recordings, averaged over the conditions."""
         return mean_agreement([fit.before for fit in self.fits])
 
     @property

@@ -23,7 +23,7 @@ from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
 _CHUNK = 64
-"""Windows that are made together; memory does not grow beyond them, and an interruption is heard between them."""
+"""Windows simulated at once: this limits memory, and Ctrl-C is handled between chunks."""
 
 
 def synthesize(

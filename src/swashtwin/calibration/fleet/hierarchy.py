@@ -167,8 +167,9 @@ def calibrate_fleet(
         out, as in `calibrate`.
     fault : what all pumps had; None is healthy pumps.
     method : of the first search of each specimen; `GaussNewton` by default.
-    bounds, band, nuisances, phases : as in `calibrate`. Nuisances are coordinates as the values are: each has a mean
-        over the type and a spread.
+    bounds, band, nuisances, phases : as in `calibrate`, but by default there are no nuisances and no phases. Each
+        nuisance would need a mean over the type and a spread from few pumps: on the virtual rig that made the
+        intervals too narrow (docs/calibration.md). Gains and modes are refused where channels differ.
     spread_width : width of the half-normal density of the spreads of ln value.
 
     Raises

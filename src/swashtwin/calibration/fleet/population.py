@@ -49,7 +49,7 @@ class Population:
     """Density of the coordinates among pumps of one type: the prior of another pump."""
 
     specimens: tuple[str, ...]
-    """Pumps it was learnt from."""
+    """Pumps it was learned from."""
     names: tuple[str, ...]
     """Coordinates, as in `Unknowns.names`: logarithms of the six values by letter, then of constants."""
     mean: Float[np.ndarray, " unknown"]

@@ -1,4 +1,4 @@
-"""How near a twin is to the measurement, as the paper reports it: waveforms, spectra, RMSE, PE, SVE."""
+"""Differences between twin and measurement, as the paper reports them: waveforms, spectra, RMSE, PE, SVE."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -95,16 +95,16 @@ class Spectra:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How near a twin came to what was measured at one condition."""
+    """Agreement with the recordings of one condition, before and after calibration."""
 
     condition: OperatingCondition
     """The condition."""
     recording_ids: tuple[str, ...]
-    """What was measured there; the waveforms are of the first."""
+    """Recordings measured there; the waveforms are of the first."""
     before: Agreement
-    """How near the nominal twin is."""
+    """Agreement of the nominal twin."""
     after: Agreement
-    """How near the calibrated twin is to the same recordings; no test of either."""
+    """Agreement of the calibrated twin with the same recordings: no test, because it was calibrated on them."""
     spectra: Spectra
     """Lines before and after."""
     waveforms: Waveforms
@@ -112,7 +112,7 @@ class Fit:
 
 
 def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:
-    """Fit of both twins, each taken to the comparison's condition, and what the posterior leaves open of the lines."""
+    """Fit of both twins at the comparison's condition, with the range of each line under the posterior."""
     measurement, condition = comparison.measurement, comparison.twin.condition
     amplitudes, agreements, excerpts = [], [], []
     for twin in (nominal.at(condition), calibrated.at(condition)):

@@ -31,7 +31,7 @@ QUANTILE = float(ndtri((1 + COVERAGE) / 2))
 IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
 UNIDENTIFIED_SHARE = 0.7
-"""A posterior wider than this share of the prior has learnt next to nothing from the measurement."""
+"""A posterior wider than this share of the prior has learned next to nothing from the measurement."""
 BOUND_MARGIN = 1e-3
 """A value within this share of the bounds' logarithmic width from a bound lies on it."""
 

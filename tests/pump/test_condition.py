@@ -80,6 +80,16 @@ def test_an_unstated_value_matches_only_an_unstated_one() -> None:
     assert merge_close_values(np.array([]), 0.1).size == 0
 
 
+@given(st.lists(st.floats(1e5, 5e7), min_size=1, max_size=20), st.floats(0, 0.2))
+def test_values_that_were_merged_match_each_other_and_their_level(values: list[float], tolerance: float) -> None:
+    sample = np.array(values)
+    levels = merge_close_values(sample, tolerance)
+    for level in np.unique(levels):
+        members = sample[levels == level]
+        assert values_match(members.min(), members.max(), tolerance)
+        assert values_match(members, np.full(members.size, level), tolerance + 1e-12).all()
+
+
 def test_conditions_are_grouped_by_pressure_and_speed(at_15: OperatingCondition) -> None:
     fast = at_15.replaced(speed=2 * at_15.speed)
     conditions = [fast, at_15, at_15.replaced(discharge_pressure=MPa(10)), at_15.replaced(discharge_pressure=MPa(14.8))]

@@ -118,18 +118,24 @@ def values_match(
 def merge_close_values(values: Float[np.ndarray, " n"], tolerance: float) -> Float[np.ndarray, " n"]:
     """Speeds or pressures with one level per operating point: each is replaced by the mean of its run of close values.
 
-    Sorted values that follow each other within `tolerance` of the larger form a run; NaN stays NaN.
+    A run starts at the lowest value that is in no other run, and holds every value that matches it within `tolerance`
+    of the larger. So any two values of a run match, and each matches the level; NaN stays NaN.
 
     Examples
     --------
     >>> merge_close_values(np.array([15e6, 10.1e6, 9.9e6]), 0.06).tolist()
     [15000000.0, 10000000.0, 10000000.0]
+    >>> merge_close_values(np.array([10e6, 10.5e6, 11e6, 11.5e6]), 0.06).tolist()
+    [10250000.0, 10250000.0, 11250000.0, 11250000.0]
     """
     levels = np.full(values.shape, np.nan)
     stated = ~np.isnan(values)
     if stated.any():
         distinct, index = np.unique(values[stated], return_inverse=True)
-        run = np.concatenate(([0], np.cumsum(~values_match(distinct[1:], distinct[:-1], tolerance))))
+        sizes: list[int] = []
+        while (start := sum(sizes)) < distinct.size:
+            sizes.append(max(1, int(np.sum(values_match(distinct[start:], distinct[start], tolerance)))))
+        run = np.repeat(np.arange(len(sizes)), sizes)
         levels[stated] = (np.bincount(run, weights=distinct) / np.bincount(run))[run][index]
     return levels
 
@@ -139,7 +145,7 @@ def group_by_condition(
 ) -> list[list[int]]:
     """Indices of the conditions of each operating point, by ascending discharge pressure, then speed.
 
-    Conditions that follow each other within the tolerances of `OperatingCondition.matches` are the same point.
+    Conditions of one point match each other within the tolerances of `OperatingCondition.matches`.
 
     Examples
     --------

@@ -111,7 +111,7 @@ def rows_of(folder: Path | str) -> list[AuditRow]:
     paths = [path for path in sorted(folder.glob("*.toml")) if path.stem != "recordings"]
     if len(paths) < 2:
         raise DataError(
-            f"{folder} holds {len(paths)} role(s) (train.toml, test.toml); write them with swashtwin split."
+            f"{folder} holds {len(paths)} role(s) (train.toml, test.toml); write them with swashtwin data split."
         )
     return [
         AuditRow(

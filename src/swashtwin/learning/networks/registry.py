@@ -8,6 +8,7 @@ from typing import Any
 from torch import nn
 
 from swashtwin.foundation import InputError
+from swashtwin.learning.estimators.registry import BASELINES
 from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
@@ -51,7 +52,7 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     Raises
     ------
     InputError
-        The name belongs to a network of this package, or the class has another name.
+        The name is empty, belongs to a network or a baseline of this package, or the class has another name.
 
     Examples
     --------
@@ -62,8 +63,11 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     5
     >>> del NETWORKS["linear"]
     """
-    if name in BUILT_IN or not name:
-        raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
+    if not name:
+        raise InputError("a network needs a name that is not empty; a saved model is loaded by it.")
+    if name in BUILT_IN or name in BASELINES:
+        kind = "network" if name in BUILT_IN else "classifier on features"
+        raise InputError(f"the name {name!r} belongs to a {kind} of swashtwin; choose another.")
     if isinstance(network, type) and issubclass(network, Network):
         if network.name != name:
             raise InputError(f"{network.__name__}.name is {network.name!r}; register it under that name.")

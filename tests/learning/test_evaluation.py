@@ -111,7 +111,13 @@ def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
     assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
     assert only_normal.reasons["accuracy_interval"] == "one test recording only"
     unnamed = evaluate(Oracle(sure([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b")))
-    assert unnamed.reasons["false_alarm_rate"] == "no class is called normal"
+    assert unnamed.reasons["false_alarm_rate"] == "no class is called normal or healthy"
+
+
+def test_a_class_called_healthy_has_a_false_alarm_rate():
+    scores = evaluate(Oracle(sure([0, 1, 1], 2), ("healthy", "b")), measured([0, 0, 1], classes=("healthy", "b")))
+    assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.5, 0)
+    assert repr(scores).startswith("<Scores: accuracy 0.667 over 3 windows, ")
 
 
 @settings(max_examples=30, deadline=None)

@@ -7,6 +7,8 @@ with our recordings. Oil is sampled from the running line (ISO 4021) and counted
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from swashtwin.pump import is_healthy
+
 
 @dataclass(frozen=True)
 class Check:
@@ -97,4 +99,4 @@ def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
     if unknown:
         return (_BEFORE, *_PLAUSIBLE, Check(_OIL, "Whatever wears sheds particles."), Check(_DRAIN, "Most wear leaks."))
     checks = tuple(check for label in labels for check in CHECKS.get(label, _PLAUSIBLE))
-    return checks if set(labels) == {"normal"} else (_BEFORE, *checks)
+    return checks if labels and all(map(is_healthy, labels)) else (_BEFORE, *checks)

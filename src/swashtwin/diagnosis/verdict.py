@@ -39,8 +39,14 @@ class Diagnosis:
     notes: tuple[str, ...]
     """What a reader should know before trusting it, such as a condition that was never trained."""
     trust: Trust | None = None
-    """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier was
-    never taught (`learn_confidence`, ``swashtwin train --validation-fraction``)."""
+    """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier's
+    confidence was not calibrated (`learn_confidence`, ``swashtwin train --validation-fraction``)."""
+
+    def __repr__(self) -> str:
+        classes = sorted(self.probabilities, key=lambda name: -self.probabilities[name])
+        probabilities = ", ".join(f"{name} {self.probabilities[name]:.3f}" for name in classes)
+        notes = f", {len(self.notes)} note(s)" if self.notes else ""
+        return f"<Diagnosis of {self.recording_id}: {self.label} ({probabilities}), {self.n_windows} windows{notes}>"
 
     @property
     def n_windows(self) -> int:
@@ -79,7 +85,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     """
     if error_rate is not None and classifier.confidence is None:
         raise InputError(
-            f"error_rate ({error_rate:g}) needs a classifier that was taught how far to trust itself; train it with "
+            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it with "
             "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
     scaled_classifier, parts = fit_to_recording(classifier, recording)
@@ -116,7 +122,7 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
     layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.layout.length)
     if difference := classifier.layout.difference(layout):
         raise DataError(
-            f"{recording.recording_id} does not fit the classifier (what that was taught against what this has): "
+            f"{recording.recording_id} does not fit the classifier (what it was trained on against this recording): "
             f"{difference}; {_advice(difference)}."
         )
     parts = partial(

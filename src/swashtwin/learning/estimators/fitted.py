@@ -38,7 +38,14 @@ class FittedBaseline:
     training_reference: TrainingReference | None = None
     """The measured recordings it was fitted on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
-    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
+    """Calibrated confidence (`learn_confidence`); None where it was not calibrated."""
+
+    def __repr__(self) -> str:
+        return (
+            f"<FittedBaseline: {len(self.layout.channels)} channel(s), {self.layout.length} samples at "
+            f"{self.layout.sample_rate:g} Hz, classes {', '.join(self.classes)}, "
+            f"{len(self.manifest)} recordings had a part in it>"
+        )
 
     def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedBaseline":
         """The same classifier: its columns depend on each window alone."""

@@ -30,7 +30,7 @@ class Classifier(Protocol):
 
 @runtime_checkable
 class SureClassifier(Classifier, Protocol):
-    """A classifier that can be taught how far to trust itself: a fitted network, or fitted trees."""
+    """A classifier whose confidence can be calibrated: a fitted network, or fitted trees."""
 
     @property
     def training_reference(self) -> TrainingReference | None:
@@ -38,7 +38,7 @@ class SureClassifier(Classifier, Protocol):
 
     @property
     def confidence(self) -> Confidence | None:
-        """What it was taught."""
+        """Its calibrated confidence; None where it was not calibrated."""
 
     def answer(self, windows: WindowSet) -> tuple[np.ndarray, np.ndarray]:
         """Probability of each class, and features, of each window."""

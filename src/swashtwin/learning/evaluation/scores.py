@@ -15,6 +15,7 @@ from swashtwin.learning.evaluation.levels import LEVELS
 from swashtwin.learning.evaluation.pooling import pooled_probabilities
 from swashtwin.learning.evaluation.protocols import Classifier
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.pump import is_healthy
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,14 @@ class Scores:
     reasons: Mapping[str, str]
     """Why a number is NaN or rests on fewer classes than declared, by its name."""
 
+    def __repr__(self) -> str:
+        level = f" at {self.level}" if self.level else ""
+        return (
+            f"<Scores{level}: accuracy {self.accuracy:.3f} over {self.n_windows} windows, "
+            f"{self.recording_accuracy:.3f} over {self.n_recordings} recordings, macro recall {self.macro_recall:.3f}, "
+            f"classes {', '.join(self.classes)}>"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it; NaN becomes None."""
         plain = {item.name: _plain(getattr(self, item.name)) for item in fields(self) if item.name != "cells"}
@@ -121,7 +130,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     right = predicted == target
     recording, group = np.unique(test.recording_id, return_inverse=True)
     confusion = confusion_matrix(target, predicted, labels=np.arange(len(classes)))
-    normal = classes.index("normal") if "normal" in classes else None
+    normal = next((index for index, name in enumerate(classes) if is_healthy(name)), None)
     present = np.unique(target)
     recall = metrics.recalls(confusion)
     values = {
@@ -206,8 +215,8 @@ def _reasons(
     for name in ("false_alarm_rate", "missed_fault_rate"):
         if math.isnan(values[name]):
             kind = "normal" if name == "false_alarm_rate" else "faulty"
-            has_normal = "normal" in classes
-            reasons[name] = f"no {kind} test window" if has_normal else "no class is called normal"
+            has_normal = any(is_healthy(label) for label in classes)
+            reasons[name] = f"no {kind} test window" if has_normal else "no class is called normal or healthy"
     if math.isnan(values["macro_auroc"]):
         reasons["macro_auroc"] = "every test window is of one class"
     if math.isnan(interval[0]):

@@ -14,6 +14,7 @@ from swashtwin.cli.advice import in_options
 PACKAGE = Path(swashtwin.__file__).parent
 NO_COMMAND = {
     "diagnosis/fault_classifier.py": "scikit-learn's interface, which takes arrays",
+    "diagnosis/classifier_input.py": "the data that this interface takes",
     "calibration/uncertainty/sampling.py": "sampling the posterior has no command",
 }
 """Modules whose errors no command can raise, and why."""

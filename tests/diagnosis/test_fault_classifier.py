@@ -19,7 +19,7 @@ from swashtwin.learning import (
     evaluate,
     fit,
 )
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, Recordings
 
 CLASSES = ("normal", "piston")
 SMALL = {"window": 128, "epochs": 4, "batch_size": 8}
@@ -92,6 +92,7 @@ def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifie
     assert labels.tolist() == [recording.label for recording in new]
     for row, recording in zip(classifier.predict_proba(new), new, strict=True):
         assert dict(zip(CLASSES, row, strict=True)) == pytest.approx(classifier.diagnose(recording).probabilities)
+    assert repr(classifier.diagnose(new[0])).startswith("<Diagnosis of new normal 0: normal (normal ")
     assert classifier.diagnose(new[0]) == diagnose(classifier.fitted_, new[0])
     assert classifier.predict(cut_windows(new, length=128)).shape == (30,)
 
@@ -100,6 +101,7 @@ def test_the_score_is_the_accuracy_of_the_predictions(classifier):
     new = recordings("new")
     windows = cut_windows(new, length=128)
     assert classifier.score(new) == np.mean(classifier.predict(new) == [recording.label for recording in new])
+    assert classifier.score(iter(new)) == classifier.score(new)
     assert classifier.score(windows) == np.mean(classifier.predict(windows) == windows.label)
     assert classifier.score(new, ["piston"] * 6) == 0.5
     scores = classifier.evaluate(new, level="L2")
@@ -134,6 +136,26 @@ def test_validation_recordings_give_the_diagnosis_a_prediction_set():
     assert trust.n_validation == 4
     with pytest.raises(LeakError):
         classifier.score(recordings("train", per_class=4))
+
+
+def test_validation_recordings_have_no_part_in_the_synthetic_windows():
+    classifier = FaultClassifier("extra_trees", window=128, validation_fraction=0.5, error_rate=0.25)
+    train = recordings("train", per_class=6)
+    manifest = tuple(f"train {label} {index}" for label in CLASSES for index in (0, 2))
+    classifier.fit(train, synthetic=synthetic_windows("normal", manifest))
+    trained = set(classifier.fitted_.training_reference.recording_id)
+    assert set(manifest) <= trained
+    assert len(trained) == 8
+    everything = tuple(recording.recording_id for recording in train)
+    with pytest.raises(DataError, match="without a part in synthetic ones"):
+        classifier.fit(train, synthetic=synthetic_windows("normal", everything))
+
+
+def test_too_few_validation_recordings_are_told_before_the_training():
+    epochs = []
+    with pytest.raises(InputError, match="needs 9 validation recordings at least, there are 2"):
+        FaultClassifier(**SMALL, validation_fraction=0.34).fit(recordings("train"), progress=epochs.append)
+    assert epochs == []
 
 
 def test_arrays_are_cross_validated_by_recording():
@@ -199,6 +221,13 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(recordings("train"), groups=["a"] * 6)
     with pytest.raises(InputError, match="y has 1 labels for 6 recordings"):
         FaultClassifier(**SMALL).fit(recordings("train"), ["normal"])
+    with pytest.raises(InputError, match=r"y.0. .None. is no class"):
+        FaultClassifier(**SMALL).fit(recordings("train"), [None] * 6)
+    with pytest.raises(InputError, match="give synthetic windows as synthetic="):
+        FaultClassifier(**SMALL).fit(recordings("train"), synthetic_windows("normal"))
+    for nothing in ([], Recordings([])):
+        with pytest.raises(InputError, match="X holds no recording and no window"):
+            classifier.predict(nothing)
     with pytest.raises(InputError, match=r"groups has shape .2,. for 30 windows"):
         FaultClassifier(**SMALL).fit(windows.signal, windows.target, groups=["a", "b"])
     with pytest.raises(InputError, match="an array is scored with score"):

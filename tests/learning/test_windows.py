@@ -11,6 +11,7 @@ from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import WindowSet, check_disjoint, cut_windows, hold_out, split_by_recording
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
+from swashtwin.synthesis import in_cell
 
 CLASSES = ("normal", "swash_plate", "piston")
 
@@ -223,6 +224,28 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
         split_by_recording(cut_windows(rig(), length=100), group="window")
     with pytest.raises(InputError, match="test_fraction"):
         split_by_recording(cut_windows(rig(), length=100), test_fraction=20.0)
+
+
+def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split():
+    windows = cut_windows(rig(), length=100)
+    kept = [f"{label}-5-{index}" for label in CLASSES for index in range(3)]
+    train, test = split_by_recording(windows, keep_in_training=[*kept, "elsewhere"])
+    assert set(kept) <= ids(train)
+    assert ids(train) | ids(test) == ids(windows)
+    assert not ids(train) & ids(test)
+    assert {name.split("-")[0] for name in ids(test)} == set(CLASSES)
+    with pytest.raises(DataError, match=r"normal has windows of 0 recording.s. without a part in synthetic ones"):
+        split_by_recording(windows, keep_in_training=ids(windows))
+
+
+def test_each_window_is_in_its_cell_and_eight_pressures_are_no_single_one():
+    pressures = tuple(np.arange(10, 14, 0.5).tolist())
+    windows = cut_windows(rig(per_cell=1, pressures=pressures), length=100)
+    assert len(windows.counts()) == 4 * len(CLASSES)
+    for (label, pressure), count in windows.counts().items():
+        mask = (windows.label == label) & (windows.cell_pressure == pressure)
+        assert mask.sum() == count
+        assert in_cell(windows, label, pressure)[mask].all()
 
 
 def test_the_recordings_named_are_held_out():

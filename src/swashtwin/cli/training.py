@@ -103,7 +103,11 @@ def train(
     validation = None
     if validation_fraction:
         training, validation = split_by_recording(
-            training, test_fraction=validation_fraction, seed=seed, group=recording_groups(recordings, group)
+            training,
+            test_fraction=validation_fraction,
+            seed=seed,
+            group=recording_groups(recordings, group),
+            keep_in_training=manifest,
         )
         validation = without_overlap(validation)
         require_enough(len(set(validation.recording_id.tolist())), error_rate)

@@ -1,6 +1,6 @@
 """`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,10 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from swashtwin.diagnosis.classifier_input import as_recordings, relabeled, require_none, synthetic_sets, with_synthetic
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis, diagnose, fit_to_recording
-from swashtwin.foundation import ArtifactError, DataError, InputError
+from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.learning import (
     BASELINES,
     NETWORKS,
@@ -32,10 +33,11 @@ from swashtwin.learning import (
     has_network,
     learn_confidence,
     pooled_probabilities,
+    require_enough,
     split_by_recording,
     without_overlap,
 )
-from swashtwin.recordings import Recording, Recordings
+from swashtwin.recordings import Recording
 
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
@@ -147,10 +149,17 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         """
         settings = self._settings()
         measured = self._training_windows(X, y, groups)
+        further = synthetic_sets(synthetic)
         validation = None
         if self.validation_fraction:
-            measured, validation = split_by_recording(measured, test_fraction=self.validation_fraction, seed=self.seed)
-        windows = _with_synthetic(measured, synthetic)
+            measured, validation = split_by_recording(
+                measured,
+                test_fraction=self.validation_fraction,
+                seed=self.seed,
+                keep_in_training=[name for windows in further for name in windows.manifest],
+            )
+            require_enough(np.unique(validation.recording_id).size, self.error_rate)
+        windows = with_synthetic(measured, further)
         fitted: FittedClassifier | FittedBaseline
         if self.network in BASELINES:
             fitted = fit_baseline(self.network, windows, seed=self.seed)
@@ -168,7 +177,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: Any) -> np.ndarray:
         """Probability of each class, for each recording, or for each window of a window set or an array."""
         check_is_fitted(self, "fitted_")
-        if (recordings := _as_recordings(X)) is not None:
+        if (recordings := as_recordings(X)) is not None:
             return np.stack([self._recording_probability(recording) for recording in recordings])
         windows = X if isinstance(X, WindowSet) else self._array_windows(X)
         return np.asarray(self.fitted_.predict_proba(windows))
@@ -186,9 +195,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         LeakError
             A recording had a part in the training, or a window is synthetic. Arrays are not checked.
         """
+        X = list(X) if isinstance(X, Iterator) else X
         if isinstance(X, WindowSet):
             return self.evaluate(X).accuracy
-        if _as_recordings(X) is not None:
+        if as_recordings(X) is not None:
             return self.evaluate(X, y).recording_accuracy
         return float(super().score(X, y, sample_weight))
 
@@ -212,11 +222,11 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "fitted_")
         if isinstance(X, WindowSet):
             return evaluate(self.fitted_, X, level=level, seed=seed)
-        recordings = _as_recordings(X)
+        recordings = as_recordings(X)
         if recordings is None:
             raise InputError("evaluate takes recordings or a window set; an array is scored with score(X, y).")
         windows = cut_windows(
-            _relabeled(recordings, y),
+            relabeled(recordings, y),
             length=self.fitted_.layout.length,
             classes=self.fitted_.classes,
             allow_partial_revolution=True,
@@ -306,15 +316,17 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
 
     def _training_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
         """Labeled windows, with `classes_` set where `X` is an array."""
+        if isinstance(y, WindowSet):
+            raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
         if isinstance(X, WindowSet):
-            _require_none(y, groups, "a window set has its own labels and recordings")
+            require_none(y, groups, "a window set has its own labels and recordings")
             return X
-        recordings = _as_recordings(X)
+        recordings = as_recordings(X)
         if recordings is None:
             return self._array_windows(X, y, groups, training=True)
-        _require_none(None, groups, "each recording is a group")
+        require_none(None, groups, "each recording is a group")
         return cut_windows(
-            _relabeled(recordings, y),
+            relabeled(recordings, y),
             length=self.window,
             stride=self.stride,
             allow_partial_revolution=self.allow_partial_revolution,
@@ -356,45 +368,3 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         classifier, parts = fit_to_recording(self.fitted_, recording)
         pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
         return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)
-
-
-def _as_recordings(X: Any) -> Sequence[Recording] | None:
-    """Recordings in a sequence, or None where `X` is something else."""
-    if isinstance(X, Recording):
-        return [X]
-    if isinstance(X, Recordings):
-        return X
-    if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
-        return None
-    entries = list(X)
-    return entries if entries and all(isinstance(entry, Recording) for entry in entries) else None
-
-
-def _relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
-    if y is None:
-        return recordings
-    if len(y) != len(recordings):
-        raise InputError(f"y has {len(y)} labels for {len(recordings)} recordings; give one for each.")
-    return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
-
-
-def _require_none(y: Any, groups: Any, reason: str) -> None:
-    for name, value in (("y", y), ("groups", groups)):
-        if value is not None:
-            raise InputError(f"{name} belongs to arrays: {reason}. Synthetic windows are given as synthetic=.")
-
-
-def _with_synthetic(measured: WindowSet, synthetic: WindowSet | Iterable[WindowSet] | None) -> WindowSet:
-    """Measured and synthetic windows together, with the classes of both."""
-    sets = [] if synthetic is None else [synthetic] if isinstance(synthetic, WindowSet) else list(synthetic)
-    for windows in sets:
-        if not isinstance(windows, WindowSet):
-            raise InputError(f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize.")
-        if not windows.synthetic.all():
-            raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
-    further = sorted({name for windows in sets for name in windows.classes} - set(measured.classes))
-    classes = (*measured.classes, *further)
-    together = measured.with_classes(classes)
-    for windows in sets:
-        together = together + windows.with_classes(classes)
-    return together

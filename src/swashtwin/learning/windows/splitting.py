@@ -21,6 +21,7 @@ def split_by_recording(
     test_fraction: float = 0.2,
     seed: int = 0,
     group: str | Mapping[str, str] = "recording",
+    keep_in_training: Iterable[str] = (),
 ) -> tuple[WindowSet, WindowSet]:
     """(training set, test set) that share no recording, with every class on both sides.
 
@@ -36,6 +37,8 @@ def split_by_recording(
     group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only), ``"condition"`` (one
         speed and pressure on one side only), or any group by recording id (`recording_groups`). A recording never
         stands on both sides, whichever it is.
+    keep_in_training : ids of recordings that must not be tested on, such as the manifest of synthetic windows that the
+        training set will get. Their groups stay in the training set, and the rest is split.
 
     Raises
     ------
@@ -49,17 +52,23 @@ def split_by_recording(
     require_measured(windows)
     windows.require_labels("a split by class")
     groups = window_groups(windows, group)
-    _require_two_groups(windows, groups, group_name(group))
+    _require_two_groups(windows, groups, f"{group_name(group)}(s)")
+    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, sorted(set(keep_in_training)))])
+    if is_kept.any():
+        _require_two_groups(
+            windows.subset(~is_kept), groups[~is_kept], f"{group_name(group)}(s) without a part in synthetic ones"
+        )
+    rows = np.flatnonzero(~is_kept)
     pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
     cells = windows.target * (int(pressures.max()) + 1) + pressures
-    test = best_test_rows(windows.target, cells, groups, test_fraction, seed)
+    test = best_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
     if test is None:
         raise DataError(
             f"no split by {group_name(group)} keeps every class on both sides; name the test side with "
             "hold_out(windows, ids)."
         )
     mask = np.zeros(len(windows), dtype=np.bool_)
-    mask[test] = True
+    mask[rows[test]] = True
     return windows.subset(~mask), windows.subset(mask)
 
 
@@ -111,6 +120,6 @@ def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"
         count = np.unique(groups[windows.target == index]).size
         if count < 2:
             raise DataError(
-                f"class {name} has windows of {count} {group}(s), and needs 2 to stand in training and in test; record "
+                f"class {name} has windows of {count} {group}, and needs 2 to stand in training and in test; record "
                 "another, or name the test side with hold_out(windows, ids)."
             )

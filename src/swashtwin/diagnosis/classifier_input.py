@@ -1,0 +1,73 @@
+"""What `FaultClassifier` takes: recordings with their classes, and synthetic windows."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import WindowSet
+from swashtwin.recordings import Recording, Recordings
+
+
+def as_recordings(X: Any) -> Sequence[Recording] | None:
+    """Recordings in a sequence, or None where `X` is something else.
+
+    Raises
+    ------
+    InputError
+        It is empty, or an iterator over anything but recordings.
+    """
+    if isinstance(X, Recording):
+        return [X]
+    if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
+        return None
+    entries = X if isinstance(X, Recordings) else list(X)
+    if not len(entries):
+        raise InputError("X holds no recording and no window; give at least one.")
+    if all(isinstance(entry, Recording) for entry in entries):
+        return entries
+    if isinstance(X, Iterator):
+        raise InputError(f"X is a {type(X).__name__} over other things than recordings; give an array or a list.")
+    return None
+
+
+def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
+    """The recordings with the classes `y`, or with their own labels where `y` is None."""
+    if y is None:
+        return recordings
+    if isinstance(y, str):
+        raise InputError(f"y is the one text {y!r}; give a list with a class for each recording.")
+    y = list(y)
+    if len(y) != len(recordings):
+        raise InputError(f"y has {len(y)} labels for {len(recordings)} recordings; give one for each.")
+    for index, label in enumerate(y):
+        if label is None or label != label or not str(label).strip():
+            raise InputError(f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out.")
+    return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
+
+
+def require_none(y: Any, groups: Any, reason: str) -> None:
+    """Raise an `InputError` where `y` or `groups` is given, which only arrays take."""
+    for name, value in (("y", y), ("groups", groups)):
+        if value is not None:
+            raise InputError(f"{name} belongs to arrays: {reason}. Synthetic windows are given as synthetic=.")
+
+
+def synthetic_sets(synthetic: WindowSet | Iterable[WindowSet] | None) -> list[WindowSet]:
+    """One set of synthetic windows, several or none, as a list."""
+    sets = [] if synthetic is None else [synthetic] if isinstance(synthetic, WindowSet) else list(synthetic)
+    for windows in sets:
+        if not isinstance(windows, WindowSet):
+            raise InputError(f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize.")
+        if not windows.synthetic.all():
+            raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
+    return sets
+
+
+def with_synthetic(measured: WindowSet, sets: Sequence[WindowSet]) -> WindowSet:
+    """Measured and synthetic windows together, with the classes of both."""
+    further = sorted({name for windows in sets for name in windows.classes} - set(measured.classes))
+    classes = (*measured.classes, *further)
+    together = measured.with_classes(classes)
+    for windows in sets:
+        together = together + windows.with_classes(classes)
+    return together

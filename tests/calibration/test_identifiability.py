@@ -305,7 +305,7 @@ def test_a_second_sensor_at_the_same_place_and_direction_adds_less_than_another_
     assert nats["same"] < nats["other"]
 
 
-def test_what_was_learnt_is_reported_with_figures_and_as_json(
+def test_what_was_learned_is_reported_with_figures_and_as_json(
     objective: Objective, point: np.ndarray, tmp_path: Path
 ) -> None:
     report = identifiability(objective, point, with_profiles=True, with_gains=True)

@@ -171,21 +171,7 @@ def test_a_pressure_that_was_not_calibrated_is_told(calibration: Calibration, re
     assert any("calibrated at 15 MPa: the values were carried over" in text for text in estimate.notes)
 
 
-def test_the_command_tells_each_recordings_severity(
-    tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
-) -> None:
-    recordings = [*healthy, record(PistonWear(um(45)), "worn")]
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    answer = run_json("twin", "severity", saved, index, "--fault", "piston")
-    (only,) = answer["estimates"]
-    assert only["recording_id"] == "worn"
-    assert only["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
-    assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
-    run("twin", "severity", saved, index, "--fault", "normal", code=2)
-
-
-def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_were_calibrated_or_not(
+def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those_labeled_normal_for_healthy(
     tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
 ) -> None:
     new = replace(healthy[0], recording_id="new and sound")
@@ -193,7 +179,11 @@ def test_the_command_takes_recordings_labeled_normal_for_healthy_whether_they_we
     files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
     answer = run_json("twin", "severity", saved, index, "--fault", "piston")
-    assert [row["recording_id"] for row in answer["estimates"]] == ["worn"]
+    (worn,) = answer["estimates"]
+    assert worn["recording_id"] == "worn"
+    assert worn["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
+    assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
+    run("twin", "severity", saved, index, "--fault", "normal", code=2)
     assert answer["healthy"] == [*(recording.recording_id for recording in healthy), "new and sound"]
     sound = tmp_path / "sound"
     sound.mkdir()

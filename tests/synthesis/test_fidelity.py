@@ -75,13 +75,13 @@ def test_copies_are_found_shifted_and_noisy_ones_too_and_new_windows_are_a_half(
     assert copied_share(train, synthetic_windows(1, tone=0.3)) < 0.1
 
 
-def test_trees_that_learnt_from_copies_score_as_those_of_measured_windows() -> None:
+def test_trees_that_learned_from_copies_score_as_those_of_measured_windows() -> None:
     train, test = windows(0, tone=0.1), windows(1, tone=0.1)
     synthetic, real = train_synthetic_test_real(Duplicate(), train, test, per_cell=30, seed=0)
     assert synthetic.macro_recall == real.macro_recall == 1.0
 
 
-def test_trees_that_learnt_from_the_wrong_tone_fail_on_measured_windows() -> None:
+def test_trees_that_learned_from_the_wrong_tone_fail_on_measured_windows() -> None:
     def wrong(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         synthetic = synthetic_windows(7, tone=0.1, per_recording=2 * count, recordings=2)
         swapped = synthetic.subset(synthetic.label != label)  # each class made as the other

@@ -43,7 +43,7 @@ class Direction:
     """A combination of the six values, independent of the others given the measurement."""
 
     share: float
-    """Posterior over prior standard deviation along it: 0 fully known, 1 nothing learnt."""
+    """Posterior over prior standard deviation along it: 0 fully known, 1 nothing learned."""
     weights: tuple[tuple[str, float], ...]
     """How much of each value, by letter: changes of the logarithm in prior standard deviations, of unit length."""
 

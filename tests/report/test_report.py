@@ -158,6 +158,12 @@ def test_the_same_results_give_the_same_figures_bit_for_bit(folder, study, tmp_p
         assert path.read_bytes() == earlier.read_bytes(), path.name
 
 
+def test_a_calibration_at_several_operating_points_names_each(calibration):
+    fit = calibration.fits[0]
+    at_10 = replace(fit, condition=OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
+    assert "(860 rev/min, 10 and 15 MPa, " in " ".join(calibration_answer(replace(calibration, fits=(at_10, fit))))
+
+
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
     channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
     fit = replace(calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels))

@@ -37,8 +37,8 @@ class Calibration:
     history: History
     """How the search went."""
     recording_ids: tuple[str, ...]
-    """Recordings it was calibrated on. They are training data: pass them to ``FaultClassifier.fit`` as ``manifest=``,
-    and no test set may hold them."""
+    """Recordings it was calibrated on. They are training data: windows of `synthesize` name them, and no test set may
+    hold them."""
     recording_hashes: Mapping[str, str]
     """SHA-256 of each of them by id (`Recording.fingerprint`): what was calibrated on, whatever a file is called."""
     left_out: tuple[tuple[str, str], ...]

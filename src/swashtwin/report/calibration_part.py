@@ -68,9 +68,13 @@ def verdict_counts(calibration: Calibration) -> str:
 
 
 def condition_words(calibration: Calibration) -> str:
-    """Speed and pressure of the twin."""
-    condition = calibration.twin.condition
-    return f"{condition.speed * 30 / math.pi:.4g} rev/min, {condition.discharge_pressure / 1e6:.3g} MPa"
+    """Speed and pressure of the twin, or of every operating point where several were fitted together."""
+    several = [fit.condition for fit in calibration.fits] if len(calibration.fits) > 1 else []
+    points: dict[str, list[str]] = {}
+    for condition in several or [calibration.twin.condition]:
+        speed = f"{condition.speed * 30 / math.pi:.4g} rev/min"
+        points.setdefault(speed, []).append(f"{condition.discharge_pressure / 1e6:.3g}")
+    return "; ".join(f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items())
 
 
 def calibration_blocks(calibration: Calibration, key: str, *, with_excitation: bool = True) -> tuple:

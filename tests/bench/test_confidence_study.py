@@ -10,7 +10,7 @@ from swashtwin.pump import CLASSES
 
 TINY = ConfidenceStudySettings(
     trained_pumps=1,
-    teaching_pumps=1,
+    validation_pumps=1,
     unseen_pumps=1,
     duration=0.2,
     training=TrainingSettings(epochs=1, normalization="set"),

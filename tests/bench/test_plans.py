@@ -1,7 +1,9 @@
 """Studies of classifiers as plans: what they train and test, and the noise exactly as the protocol defines it."""
 
 import math
+import pickle
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,7 @@ from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import DataError, InputError, holm_correction
 from swashtwin.learning import BASELINES, NETWORKS, cut_windows
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import discriminative_score
 
@@ -50,6 +52,26 @@ def test_a_finished_run_is_found_again() -> None:
         "seed0-spectral_bitcn-nominal-7bdf00f3e8a116e1",
         "seed0-spectral_bitcn-calibrated-57b18eb0d4fae047",
     ]
+
+
+def test_what_workers_get_needs_no_file_of_a_recording(
+    recordings: list[Recording], dataset: StudyDataset, tmp_path: Path
+) -> None:
+    names = dataset.test_recordings["L4"][0].recording_id, dataset.train_recordings[0].recording_id
+    files = {
+        name: write_recording(r, tmp_path / f"{index}.h5")
+        for index, r in enumerate(recordings)
+        for name in names
+        if r.recording_id == name
+    }
+    lazy = [load_recording(files[r.recording_id]) if r.recording_id in files else r for r in recordings]
+    prepared = prepare(lazy, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
+    for file in files.values():
+        file.unlink()
+    received = pickle.loads(pickle.dumps((prepared.test_recordings["L4"][0], prepared.train_recordings[0])))
+    expected = dataset.test_recordings["L4"][0], dataset.train_recordings[0]
+    for recording, original in zip(received, expected, strict=True):
+        np.testing.assert_allclose(recording.signal, original.signal, rtol=1e-6, atol=1e-6)
 
 
 def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(

@@ -15,7 +15,7 @@ from swashtwin.learning import WindowSet
 class CVAE:
     """Conditional variational autoencoder (Sohn, Lee and Yan 2015, NeurIPS 28), given class and pressure.
 
-    It models the scores of `SpectralForm`. Its likelihood is Gaussian with a learnt deviation of each score (Rybkin,
+    It models the scores of `SpectralForm`. Its likelihood is Gaussian with a learned deviation of each score (Rybkin,
     Daniilidis and Levine 2021, arXiv:2006.13202), which is drawn with the window: the mean alone would be too smooth.
     """
 

@@ -1,4 +1,4 @@
-"""What the generative fillers share: conditions, batches, the windows made of scores, and what was learnt last."""
+"""What the generative fillers share: conditions, batches, the windows made of scores, and the model learned last."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ Draw = Callable[[Tensor, torch.Generator], Tensor]
 
 @runtime_checkable
 class Generative(Hashable, Protocol):
-    """Settings of a generative model of scores, and how it is learnt."""
+    """Settings of a generative model of scores, and how it is trained."""
 
     @property
     def components(self) -> int:
@@ -114,8 +114,8 @@ def fill_with_model(
 ) -> WindowSet:
     """`count` windows of a cell with scores that `model` draws, and phases and noise of measured windows of the class.
 
-    Each begins at another angle of the shaft. What was learnt from the same windows with the same seed is not learnt
-    again for the next cell.
+    Each begins at another angle of the shaft. A model of the same windows with the same seed is trained once and
+    used again for the next cell.
     """
     require_count(count)
     sources_of(train, label, pressure)

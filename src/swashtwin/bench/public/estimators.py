@@ -20,7 +20,7 @@ class SharedWeights(ClassifierMixin, BaseEstimator):
 
     The probability of class c is softmax(w · x_c) over the classes, x_c being the measures of class c and w common to
     all of them (McFadden 1974). "The line at its own order stands out" counts the same for each seat of a flaw, so that
-    what was learnt of one seat helps the others, and no weight can learn one bearing by heart.
+    the recordings of one seat help with the others, and no weight can learn one bearing by heart.
 
     Parameters
     ----------

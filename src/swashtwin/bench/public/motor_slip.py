@@ -1,4 +1,4 @@
-"""How hard an induction motor works, heard in the vibration of what it drives.
+"""Load of an induction motor, from the vibration of the machine that it drives.
 
 The motor's field turns at the synchronous speed and pulls at its frame twice in each period of the supply; the shaft
 lags behind by the slip, which grows with the torque. Both rhythms are in a vibration signal: the supply's frequency and

@@ -1,5 +1,5 @@
-"""How far a classifier's trust in itself holds: on recordings of pumps it knows, of pumps it does not, and on a fault
-that nobody trained."""
+"""Whether a classifier's confidence holds: on pumps that it was trained on, on others, and on a fault left out of
+training."""
 
 import math
 import time
@@ -31,8 +31,8 @@ from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 
 CLASSIFIERS = ("bitcn", "extra_trees")
-TAUGHT = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
-"""Whose recordings teach the confidence."""
+VALIDATION = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
+"""Recordings that the confidence is learned from."""
 LEVELS = ("L2", "L4")
 
 METRICS = {
@@ -54,18 +54,18 @@ METRICS = {
 
 @dataclass(frozen=True)
 class ConfidenceStudySettings:
-    """How much is recorded, and how it is learnt from."""
+    """How much is recorded, and how classifiers are trained on it."""
 
     trained_pumps: int = 3
-    """Pumps trained on. Of each class and pressure one recording trains, one teaches confidence, one tests at L2."""
-    teaching_pumps: int = 2
-    """Further pumps whose recordings teach confidence."""
+    """Pumps trained on. Of each class and pressure one recording trains, one sets the confidence, one tests at L2."""
+    validation_pumps: int = 2
+    """Further pumps whose recordings set the confidence."""
     unseen_pumps: int = 2
     """Further pumps that test at L4."""
     duration: float = 0.7
     """Length of each recording [s]."""
     length: int = 2048
-    """Readings per window."""
+    """Samples per window."""
     error_rate: float = 0.1
     """Asked of prediction sets and of calling unknown."""
     training: TrainingSettings = field(
@@ -87,12 +87,12 @@ def run_confidence(
     progress: Callable[[int, int], None] | None = None,
     command: str = "",
 ) -> StudyTable:
-    """Calibration error, coverage, set size and the unknown, for each way to teach and each level of test.
+    """Calibration error, coverage, set size and the unknown, by validation recordings and level of test.
 
     Parameters
     ----------
     seeds : fleets of the virtual rig; each draws pumps, recordings and weights anew.
-    settings : how much is recorded, and how it is learnt from.
+    settings : how much is recorded, and how classifiers are trained on it.
     classifiers : of `CLASSIFIERS`.
     jobs : processes that train side by side.
     progress : called with (done, in all).
@@ -107,18 +107,18 @@ def run_confidence(
     )
     values_by_key: dict[tuple[int, str, str, str], dict[str, float]] = {}
     for count, (task, result) in enumerate(zip(tasks, running, strict=True), 1):
-        for (taught, level), values in result.items():
-            values_by_key.setdefault((task[0], task[1], taught, level), {}).update(values)
+        for (validation, level), values in result.items():
+            values_by_key.setdefault((task[0], task[1], validation, level), {}).update(values)
         if progress is not None:
             progress(count, len(tasks))
     trials = tuple(
         Trial(
-            {"classifier": kind, "taught_on": taught, "level": level},
+            {"classifier": kind, "validation": validation, "level": level},
             seed,
-            _average(values_by_key[seed, kind, taught, level]),
+            _average(values_by_key[seed, kind, validation, level]),
         )
         for kind in kinds
-        for taught in TAUGHT
+        for validation in VALIDATION
         for level in LEVELS
         for seed in seeds
     )
@@ -134,7 +134,7 @@ def run_confidence(
         version=VERSION,
         command=command,
         notes=_NOTES,
-        details={"recordings": {name: len(group) for name, group in parts[seeds[0]].items()}, "taught_on": TAUGHT},
+        details={"recordings": {name: len(group) for name, group in parts[seeds[0]].items()}, "validation": VALIDATION},
     )
     return replace(study, answer=tuple(_answer(study)))
 
@@ -142,7 +142,7 @@ def run_confidence(
 _NOTES = (
     "Test sets hold 30 to 45 recordings each: the ECE of so few is 0.07 to 0.16 even for a perfect classifier, and a "
     "coverage scatters by about 0.05.",
-    "A left-out class is left out of training, teaching and the known side of the test; its recordings at the level "
+    "A left-out class is left out of training, validation and the known side of the test; its recordings at the level "
     "are the strange ones. Both classifiers know recordings by the same 82 vibration features a channel, so the "
     "figures of the unknown by features are the same for both.",
 )
@@ -151,17 +151,19 @@ _NOTES = (
 def _record(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Recording]]:
     """Recordings by role; the rig gives the same ones whichever others are taken with them."""
     trained = RigSize(settings.trained_pumps, 3, settings.duration)
-    all_pumps = RigSize(settings.trained_pumps + settings.teaching_pumps + settings.unseen_pumps, 1, settings.duration)
+    all_pumps = RigSize(
+        settings.trained_pumps + settings.validation_pumps + settings.unseen_pumps, 1, settings.duration
+    )
     of_trained = [recording for recording, _ in rig_recordings(seed, trained)]
     names = sorted({str(recording.specimen) for recording in of_trained})
     of_others = [recording for recording, _ in rig_recordings(seed, all_pumps) if recording.specimen not in names]
-    teaching = sorted({str(recording.specimen) for recording in of_others})[: settings.teaching_pumps]
+    validation = sorted({str(recording.specimen) for recording in of_others})[: settings.validation_pumps]
     return {
         "train": [recording for recording in of_trained if recording.recording_id.endswith("_1")],
         "same": [recording for recording in of_trained if recording.recording_id.endswith("_2")],
-        "other": [recording for recording in of_others if recording.specimen in teaching],
+        "other": [recording for recording in of_others if recording.specimen in validation],
         "L2": [recording for recording in of_trained if recording.recording_id.endswith("_3")],
-        "L4": [recording for recording in of_others if recording.specimen not in teaching],
+        "L4": [recording for recording in of_others if recording.specimen not in validation],
     }
 
 
@@ -172,7 +174,7 @@ def _task(
     seed: int,
     settings: ConfidenceStudySettings,
 ) -> dict[tuple[str, str], dict[str, float]]:
-    """Figures by (whose recordings taught, level) of one training, on all classes or on all but one."""
+    """Figures by (validation recordings, level) of one training, on all classes or on all but one."""
     torch.set_num_threads(1)
     classes = tuple(name for name in CLASSES if name != left_out)
     cut = {
@@ -185,8 +187,8 @@ def _task(
     }
     classifier = _fit(kind, cut["train"], seed, settings)
     results: dict[tuple[str, str], dict[str, float]] = {}
-    for taught in TAUGHT:
-        sure_classifier = learn_confidence(classifier, cut[taught], error_rate=settings.error_rate)
+    for validation in VALIDATION:
+        sure_classifier = learn_confidence(classifier, cut[validation], error_rate=settings.error_rate)
         for level in LEVELS:
             if left_out is None:
                 scores = score_confidence(sure_classifier, cut[level])
@@ -195,7 +197,7 @@ def _task(
                 strange = [part.relabeled(None) for part in parts[level] if part.label == left_out]
                 foreign = cut_windows(strange, length=settings.length, classes=classes)
                 values = _unknown(sure_classifier, cut[level], foreign, left_out)
-            results[taught, level] = {name: math.nan if v is None else v for name, v in values.items()}
+            results[validation, level] = {name: math.nan if v is None else v for name, v in values.items()}
     if left_out is None:
         for values in results.values():
             values.pop("unknown_auroc", None)
@@ -239,17 +241,18 @@ def _average(values: Mapping[str, float]) -> dict[str, float]:
 
 def _answer(study: StudyTable) -> Iterator[str]:
     for kind in sorted({trial.factors["classifier"] for trial in study.trials}):
-        for taught, level in (("same", "L2"), ("same", "L4"), ("other", "L4")):
+        for validation, level in (("same", "L2"), ("same", "L4"), ("other", "L4")):
             mean = {
-                name: float(np.nanmean(study.values(name, classifier=kind, taught_on=taught, level=level)))
+                name: float(np.nanmean(study.values(name, classifier=kind, validation=validation, level=level)))
                 for name in METRICS
             }
             yield (
-                f"{kind}, taught on {TAUGHT[taught]}, at {level}: sets asked to hold {1 - _rate(study):.0%} of the "
-                f"true classes hold {mean['coverage']:.0%} with {mean['set_size']:.2f} classes each; calibration error "
-                f"{mean['ece_before']:.3f} before and {mean['ece_after']:.3f} after the temperature; a class left out "
-                f"is called unknown in {mean['unknown_caught']:.0%} (AUROC {mean['unknown_auroc']:.2f}), a known "
-                f"one in {mean['called_unknown']:.0%}."
+                f"{kind}, confidence learned from {VALIDATION[validation]}, at {level}: sets asked to hold "
+                f"{1 - _rate(study):.0%} of the true classes hold {mean['coverage']:.0%} with "
+                f"{mean['set_size']:.2f} classes each; calibration error {mean['ece_before']:.3f} before and "
+                f"{mean['ece_after']:.3f} after the temperature; a class left out is called unknown in "
+                f"{mean['unknown_caught']:.0%} (AUROC {mean['unknown_auroc']:.2f}), a known one in "
+                f"{mean['called_unknown']:.0%}."
             )
 
 

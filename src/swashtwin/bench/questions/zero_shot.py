@@ -1,4 +1,4 @@
-"""Zero-shot: a classifier of faults without a measured one, taught by twins of healthy recordings only.
+"""Zero-shot: a classifier of faults without a measured one, trained on twins of healthy recordings only.
 
 Every class of fault in training is synthetic; the tests are measured recordings, level L5: other recordings of pumps
 whose twins were calibrated, and pumps without twins. Each machine has healthy recordings from its first days, so

@@ -81,7 +81,7 @@ class ZeroShotSplit:
 
 
 def split_zero_shot(recordings: Sequence[Recording], held_out: int, seed: int) -> ZeroShotSplit:
-    """Which recordings teach, which are references and which test, under `seed`.
+    """Recordings for training, for reference and for tests, under `seed`.
 
     Of each specimen, class and pressure a third of the recordings test (at least one); of specimens without twins all
     the faulty ones do. A single faulty recording of a cell tests.
@@ -127,7 +127,7 @@ def split_zero_shot(recordings: Sequence[Recording], held_out: int, seed: int) -
 
 @dataclass(frozen=True, eq=False)
 class ZeroShotData:
-    """Everything that is learnt from and tested on under one seed."""
+    """Windows for training and for tests under one seed."""
 
     seed: int
     split: ZeroShotSplit

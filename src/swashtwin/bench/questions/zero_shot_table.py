@@ -137,8 +137,8 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
 
     best = choose_zero_shot(study)
     return (
-        f"Chosen on synthetic strangers alone: {best[1]}, taught by {best[0]}; on measured faults it scores a balanced "
-        f"accuracy of {score(*best)} on the same pumps and {score(*best, UNSEEN)} on pumps without a twin.",
+        f"Chosen on synthetic strangers alone: {best[1]}, trained on {best[0]}; on measured faults it scores a "
+        f"balanced accuracy of {score(*best)} on the same pumps and {score(*best, UNSEEN)} on pumps without a twin.",
         f"On the same pumps, trees on orders against healthy: nominal twin {score(NOMINAL, TREES_HEALTHY)}, calibrated "
         f"{score(CALIBRATED, TREES_HEALTHY)}, draws from the posterior {score(POSTERIOR, TREES_HEALTHY)}, measured "
         f"faults (an oracle) {score(ORACLE, TREES_HEALTHY)}; the rule that learns nothing {score(HEALTHY_ONLY, RULE)}, "

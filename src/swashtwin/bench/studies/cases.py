@@ -66,7 +66,7 @@ def case_one(size: str) -> Plan:
 
 
 def _calibrated_case_one(size: str, study: str, title: str, models: Iterable[str]) -> Plan:
-    """Case I's calibrated training set, learnt by several classifiers."""
+    """Case I's calibrated training set, learned by several classifiers."""
     return replace(
         case_one(size),
         study=study,

@@ -71,7 +71,7 @@ def calibrators(size: str) -> Plan:
     return replace(
         case_one(size),
         study="calibrators",
-        title="Calibrators: what the way in which twins are calibrated does to what they teach",
+        title="Calibrators: how the way in which twins are calibrated changes the scores",
         training_sets={"measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in twin_sets}},
         varied="calibrator",
         variants=CALIBRATORS,
@@ -132,8 +132,8 @@ def unseen_pressure(size: str) -> Plan:
         notes=(
             "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "
             "constants, and simulate the faults as machined: on the rig, as it typically draws them.",
-            "Measured normals of the pressure are trained on. Where only faults are synthetic, 'synthetic' can be "
-            "learnt for 'faulty': the row every class has synthetic normals too.",
+            "Measured normals of the pressure are trained on. Where only faults are synthetic, a classifier can take "
+            "'synthetic' for 'faulty'; in the row every class, normals are synthetic too.",
         ),
     )
 

@@ -81,7 +81,7 @@ STUDIES = {
     "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
     "shaft-angle": "Case I from windows along the shaft's angle, beside those along time.",
     "augmentation": "Every filler of the scarce cell of Case I, by the number of synthetic windows.",
-    "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and what each teaches in Case I.",
+    "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and the scores in Case I.",
     "few-shot": "From no measured window of the scarce cell to 200, with and without twins.",
     "unseen-pressure": "No fault was ever measured at the test's pressure: filled by twins, and not.",
     "unseen-specimen": "How many pumps must be known to diagnose the faults of another.",

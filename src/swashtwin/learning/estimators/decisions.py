@@ -11,7 +11,7 @@ class DecisionSoftmax(ClassifierMixin, BaseEstimator):
     """A classifier whose probabilities are the softmax of its decision values; with two classes, of (-d, d).
 
     The likeliest class is the one that the classifier decides for, and the order of the classes its own; the height of
-    a probability means little, since nothing taught it. What learns confidence (`learn_confidence`) mends that.
+    a probability means little until `learn_confidence` calibrates it.
     """
 
     def __init__(self, decider: Any) -> None:

@@ -77,7 +77,7 @@ class StackedAutoencoder(Network):
         return x
 
     def pretrain(self, windows: Float[Tensor, "window channel time"], seed: int) -> None:
-        """Teach each encoder in turn to say what can be undone, with few units awake."""
+        """Train each encoder in turn so that a decoder can restore its input from few active units."""
         order = torch.Generator().manual_seed(seed)
         self.spectrum.train()
         with torch.no_grad():

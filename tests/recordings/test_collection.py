@@ -24,7 +24,7 @@ from swashtwin.recordings import (
     write_store,
 )
 from swashtwin.recordings.formats import csv, registry
-from swashtwin.recordings.samples import Samples
+from swashtwin.recordings.samples import Columns, Samples
 
 
 def make(name: str, **facts: object) -> Recording:
@@ -121,14 +121,36 @@ def test_facts_are_for_single_files_only(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> None:
-    path = write_recording(make("a"), tmp_path / "a.h5")
-    recordings = load_recordings([path])
-    write_recording(replace(make("a"), signal=np.ones((2, 50))), path)
-    with pytest.raises(DataError, match=r"a: the file has changed from \(channel, time\) \(2, 400\) to \(2, 50\)"):
-        recordings[0].slice(0, 10)
+    path = tmp_path / "a.h5"
+    for write in (write_recording, lambda recording, path: write_store([recording], path)):
+        for count in (400, 50):
+            write(make("a"), path)
+            recordings = load_recordings([path])
+            write(replace(make("a"), signal=np.ones((2, count))), path)
+            with pytest.raises(DataError, match=r"a\.h5: the file has changed since it was loaded"):
+                recordings[0].slice(0, 10)
     path.unlink()
     with pytest.raises(DataError, match="does not exist"):
         _ = recordings[0].signal
+
+
+def test_columns_of_another_shape_than_the_first_are_refused() -> None:
+    long, short = (Columns((np.zeros(count), np.zeros(count)), (1.0, 1.0)) for count in (400, 50))
+    samples = Samples.from_columns("a", long, lambda: short).unopened()
+    with pytest.raises(DataError, match=r"a: the file has changed from \(channel, time\) \(2, 400\) to \(2, 50\)"):
+        samples.signal_part(0, 10)
+
+
+@pytest.mark.parametrize("name", ["a.h5", "store.h5", "a.csv"])
+def test_a_relative_path_holds_in_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    if name == "store.h5":
+        write_store([make("a")], name)
+    else:
+        write_recording(make("a"), name)
+    recordings = load_recordings(name)
+    monkeypatch.chdir("/")
+    np.testing.assert_array_equal(recordings[0].signal, make("a").signal)
 
 
 def test_a_text_table_is_parsed_once_for_its_facts_and_its_samples(
@@ -208,6 +230,22 @@ def test_a_selection_of_nothing_says_which_values_there_are(
 ) -> None:
     with pytest.raises(DataError, match=f"no recording has {message}"):
         load_recordings(folder).where(**conditions)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("lable", "did you mean 'label'"), ("dya", "did you mean 'day'"), ("qqq", "there are label, spec")],
+)
+def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(name: str, hint: str) -> None:
+    with pytest.raises(InputError, match=f"no recording has the attribute '{name}'; {hint}"):
+        Recordings(rig()).where(**{name: "piston"})
+
+
+@pytest.mark.parametrize("attributes", [{}, {"samples_per_turn": "0"}, {"samples_per_turn": "many"}])
+def test_a_recording_along_the_angle_without_its_samples_per_turn_is_refused(attributes: dict[str, str]) -> None:
+    recording = make("a", attributes={"domain": "angle", **attributes})
+    with pytest.raises(DataError, match=r"a runs along the shaft's angle, but its samples_per_turn \("):
+        Recordings([recording]).where(speed=rpm(860))
 
 
 # ---- splits

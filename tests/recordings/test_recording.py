@@ -36,6 +36,11 @@ def test_relabeling_leaves_the_measurement_and_the_original_alone() -> None:
     assert other.recording_id == recording.recording_id
 
 
+def test_a_recording_is_left_no_empty_id() -> None:
+    with pytest.raises(InputError, match=r"needs .* and a recording_id"):
+        make().replace(recording_id="")
+
+
 @given(names=st.permutations(["x", "y", "z"]), count=st.integers(1, 3))
 def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: int) -> None:
     recording = make()

@@ -13,7 +13,7 @@ import pytest
 
 import swashtwin
 from swashtwin.diagnosis import diagnose
-from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, rpm
+from swashtwin.foundation import ArtifactError, DataError, InputError, MissingFileError, MPa, rpm
 from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit, window_batches
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
@@ -146,6 +146,16 @@ def test_a_store_is_not_taken_for_one_recording(tmp_path: Path) -> None:
         load_recording(store)
     with pytest.raises(MissingFileError, match="does not exist"):
         load_recordings(tmp_path / "none.h5")
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_store_of_another_version_is_refused_by_both_names(tmp_path: Path, number: int) -> None:
+    path = write_store([make("a", 300)], tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = np.bytes_(f"swashtwin store {number}".encode())
+    assert is_store(path)
+    with pytest.raises(ArtifactError, match=f"format 'swashtwin store {number}', .* reads 'swashtwin store 2'"):
+        load_recordings(path)
 
 
 def test_a_store_is_recognized_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:

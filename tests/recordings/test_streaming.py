@@ -83,15 +83,17 @@ def test_the_speed_survives_the_index_and_a_resampling(tmp_path: Path) -> None:
     np.testing.assert_allclose(halved.speed, 80 + 10 * halved.time)
 
 
-def test_only_a_file_with_a_speed_needs_a_reader_that_knows_of_it(tmp_path: Path) -> None:
-    for speed, name in ((False, b"swashtwin recording 1"), (True, b"swashtwin recording 2")):
-        (block,) = blocks_of((10,), speed=speed)
-        with h5py.File(write_recording(block, tmp_path / "a.h5")) as file:
-            assert file.attrs["format"] == name
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        file.attrs["format"] = np.bytes_(b"swashtwin recording 3")
-    with pytest.raises(DataError, match="newer swashtwin"):
-        load_recording(tmp_path / "a.h5")
+@pytest.mark.parametrize(("number", "advice"), [(1, "make it again"), (2, "make it again"), (4, "a newer swashtwin")])
+def test_a_recording_of_another_version_is_refused_by_both_names(tmp_path: Path, number: int, advice: str) -> None:
+    (block,) = blocks_of((10,))
+    with h5py.File(write_recording(block, tmp_path / "a.h5"), "r+") as file:
+        assert file.attrs["format"] == b"swashtwin recording 3"
+        file.attrs["format"] = np.bytes_(f"swashtwin recording {number}".encode())
+    for load in (load_recording, load_recordings):
+        with pytest.raises(
+            ArtifactError, match=f"format 'swashtwin recording {number}', .* reads 'swashtwin recording 3'; .*{advice}"
+        ):
+            load(tmp_path / "a.h5")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "mat", "wav", "tdms"])

@@ -3,6 +3,7 @@
 import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, overload
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class, merge_close_values, values_match
-from swashtwin.recordings.grouping import SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
+from swashtwin.recordings.grouping import GROUP_SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
 from swashtwin.recordings.recording import Recording, require_distinct
@@ -134,16 +135,19 @@ class Recordings(Sequence[Recording]):
 
         Raises
         ------
+        InputError
+            No recording has an attribute of that name; the nearest name is offered.
         DataError
             No recording is left; the message lists the values that there are.
         """
+        self._require_attributes(attributes)
         ids = None if ids is None else {str(name) for name in ids}
         left = [
             recording
             for recording in self._recordings
             if (label is None or is_same_class(recording.label, label))
             and (specimen is None or recording.specimen == specimen)
-            and (speed is None or values_match(stated_angular_speed(recording), speed, SPEED_TOLERANCE))
+            and (speed is None or values_match(stated_angular_speed(recording), speed, GROUP_SPEED_TOLERANCE))
             and (pressure is None or values_match(stated_pressure(recording), pressure, PRESSURE_TOLERANCE))
             and (ids is None or recording.recording_id in ids)
             and all(str(recording.attributes.get(name)) == str(value) for name, value in attributes.items())
@@ -185,7 +189,7 @@ class Recordings(Sequence[Recording]):
         classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
         speed = np.array([stated_angular_speed(recording) for recording in self._recordings])
         pressure = np.array([stated_pressure(recording) for recording in self._recordings])
-        levels = merge_close_values(speed, SPEED_TOLERANCE), merge_close_values(pressure, PRESSURE_TOLERANCE)
+        levels = merge_close_values(speed, GROUP_SPEED_TOLERANCE), merge_close_values(pressure, PRESSURE_TOLERANCE)
         cells = np.unique([f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True)[1]
         rows = nearest_test_rows(classes, cells, groups, test, seed)
         if rows is None:
@@ -198,6 +202,15 @@ class Recordings(Sequence[Recording]):
         for row, recording in enumerate(self._recordings):
             sides[row in tested].append(recording)
         return Recordings(sides[0]), Recordings(sides[1])
+
+    def _require_attributes(self, names: Iterable[str]) -> None:
+        known = dict.fromkeys(name for recording in self._recordings for name in recording.attributes)
+        for name in names:
+            if self._recordings and name not in known:
+                choices = ["label", "specimen", "speed", "pressure", "ids", *known]
+                near = get_close_matches(name, choices, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
+                raise InputError(f"no recording has the attribute {name!r}; {hint}")
 
     def _nothing_left(
         self,

@@ -14,7 +14,7 @@ from swashtwin.recordings.recording import Recording
 
 GROUPS = ("recording", "specimen", "condition")
 """Groups of every data set: each is a level of generalization (L2, L4, L3)."""
-SPEED_TOLERANCE = 0.03
+GROUP_SPEED_TOLERANCE = 0.03
 """Relative difference of speeds of the same condition: more than elsewhere, since conditions that are joined wrongly
 make a test harder, and conditions that are separated wrongly make it leak."""
 
@@ -65,9 +65,21 @@ def stated_speed(recording: Recording) -> float | None:
     """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None.
 
     For a recording along the shaft's angle it is the frequency at which the turns are played back.
+
+    Raises
+    ------
+    DataError
+        A recording along the shaft's angle does not state its samples per turn.
     """
     if recording.attributes.get("domain") == "angle":
-        return recording.sample_rate / float(recording.attributes["samples_per_turn"])
+        text = recording.attributes.get("samples_per_turn")
+        try:
+            return recording.sample_rate / float(text or 0)
+        except (ValueError, ZeroDivisionError) as cause:
+            raise DataError(
+                f"{recording.recording_id} runs along the shaft's angle, but its samples_per_turn ({text!r}) is no "
+                "positive number; convert it again with --samples-per-turn."
+            ) from cause
     if recording.condition is not None:
         return recording.condition.shaft_frequency
     try:
@@ -102,7 +114,7 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
     """
     parts = []
     for fact, values, tolerance, scale, unit in (
-        ("speed", speed, SPEED_TOLERANCE, 30 / math.pi, "rev/min"),
+        ("speed", speed, GROUP_SPEED_TOLERANCE, 30 / math.pi, "rev/min"),
         ("pressure", pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
     ):
         missing = np.isnan(values)

@@ -17,7 +17,7 @@ from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column, Columns, Samples
+from swashtwin.recordings.samples import Column, Columns, Samples, file_stamp, require_unchanged
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 _RATE_TOLERANCE = 1e-3
@@ -49,6 +49,7 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
 
 def recording_of(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
+    stamp = file_stamp(path)
     _require_checksum(path, entry)
     raw = open_raw(path, _options(entry))
     view = _view(raw, entry, path)
@@ -62,7 +63,7 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     attributes = dict(raw.attributes) | dict(entry.attributes)
     condition = _condition(entry, str(path), attributes)
     name = entry.id or (recorded.recording_id if recorded else stem_of(path))
-    samples = Samples.from_columns(name, view.columns, partial(_reopen, path, entry))
+    samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
     resampling = _resampling(entry, view.rate, str(path))
     if resampling is not None:
         samples = _resample(samples, resampling, name)
@@ -98,7 +99,8 @@ def _view(raw: RawFile, entry: Entry, path: Path) -> _View:
     return _View(names, Columns(tuple(columns.values()), tuple(factors), raw.speeds), rate, unit)
 
 
-def _reopen(path: Path, entry: Entry) -> Columns:
+def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
+    require_unchanged(path, stamp)
     return _view(open_raw(path, _options(entry)), entry, path).columns
 
 
@@ -108,7 +110,7 @@ def _options(entry: Entry) -> Options:
 
 def _require_checksum(path: Path, entry: Entry) -> None:
     """Refuse a file that is not the one for which the entry states a SHA-256."""
-    if not entry.sha256 or not path.is_file():
+    if not entry.sha256:
         return
     digest = sha256_of(path)
     if entry.sha256.lower() != digest:

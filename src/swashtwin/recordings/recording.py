@@ -89,12 +89,13 @@ class Recording:
     ) -> None:
         if signal is None and samples is not None and not isinstance(speed, _Unchanged):
             signal = samples.signal
-        if samples is None or signal is not None:
-            if signal is None or not recording_id:
-                raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
+        if (samples is None and signal is None) or not recording_id:
+            raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
+        if signal is not None:
             if isinstance(speed, _Unchanged):
                 speed = None if samples is None else samples.speed
             samples = Samples.in_memory(recording_id, signal, speed)
+        assert samples is not None
         facts = {
             "sample_rate": sample_rate,
             "recording_id": recording_id,

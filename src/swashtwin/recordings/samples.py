@@ -4,15 +4,36 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError
+from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError
 
 BLOCK = 1 << 18
 """Samples of each channel that are in memory together: 2 MB in double precision."""
+
+
+def file_stamp(path: Path) -> tuple[int, int, int]:
+    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed one, has others.
+
+    Raises
+    ------
+    MissingFileError
+        No such file.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"{path} does not exist, or is no file.")
+    stat = path.stat()
+    return stat.st_size, stat.st_mtime_ns, stat.st_ino
+
+
+def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
+    """Refuse a file whose `file_stamp` differs from the one that it had when it was loaded."""
+    if file_stamp(path) != stamp:
+        raise DataError(f"{path}: the file has changed since it was loaded; load it again.")
 
 
 @runtime_checkable

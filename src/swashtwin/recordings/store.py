@@ -12,14 +12,16 @@ from swashtwin.recordings.formats.hdf5 import (
     CHUNK,
     LAYOUT,
     STORE_FORMAT,
+    STORE_KIND,
     PatientFile,
     columns_in,
     recording_in,
+    require_format,
     write_facts,
 )
 from swashtwin.recordings.formats.subprocess_reader import HDF5_SIGNATURE
 from swashtwin.recordings.recording import Recording, require_distinct
-from swashtwin.recordings.samples import BLOCK, Columns
+from swashtwin.recordings.samples import BLOCK, Columns, file_stamp, require_unchanged
 
 _SUFFIXES = (".h5", ".hdf5")
 
@@ -76,15 +78,19 @@ def stored_recordings(path: Path) -> list[Recording]:
 
     Raises
     ------
-    DataError
-        The file is damaged.
+    ArtifactError
+        The file is damaged or of another version.
     """
+    path, stamp = path.absolute(), file_stamp(path)
     try:
         with _open_store(path) as file:
+            require_format(path, file, STORE_FORMAT)
             return [
-                recording_in(file[name], columns_in(file[name]), partial(_reopen, path, name)).unloaded()
+                recording_in(file[name], columns_in(file[name]), partial(_reopen, path, stamp, name)).unloaded()
                 for name in sorted(file)
             ]
+    except ArtifactError:
+        raise
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as cause:
         reason = (str(cause).splitlines() or [""])[0][:160]
         raise ArtifactError(f"{path} is damaged or cut off ({type(cause).__name__}: {reason}).") from cause
@@ -94,19 +100,20 @@ def _open_store(path: Path) -> h5py.File:
     return h5py.File(path, "r", rdcc_nbytes=0)  # slices are of whole chunks, and no chunk is read twice
 
 
-def _reopen(path: Path, name: str) -> Columns:
+def _reopen(path: Path, stamp: tuple[int, int, int], name: str) -> Columns:
+    require_unchanged(path, stamp)
     return columns_in(_open_store(path)[name])
 
 
 def is_store(path: Path) -> bool:
-    """Whether a file is a store, damaged or not."""
+    """Whether a file is a store, damaged or of another version or not."""
     if path.suffix.lower() not in _SUFFIXES or not path.is_file():
         return False
     with path.open("rb") as file:
         if file.read(9)[:8] != HDF5_SIGNATURE:
             return False
         file.seek(0)
-        return STORE_FORMAT.encode() in file.read(1 << 16)
+        return STORE_KIND.encode() in file.read(1 << 16)
 
 
 class _ByteCounter:

@@ -10,18 +10,20 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import ArtifactError, DataError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit
 from swashtwin.recordings.formats.subprocess_reader import require_sound
 from swashtwin.recordings.recording import Recording, require_same_facts
-from swashtwin.recordings.samples import Column, Columns, Samples, SideBySide
+from swashtwin.recordings.samples import Column, Columns, Samples, SideBySide, file_stamp, require_unchanged
 
-_FORMAT, _FORMAT_WITH_SPEED = "swashtwin recording 1", "swashtwin recording 2"
-"""What a file calls itself; the second holds a speed too, which a reader of the first would not look for."""
+_KIND = "swashtwin recording "
+_FORMAT = f"{_KIND}3"
+"""What a file of one recording calls itself."""
 LAYOUT = ("v110", "v110")
 """A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless loop."""
-STORE_FORMAT = "swashtwin store 1"
+STORE_KIND = "swashtwin store "
+STORE_FORMAT = f"{STORE_KIND}2"
 """What a file of many recordings calls itself."""
 _CACHE = 1 << 24
 """Bytes of a file's chunks that are kept: those of a slice of all channels."""
@@ -38,28 +40,49 @@ def read(path: Path, options: Options) -> RawFile:
 
 def read_here(path: Path, options: Options) -> RawFile:
     """As `read`, for a file that the library survives."""
+    stamp = file_stamp(path)
     file = h5py.File(path, "r", rdcc_nbytes=_CACHE)
     name = _text(file.attrs.get("format")) or ""
-    if name == STORE_FORMAT:
+    if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
-    if name in (_FORMAT, _FORMAT_WITH_SPEED):
-        columns = columns_in(file)
-        recording = recording_in(file, columns, partial(_reopen, path))
-        named = dict(zip(recording.channels, columns.channels, strict=True))
-        units = dict.fromkeys(recording.channels, recording.unit)
-        return RawFile(named, recording.sample_rate, units, recording.attributes, recording, columns.speed)
-    if name.startswith("swashtwin recording "):
-        raise DataError(f"{path} is a {name!r}, which this version does not know; read it with a newer swashtwin.")
-    return _foreign(file)
+    if not name.startswith(_KIND):
+        return _foreign(file)
+    require_format(path, file, _FORMAT)
+    columns = columns_in(file)
+    recording = recording_in(file, columns, partial(_reopen, path.absolute(), stamp))
+    named = dict(zip(recording.channels, columns.channels, strict=True))
+    units = dict.fromkeys(recording.channels, recording.unit)
+    return RawFile(named, recording.sample_rate, units, recording.attributes, recording, columns.speed)
 
 
 def read_header(path: Path) -> Recording:
     """Recording that `write` or `write_stream` wrote; its file is closed again."""
+    stamp = file_stamp(path)
     with h5py.File(path, "r") as file:
-        return recording_in(file, columns_in(file), partial(_reopen, path)).unloaded()
+        require_format(path, file, _FORMAT)
+        return recording_in(file, columns_in(file), partial(_reopen, path.absolute(), stamp)).unloaded()
 
 
-def _reopen(path: Path) -> Columns:
+def require_format(path: Path, file: h5py.File, current: str) -> None:
+    """Refuse a file that calls itself by another name than `current`, such as ``"swashtwin store 2"``.
+
+    Raises
+    ------
+    ArtifactError
+        An earlier or a newer version of swashtwin wrote it.
+    """
+    name = _text(file.attrs.get("format")) or ""
+    if name == current:
+        return
+    kind, _, number = current.rpartition(" ")
+    stated = name.removeprefix(f"{kind} ")
+    newer = stated.isdecimal() and int(stated) > int(number)
+    advice = "read it with a newer swashtwin" if newer else "make it again from its source with this swashtwin"
+    raise ArtifactError(f"{path} has the format {name[:40]!r}, this swashtwin reads {current!r}; {advice}.")
+
+
+def _reopen(path: Path, stamp: tuple[int, int, int]) -> Columns:
+    require_unchanged(path, stamp)
     return columns_in(h5py.File(path, "r", rdcc_nbytes=_CACHE))
 
 
@@ -158,7 +181,7 @@ def _vectors(recording: Recording) -> dict[str, np.ndarray]:
 def write_facts(file: h5py.Group, recording: Recording) -> None:
     """Write the facts of a recording as attributes of a file or a group of it."""
     facts: dict[str, Any] = {
-        "format": _FORMAT_WITH_SPEED if recording.has_speed else _FORMAT,
+        "format": _FORMAT,
         "sample_rate": float(recording.sample_rate),
         "unit": recording.unit,
         "channels": json.dumps(recording.channels),

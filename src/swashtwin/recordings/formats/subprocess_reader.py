@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from swashtwin.foundation import DataError, MissingExtraError
+from swashtwin.foundation import ArtifactError, DataError, MissingExtraError
 from swashtwin.recordings.formats.raw import Options, RawFile
 from swashtwin.recordings.samples import BLOCK
 
@@ -68,7 +68,7 @@ def read_in_subprocess(module: str, path: Path, options: Options, *, keep: bool 
         finally:
             timer.cancel()
     if "error" in answer:
-        kinds = {"MissingExtraError": MissingExtraError, "DataError": DataError}
+        kinds = {kind.__name__: kind for kind in (MissingExtraError, DataError, ArtifactError)}
         message = answer["error"].replace(request["path"], str(path))
         raise kinds.get(answer["kind"], OSError)(message)  # `open_raw` reports an OSError as damage
     _sound.add(file)

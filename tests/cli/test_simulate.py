@@ -187,7 +187,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatc
         (("--duration", "0.3 s"), "duration_s was 0.2, now 0.3"),
         (("--no-vary",), "variation"),
         (("--to-speed", "900 rpm"), "profile was null"),
-        (("--solver", "rk4"), "solver"),
+        (("--solver", "rk4"), 'solver was "harmonic-balance", now "rk4"'),
     ],
 )
 def test_a_folder_made_with_other_options_is_refused(tmp_path: Path, change: tuple[object, ...], said: str) -> None:

@@ -153,6 +153,7 @@ class _Plan:
         from dataclasses import asdict
 
         from swashtwin.calibration import twin_to_dict
+        from swashtwin.physics import RK4
 
         profile = None if self.profile is None else {
             name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.profile).items()
@@ -161,7 +162,8 @@ class _Plan:
             "twin": twin_to_dict(self.twin),
             "duration_s": self.duration,
             "sample_rate_hz": self.sample_rate,
-            "solver": repr(self.solver),
+            "solver": (Solver.rk4 if isinstance(self.solver, RK4) else Solver.harmonic_balance).value,
+            "step_s": self.solver.step if isinstance(self.solver, RK4) else None,
             "profile": profile,
             "variation": None if variation is None else asdict(variation),
             "seed": self.seed,

@@ -3,12 +3,16 @@
 import ast
 import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commandline import PYTHON_WORDS, one_line, run
+from typer.main import get_command
 
 import swashtwin
+from swashtwin.cli import app
 from swashtwin.cli.advice import in_options
 
 PACKAGE = Path(swashtwin.__file__).parent
@@ -18,6 +22,9 @@ NO_COMMAND = {
     "calibration/uncertainty/sampling.py": "sampling the posterior has no command",
 }
 """Modules whose errors no command can raise, and why."""
+METHODS = {"ADASYN", "BiTCN", "MPa", "RK4"}
+"""Public names that are also names of methods and units."""
+ROOMS = ("foundation", "pump", "recordings", "signals", "physics", "calibration", "learning", "synthesis", "diagnosis")
 
 
 def text_of(node: ast.AST) -> str:
@@ -50,6 +57,30 @@ def test_no_error_of_the_package_shows_python_in_the_shell() -> None:
     assert [(where, shown) for where, text in texts if PYTHON_WORDS.search(shown := in_options(text))] == []
 
 
+def test_no_error_of_the_package_shows_a_name_of_the_public_api_in_the_shell() -> None:
+    rooms = [swashtwin, *(import_module(f"swashtwin.{room}") for room in ROOMS)]
+    names = {
+        name for room in rooms for name in room.__all__ if re.search("[a-zA-Z]_|[a-z][A-Z]|[A-Z]{2}", name)
+    } - METHODS
+    pattern = re.compile(rf"(?<![\w./-])({'|'.join(sorted(names))})(?![\w-])")
+    assert [(where, shown) for where, text in error_texts() if pattern.search(shown := in_options(text))] == []
+
+
+def options_of(command: Any) -> set[str]:
+    """Every option of a command and of the commands within it."""
+    options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    return options.union(*map(options_of, getattr(command, "commands", {}).values()))
+
+
+def test_every_option_that_an_error_names_exists() -> None:
+    options = options_of(get_command(app)) | {"--nthreads"}  # of dask worker
+    shown = [
+        (where, option) for where, text in error_texts() for option in re.findall(r"--[a-z][a-z-]*", in_options(text))
+    ]
+    assert len(shown) > 80
+    assert [(where, option) for where, option in shown if option not in options] == []
+
+
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
@@ -65,6 +96,10 @@ def test_no_error_of_the_package_shows_python_in_the_shell() -> None:
          "a classifier is saved by swashtwin train"),
         ("take length 1787 or more, or allow_partial_revolution=True.",
          "take --window 1787 or more, or --allow-partial-revolution."),
+        ("SwashPlateDefect.length (3 mm) is too long", "length (3 mm) is too long"),
+        ("LooseSlipper.csv is damaged", "LooseSlipper.csv is damaged"),
+        ("a.toml is not an index (recordings.toml); one file alone is loaded by load_recording.",
+         "a.toml is not an index (recordings.toml); swashtwin index FOLDER writes one."),
         ("there are 2 channel(s) of 1 class(es), a==b", "there are 2 channel(s) of 1 class(es), a==b"),
     ],
 )  # fmt: skip

@@ -15,9 +15,21 @@ _UNITS = {"MPa": "MPa", "rpm": "rpm", "mm": "mm", "um": "um", "deg": "deg", "cel
 _OPTIONS = {"length": "window", "by": "group"}
 """Options that are not called as their parameters are."""
 
+_KINDS = "BoreDefect|DamScratch|LooseSlipper|SeveritySettings|SlipperContact|SwashPlateDefect|TiltedBlockFace"
+"""Dataclasses whose fields errors name."""
+
 _ADVICE: tuple[tuple[str, str], ...] = (
     (r"with recording\.picked\(\[?\.\.\.\]?\)", 'by channels = ["..."] in the index'),
     (r"recording\.picked\(\[?\.\.\.\]?\)", 'channels = ["..."] in the index'),
+    (r"; one file alone is loaded by load_recording", "; swashtwin index FOLDER writes one"),
+    (r"; load it with load_recordings", "; name a file of one recording"),
+    (r"; use register_network first", "; install the package that registers it"),
+    (r"Register your own with register_fault before loading what names it", "Install the package that registers it"),
+    (r"\(synthesize, TwinFiller\)", "(swashtwin synthesize)"),
+    (r"; features= belongs to the classifiers on features", "; it takes no vibration features"),
+    (r" \(Twin\.simulate\)|, such as BoreDefect", ""),
+    (r"SlipperContact \((--[^)]*)\)", r"\1"),
+    (rf"(?<![\w/])(?:{_KINDS})\.(?=\w+ (?:\(|and |or |must|exceeds))", ""),
     (rf"give it one with {_CALL}", "label it in the index"),
     (rf"name the test side with {_CALL}", "name the test recordings in an index of their own"),
     (rf"an attribute of the recordings is given as {_CALL}", "give one of them, or an attribute of the recordings"),

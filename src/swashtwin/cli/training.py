@@ -31,9 +31,14 @@ def train(
     add: Annotated[
         list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
     ] = None,
-    test_fraction: Annotated[float, typer.Option(help="Share held out for evaluate; 0 trains on all.")] = 0.2,
+    test_fraction: Annotated[
+        float, typer.Option(min=0, max=0.5, help="Share held out for evaluate; 0 trains on all.")
+    ] = 0.2,
     validation_fraction: Annotated[
-        float, typer.Option(help="Share of the rest that calibrates the model's confidence, by --group; 0 for none.")
+        float,
+        typer.Option(
+            min=0, max=0.5, help="Share of the rest that calibrates the model's confidence, by --group; 0 for none."
+        ),
     ] = 0.0,
     error_rate: Annotated[
         float,
@@ -67,6 +72,7 @@ def train(
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
     from swashtwin.diagnosis import save_classifier
+    from swashtwin.foundation import InputError
     from swashtwin.learning import (
         build_network,
         check_disjoint,
@@ -88,7 +94,10 @@ def train(
     added = [load_windows(path) for path in add or ()]
     manifest = {name for synthetic in added for name in synthetic.manifest}
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": window}
+    if checkpoint is not None and checkpoint.exists() and not resume:
+        raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
     recordings = load_recordings(source)
+    groups = recording_groups(recordings, group)
     windows = cut_windows(
         recordings,
         classes=None if added else declared_classes(source),
@@ -98,7 +107,6 @@ def train(
     )
     training, held_out = windows, windows.subset(windows.target < -1)
     if test_fraction:
-        groups = recording_groups(recordings, group)
         training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
     validation = None
     if validation_fraction:
@@ -106,7 +114,7 @@ def train(
             training,
             test_fraction=validation_fraction,
             seed=seed,
-            group=recording_groups(recordings, group),
+            group=groups,
             keep_in_training=manifest,
         )
         validation = without_overlap(validation)

@@ -17,7 +17,9 @@ from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import difference, load_calibration
 from swashtwin.foundation import MPa
-from swashtwin.recordings import write_index, write_recording
+from swashtwin.learning import load_windows
+from swashtwin.recordings import load_recordings, write_index, write_recording
+from swashtwin.synthesis import synthesize
 
 SIMPLE = ("--nuisances", "none", "--no-phases")
 QUICK = ("--set", "starts=1", *SIMPLE)
@@ -53,6 +55,27 @@ def pair(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pat
 def test_several_pressures_are_fitted_together(pair: tuple[Path, Path]) -> None:
     assert [fit.condition.discharge_pressure for fit in load_calibration(pair[1]).fits] == [MPa(15), MPa(10)]
     assert len(load_calibration(pair[1]).recording_ids) == 2
+
+
+@pytest.mark.parametrize("words", [(), ("--no-draws",), ("--nominal",)])
+def test_windows_of_a_calibration_at_several_pressures_take_turns_among_them(
+    rig: Path, pair: tuple[Path, Path], tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    out = tmp_path / "windows.safetensors"
+    run("synthesize", pair[1], "--like", rig, "--count", 4, "--background", "none", *words, "--out", out)
+    windows = load_windows(out)
+    assert windows.discharge_pressure.tolist() == [MPa(15), MPa(10)] * 2
+    assert set(windows.manifest) >= set(load_calibration(pair[1]).recording_ids)
+    if not words:
+        like, calibration = load_recordings(rig), load_calibration(pair[1])
+        same = synthesize(calibration, calibration.twin.fault, count=4, like=like, background="none")
+        assert (windows.signal == same.signal).all()
+
+
+def test_a_fleet_s_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    words = ("twin", "calibrate-fleet", tmp_path / "nowhere.toml", "--out", tmp_path / "file")
+    assert "is a file" in one_line(run(*words, code=3))
 
 
 def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> None:

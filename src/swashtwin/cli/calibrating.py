@@ -28,6 +28,7 @@ from swashtwin.cli.options import (
     band_from,
     defaults_of,
     fault_from,
+    present,
     read_list,
     read_settings,
     solver_from,
@@ -79,7 +80,7 @@ FreedName = Annotated[
     typer.Option(
         "--nuisances",
         help="Unmeasured constants, searched as well: usual (mounting, bearings, excitation, sensors), housing (those, "
-        "each channel's gain, and two modes of the housing; the default), or none (the paper's).",
+        "each channel's gain, and two modes of the housing), or none (the paper's).",
     ),
 ]
 Bounds = Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")]
@@ -129,14 +130,16 @@ def calibrate(
     Speed and pressure are those that the recordings state; several operating points are fitted together, with one set
     of values. Calibrating is training: the recordings used must not test a classifier later (swashtwin data split).
     """
-    from swashtwin.calibration import load_population
+    from swashtwin import presets
+    from swashtwin.calibration import GaussNewton, load_population
     from swashtwin.pump import load_pump
     from swashtwin.recordings import load_recordings
 
     require_target(out, ".json")
     require_files([prior])
-    is_paper = preset is Preset.paper
-    method = method or (Method.ipinn if is_paper else Method.gauss_newton)
+    recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
+    usual = recipe.pop("method", GaussNewton())
+    method = method or next(name for name, kind in _kinds().items() if kind() == usual)
     rates = _rates(learning_rates)
     searcher = _method(method, settings, solver_from(solver, step), has_rates=rates is not None)
     edges = None if band is None else band_from(band)
@@ -151,9 +154,9 @@ def calibrate(
             "bounds": bounds,
             "band": edges,
             "lines": lines.value,
-            "phases": not is_paper if phases is None else phases,
-            "nuisances": _nuisances(nuisances or (Freed.none if is_paper else Freed.housing)),
             "prior": None if prior is None else load_population(prior),
+            **recipe,
+            **present(phases=phases, nuisances=nuisances and _nuisances(nuisances)),
         },
         seed=seed,
         out=out,
@@ -249,11 +252,11 @@ class _Job:
         return write_report(result, identifiability(self.objective(), result.posterior.point), folder=folder)
 
 
-def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, has_rates: bool) -> "Calibrator":
-    """The method with its settings; one that it does not have is a wrong command line."""
+def _kinds() -> dict[Method, Any]:
+    """What makes each method, with its settings as arguments."""
     from swashtwin.calibration import CMAES, IPINN, LBFGS, DirectAdam, GaussNewton
 
-    kinds: dict[Method, Any] = {
+    return {
         Method.gauss_newton: GaussNewton,
         Method.ipinn: IPINN,
         Method.ipinn_improved: IPINN.improved,
@@ -261,7 +264,12 @@ def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, ha
         Method.cmaes: CMAES,
         Method.direct_adam: DirectAdam,
     }
-    defaults = defaults_of(kinds[name]())
+
+
+def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, has_rates: bool) -> "Calibrator":
+    """The method with its settings; one that it does not have is a wrong command line."""
+    kind = _kinds()[name]
+    defaults = defaults_of(kind())
     settings = read_settings(texts, defaults, f"--method {name.value}")
     if has_rates and "learning_rate" not in defaults:
         reason = f"belongs to --method ipinn, ipinn-improved or direct-adam; {name.value} has no learning rate."
@@ -269,7 +277,7 @@ def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, ha
     if has_rates and "learning_rate" in settings:
         reason = "finds the learning rate; leave out --set learning_rate."
         raise typer.BadParameter(reason, param_hint="--learning-rates")
-    calibrator: Calibrator = kinds[name](solver=solver, **settings)
+    calibrator: Calibrator = kind(solver=solver, **settings)
     return calibrator
 
 
@@ -321,7 +329,7 @@ def calibrate_fleet(
     speed: Speeds = None,
     pressure: Pressures = None,
     temperature: OptionalTemperature = None,
-    nuisances: FreedName = Freed.none,
+    nuisances: FreedName = None,
     bounds: Bounds = None,
     out: Annotated[
         Path, typer.Option(help="Folder to write: population.json, and SPECIMEN.json for each specimen.")
@@ -337,6 +345,7 @@ def calibrate_fleet(
     from swashtwin.pump import load_pump
     from swashtwin.recordings import load_recordings
 
+    require_target(out / "population.json")
     points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
     with progress("calibrating the fleet"):
@@ -346,7 +355,7 @@ def calibrate_fleet(
             fault=None if points.is_complete else defect,
             seed=seed,
             bounds=bounds,
-            nuisances=_nuisances(nuisances or Freed.none),
+            **present(nuisances=nuisances and _nuisances(nuisances)),
         )
     files = fleet.save(out)
     tell({**fleet.to_dict(), "files": files}, as_json, lambda: _show_fleet(fleet, out))

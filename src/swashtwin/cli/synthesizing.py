@@ -3,7 +3,7 @@
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -53,29 +53,30 @@ def synthesize(
     from swashtwin.learning import cut_windows, save_windows
     from swashtwin.recordings import load_recordings
     from swashtwin.synthesis import simulate_windows
+    from swashtwin.synthesis import synthesize as simulate
 
     require_target(out)
     require_files([calibration, like])
     result = load_calibration(calibration)
     twin = result.nominal if nominal else result.twin
-    if pressure is not None:
-        twin = twin.at(twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="--pressure")))
     if fault is not None:
         twin = twin.with_fault(fault_from(fault))
+    condition = None
+    if pressure is not None:
+        condition = twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="--pressure"))
     recordings = load_recordings(like)
     classes = sorted({recording.label for recording in recordings if recording.label is not None} | {twin.label})
     measured = cut_windows(recordings, length=window, classes=classes)
     is_drawn = draws and not nominal
+    options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": background.value}
     with progress("synthesizing"):
-        windows = simulate_windows(
-            twin,
-            count=count,
-            like=measured,
-            seed=seed,
-            background=background.value,
-            posterior=result.posterior if is_drawn else None,
-        )
-    windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *result.recording_ids})))
+        if is_drawn:
+            windows = simulate(result, twin.fault, condition=condition, **options)
+        else:
+            conditions = [fit.condition for fit in result.fits] if condition is None else [condition]
+            twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
+            windows = simulate_windows([twin.at(point) for point in conditions], **options)
+            windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *result.recording_ids})))
     save_windows(windows, out)
     answer = {
         "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,

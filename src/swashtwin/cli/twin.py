@@ -97,6 +97,7 @@ def severity(
     """
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError
+    from swashtwin.pump import is_healthy
     from swashtwin.recordings import load_recordings
 
     defect = fault_from(fault)
@@ -114,8 +115,8 @@ def severity(
         )
     if healthy is not None:
         ids = {recording.recording_id for recording in sound}
-        further = load_recordings(healthy).where(label="normal", specimen=specimen)
-        sound += [recording for recording in further if recording.recording_id not in ids]
+        further = load_recordings(healthy).where(specimen=specimen)
+        sound += [item for item in further if is_healthy(item.label) and item.recording_id not in ids]
     fixed = fault_dimensions(fault)[1]
     usual = [name for name in search_of(defect).free if name not in fixed]
     with progress("searching severities"):
@@ -127,10 +128,12 @@ def severity(
 def _by_health(
     recordings: "Iterable[Recording]", calibrated: "Collection[str]"
 ) -> "tuple[list[Recording], list[Recording]]":
-    """(healthy recordings, those that may be worn): healthy is what is labeled normal or was calibrated on."""
+    """(healthy recordings, those that may be worn): healthy is what is labeled so or was calibrated on."""
+    from swashtwin.pump import is_healthy
+
     sides: tuple[list[Recording], list[Recording]] = ([], [])
     for recording in recordings:
-        sides[recording.label != "normal" and recording.recording_id not in calibrated].append(recording)
+        sides[not is_healthy(recording.label) and recording.recording_id not in calibrated].append(recording)
     return sides
 
 

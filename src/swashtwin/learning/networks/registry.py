@@ -8,7 +8,6 @@ from typing import Any
 from torch import nn
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.estimators.registry import BASELINES
 from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
@@ -63,6 +62,8 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     5
     >>> del NETWORKS["linear"]
     """
+    from swashtwin.learning.estimators.registry import BASELINES  # scikit-learn takes a second to import
+
     if not name:
         raise InputError("a network needs a name that is not empty; a saved model is loaded by it.")
     if name in BUILT_IN or name in BASELINES:

@@ -58,9 +58,9 @@ def test_no_error_of_the_package_shows_python_in_the_shell() -> None:
 
 
 def test_no_error_of_the_package_shows_a_name_of_the_public_api_in_the_shell() -> None:
-    rooms = [swashtwin, *(import_module(f"swashtwin.{room}") for room in ROOMS)]
+    doors = [swashtwin, *(import_module(f"swashtwin.{door}") for door in ROOMS)]
     names = {
-        name for room in rooms for name in room.__all__ if re.search("[a-zA-Z]_|[a-z][A-Z]|[A-Z]{2}", name)
+        name for door in doors for name in door.__all__ if re.search("[a-zA-Z]_|[a-z][A-Z]|[A-Z]{2}", name)
     } - METHODS
     pattern = re.compile(rf"(?<![\w./-])({'|'.join(sorted(names))})(?![\w-])")
     assert [(where, shown) for where, text in error_texts() if pattern.search(shown := in_options(text))] == []

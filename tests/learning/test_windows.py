@@ -228,9 +228,9 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
 
 def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split():
     windows = cut_windows(rig(), length=100)
-    kept = [f"{label}-5-{index}" for label in CLASSES for index in range(3)]
-    train, test = split_by_recording(windows, keep_in_training=[*kept, "elsewhere"])
-    assert set(kept) <= ids(train)
+    training_ids = [f"{label}-5-{index}" for label in CLASSES for index in range(3)]
+    train, test = split_by_recording(windows, keep_in_training=[*training_ids, "elsewhere"])
+    assert set(training_ids) <= ids(train)
     assert ids(train) | ids(test) == ids(windows)
     assert not ids(train) & ids(test)
     assert {name.split("-")[0] for name in ids(test)} == set(CLASSES)

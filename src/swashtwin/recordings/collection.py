@@ -204,10 +204,10 @@ class Recordings(Sequence[Recording]):
         return Recordings(sides[0]), Recordings(sides[1])
 
     def _require_attributes(self, names: Iterable[str]) -> None:
-        known = dict.fromkeys(name for recording in self._recordings for name in recording.attributes)
+        attributes = dict.fromkeys(name for recording in self._recordings for name in recording.attributes)
         for name in names:
-            if self._recordings and name not in known:
-                choices = ["label", "specimen", "speed", "pressure", "ids", *known]
+            if self._recordings and name not in attributes:
+                choices = ["label", "specimen", "speed", "pressure", "ids", *attributes]
                 near = get_close_matches(name, choices, n=1)
                 hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
                 raise InputError(f"no recording has the attribute {name!r}; {hint}")

@@ -1,11 +1,13 @@
 """Training: learns, repeats itself bit for bit, and continues bit for bit after an interrupt."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from global_state import global_state
 
 from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError
 from swashtwin.learning import (
@@ -289,3 +291,28 @@ def test_predictions_are_probabilities_names_and_features():
 def test_settings_that_cannot_be_are_refused(settings):
     with pytest.raises(InputError, match=next(iter(settings))):
         TrainingSettings(**settings)
+
+
+@pytest.mark.parametrize("name", ["spectral_bitcn", "bitcn"])
+def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one(name):
+    """A generator that threads share gave each of them other weights and another dropout."""
+    smaller = {"channels": (4, 4), "dropout": 0.3}
+    windows, settings = (
+        tones(),
+        TrainingSettings(epochs=2, batch_size=10, mixup=0.2, noise_snr=5.0, normalization="set"),
+    )
+
+    def train(seed: int) -> FittedClassifier:
+        return fit(build_network(name, 1, 2, **smaller), windows, settings=settings, seed=seed)
+
+    with ThreadPoolExecutor(8) as threads:
+        together = list(threads.map(train, range(8)))
+    for seed in (0, 3, 7):
+        assert same(together[seed], train(seed))
+
+
+def test_a_training_changes_nothing_that_the_process_shares():
+    before = global_state()
+    classifier = fit(build_network("spectral_bitcn", 1, 2), tones(), settings=SHORT)
+    classifier.predict_proba(tones())
+    assert global_state() == before

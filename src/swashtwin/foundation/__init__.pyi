@@ -27,6 +27,8 @@ from .files import write_text as write_text
 from .multiple_testing import holm_correction as holm_correction
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
+from .torch_state import TorchStream as TorchStream
+from .torch_state import one_thread as one_thread
 from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius
@@ -50,6 +52,7 @@ __all__ = [
     "MissingFileError",
     "StabilityError",
     "SwashTwinError",
+    "TorchStream",
     "UnitError",
     "add_prefix",
     "bar",
@@ -61,6 +64,7 @@ __all__ = [
     "holm_correction",
     "is_unit",
     "mm",
+    "one_thread",
     "optimizer_tensors",
     "parse",
     "read_artifact",

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Float64, Int64
 from torch import Tensor, nn
 
-from swashtwin.foundation import derive_seed, stream
+from swashtwin.foundation import TorchStream, derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
     SpectralForm,
@@ -94,8 +94,7 @@ class Batches:
 
 def dense(widths: tuple[int, ...], seed: int) -> nn.Sequential:
     """Linear layers of `widths` with SiLU between them, their weights drawn from `seed`."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+    with TorchStream(seed):
         layers: list[nn.Module] = []
         for entering, leaving in pairwise(widths):
             layers += [nn.Linear(entering, leaving), nn.SiLU()]

@@ -19,7 +19,7 @@ from swashtwin.calibration.fleet.population import (
     population_of,
 )
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
-from swashtwin.calibration.methods.search import Calibrator, Search, one_thread
+from swashtwin.calibration.methods.search import Calibrator, Search
 from swashtwin.calibration.objective.measurement import select_agreeing
 from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective
@@ -27,7 +27,7 @@ from swashtwin.calibration.objective.unknowns import Nuisances
 from swashtwin.calibration.procedure import build_objective, build_result, settings_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.posterior import Estimate, estimates_of, posterior_covariance
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
 from swashtwin.recordings import Recording

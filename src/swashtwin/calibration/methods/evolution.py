@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, load_extra, one_thread, with_priors
+from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, load_extra, with_priors
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, one_thread, stream
 from swashtwin.physics import SteadySolver
 
 

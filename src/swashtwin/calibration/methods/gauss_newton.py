@@ -7,9 +7,9 @@ import scipy.optimize
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, best_of, one_thread, starting_points
+from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, best_of, starting_points
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, one_thread, stream
 from swashtwin.physics import SteadySolver
 
 

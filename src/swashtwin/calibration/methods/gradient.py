@@ -17,12 +17,11 @@ from swashtwin.calibration.methods.search import (
     Search,
     Trace,
     best_of,
-    one_thread,
     starting_points,
     with_priors,
 )
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, one_thread, stream
 from swashtwin.physics import SteadySolver
 
 

@@ -10,10 +10,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from swashtwin.calibration.methods.checkpoint import Checkpoint
-from swashtwin.calibration.methods.search import EXACT, Decay, History, Progress, Search, one_thread, with_priors
+from swashtwin.calibration.methods.search import EXACT, Decay, History, Progress, Search, with_priors
 from swashtwin.calibration.objective.spectrum_objective import MODEL_ERROR, Objective
 from swashtwin.calibration.objective.unknowns import CONSTANTS, REACH, VALUES
-from swashtwin.foundation import DataError, InputError, derive_seed
+from swashtwin.foundation import DataError, InputError, TorchStream, derive_seed, one_thread
 from swashtwin.physics import SteadySolver
 from swashtwin.recordings import Recording
 
@@ -108,9 +108,9 @@ class IPINN:
         window = self.window_of(objective)
         rows: list[tuple[float, float, float, float]] = []
         path: list[np.ndarray] = []
-        with one_thread(), torch.random.fork_rng(devices=[]):
-            torch.manual_seed(derive_seed(seed, "ipinn", "weights"))
-            network = ParameterNetwork(self, window, objective)
+        with one_thread():
+            with TorchStream(derive_seed(seed, "ipinn", "weights")):
+                network = ParameterNetwork(self, window, objective)
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
             schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.epochs)
             if checkpoint is not None:

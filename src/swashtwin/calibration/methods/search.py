@@ -1,7 +1,6 @@
 """The protocol of the methods that search, and what they share."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, Literal, Protocol, runtime_checkable
@@ -171,14 +170,3 @@ def load_extra(module: str) -> Any:
         raise MissingExtraError(
             f'this search needs {module}, which is not installed: pip install "swashtwin[search]".'
         ) from cause
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Within it torch uses one thread: more only wait for each other in kernels as small as these."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

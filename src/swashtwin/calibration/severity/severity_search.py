@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.measurement import Lines, Measurement, measure, select_agreeing
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
@@ -24,7 +23,7 @@ from swashtwin.calibration.severity.severity import (
 )
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import interval_of, profile_likelihood
-from swashtwin.foundation import VERSION, DataError, InputError
+from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, carry_over
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, is_healthy, values_match
 from swashtwin.recordings import Recording

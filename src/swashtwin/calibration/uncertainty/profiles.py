@@ -14,12 +14,11 @@ import scipy.stats
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import one_thread
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import VALUES
 from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import COVERAGE
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, one_thread
 from swashtwin.pump import PARAMETERS
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))

@@ -14,11 +14,11 @@ import scipy.linalg
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import Progress, one_thread
+from swashtwin.calibration.methods.search import Progress
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import Posterior, posterior_covariance
-from swashtwin.foundation import InputError, MissingExtraError, derive_seed
+from swashtwin.foundation import InputError, MissingExtraError, derive_seed, one_thread
 
 TIMES = 50
 """Autocorrelation times that a chain must be long: below, emcee's own estimate of that time is not to be trusted."""

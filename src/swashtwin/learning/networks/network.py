@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, TorchStream
 
 
 def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:
@@ -89,9 +89,8 @@ class Network(nn.Module):
         """
 
     def fresh(self, seed: int) -> "Network":
-        """A network of the same settings with weights drawn from `seed`; the caller's random state stays as it is."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
+        """A network of the same settings with weights drawn from `seed`; the process's random state stays as it is."""
+        with TorchStream(seed):
             return type(self)(**self.settings)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import nn
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, TorchStream
 from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
@@ -107,4 +107,5 @@ def build_network(name: str, n_channels: int, n_classes: int, *, length: int | N
         if length is None:
             raise InputError(f"network {name!r} is built for one window length; give length=, in samples.")
         checked["length"] = length
-    return kind(n_channels=n_channels, n_classes=n_classes, **checked)
+    with TorchStream(0):
+        return kind(n_channels=n_channels, n_classes=n_classes, **checked)

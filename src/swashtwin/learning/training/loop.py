@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from swashtwin.foundation import DataError, InputError, derive_seed, stream
+from swashtwin.foundation import DataError, InputError, TorchStream, derive_seed, one_thread, stream
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.learning.training.classifier import FittedClassifier
@@ -76,7 +76,8 @@ def fit(
         used |= {*validation.recording_id.tolist(), *validation.manifest}
     run = _description(network, windows, settings, seed, validation, sorted(used), device)
     normalization = Normalization.fit(settings.normalization, windows)
-    with _keep_random_state(device), _deterministic_kernels(settings.deterministic), _one_thread():
+    kernels = _deterministic_kernels(device, settings.deterministic)
+    with TorchStream(derive_seed(seed, "pretraining")), kernels, one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
         optimizer = torch.optim.Adam(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
@@ -92,9 +93,9 @@ def fit(
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
-            loss, accuracy = _train_epoch(
-                trained, optimizer, epoch_data(number), condition, weights, settings, seed, number
-            )
+            data = epoch_data(number)
+            with TorchStream(derive_seed(seed, "dropout", number)):
+                loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number)
             history += (Epoch(number, loss, accuracy, *_validation_scores(trained, validation_tensors)),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
@@ -173,34 +174,17 @@ def _description(
 
 
 @contextmanager
-def _keep_random_state(device: str) -> Iterator[None]:
-    """Within it, seeding torch leaves the caller's random numbers as they were."""
-    target = torch.device(device)
-    with torch.random.fork_rng(devices=[target.index or 0] if target.type == "cuda" else []):
-        yield
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """One thread for kernels this small: two that spin on a busy machine take many times longer (docs/protocol.md)."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@contextmanager
-def _deterministic_kernels(wanted: bool) -> Iterator[None]:
+def _deterministic_kernels(device: str, wanted: bool) -> Iterator[None]:
+    """On a GPU kernels are chosen for the whole process; a CPU has no choice, and nothing is touched."""
     cudnn = torch.backends.cudnn
     before = cudnn.deterministic, cudnn.benchmark
-    if wanted:
+    if wanted and device != "cpu":
         cudnn.deterministic, cudnn.benchmark = True, False
     try:
         yield
     finally:
-        cudnn.deterministic, cudnn.benchmark = before
+        if wanted and device != "cpu":
+            cudnn.deterministic, cudnn.benchmark = before
 
 
 def _start(
@@ -260,7 +244,6 @@ def _train_epoch(
 ) -> tuple[float, float]:
     """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide."""
     signal, target = data
-    torch.manual_seed(derive_seed(seed, "dropout", number))
     ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
     order, condition_of = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
     draw = stream(seed, "mixup", number)

@@ -1,0 +1,87 @@
+"""Torch's random numbers and threads for one piece of work, without a change of what the process shares."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+
+
+class TorchStream(TorchDispatchMode):
+    """Within it, every random number that torch draws in this thread is of a generator of its own.
+
+    Weights, dropout and noise of any module draw the numbers that they would draw right after
+    ``torch.manual_seed(seed)``, whatever other threads do. The process's generator is neither read nor changed. A call
+    that names a generator keeps it.
+
+    Limits: kernels of a GPU that draw inside a fused operation (attention or a recurrent network with dropout) cannot
+    take a generator.
+
+    Parameters
+    ----------
+    seed : seed of the generator.
+
+    Examples
+    --------
+    >>> with TorchStream(3):
+    ...     first = torch.rand(2)
+    >>> with TorchStream(3):
+    ...     second = torch.rand(2)
+    >>> bool((first == second).all())
+    True
+    """
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self._seed = seed
+        self._generators: dict[str, torch.Generator] = {}
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
+    ) -> Any:
+        """Result of an operation; one that draws takes the generator."""
+        kwargs = dict(kwargs or {})
+        if torch.Tag.nondeterministic_seeded not in func.tags or kwargs.get("generator") is not None:
+            return func(*args, **kwargs)
+        name = func.overloadpacket.__name__
+        generator = self._generator(args, kwargs)
+        if name == "native_dropout":
+            return _dropout(*args, generator=generator)
+        if name in ("randn_like", "rand_like"):
+            empty = torch.empty_like(args[0], **kwargs)
+            return empty.normal_(generator=generator) if name == "randn_like" else empty.uniform_(generator=generator)
+        if any(argument.name == "generator" for argument in func._schema.arguments):
+            return func(*args, **{**kwargs, "generator": generator})
+        if hasattr(func.overloadpacket, "generator"):
+            return func.overloadpacket.generator(*args, **{**kwargs, "generator": generator})
+        return func(*args, **kwargs)
+
+    def _generator(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> torch.Generator:
+        tensors = [value for value in args if isinstance(value, Tensor)]
+        device = str(kwargs.get("device") or (tensors[0].device if tensors else "cpu"))
+        device = "cpu" if device == "meta" else device
+        if device not in self._generators:
+            self._generators[device] = torch.Generator(device).manual_seed(self._seed)
+        return self._generators[device]
+
+
+def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """What ``aten.native_dropout`` gives, a fused kernel that takes no generator: the result, and what was kept."""
+    if train is False or share == 0:
+        return x.clone(), torch.ones_like(x, dtype=torch.bool)
+    mask = torch.empty_like(x).bernoulli_(1 - share, generator=generator)
+    return x * mask / (1 - share) if share < 1 else torch.zeros_like(x), mask.bool()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it this thread computes alone, since kernels this small only wait for each other (docs/protocol.md).
+
+    Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
+    """
+    torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
+    with threadpool_limits(limits=1, user_api="openmp"):
+        yield

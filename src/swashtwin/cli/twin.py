@@ -1,7 +1,6 @@
 """Commands of the group twin that use a twin or a pump file: compare, severity, pump show, pump new, pump list."""
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from swashtwin.calibration import Difference, SeverityTrend
-    from swashtwin.pump import Pump
+    from swashtwin.pump import Nameplate, Pump
     from swashtwin.recordings import Recording
 
 
@@ -171,57 +170,138 @@ def list_pumps(as_json: Json = False) -> None:
 
 def new_pump(
     name: Annotated[str, typer.Argument(help="Name of the new pump.")],
-    original: Annotated[str, typer.Option("--pump", help="Pump to copy, by name or .toml file.")] = "25scy14-1b",
+    original: Annotated[str, typer.Option("--pump", help="Pump to copy or to scale, by name or .toml file.")] = (
+        "25scy14-1b"
+    ),
+    displacement: Annotated[
+        str | None, typer.Option(help='Nameplate: volume per revolution, such as "45 cm3/rev"; scales the pump.')
+    ] = None,
+    pistons: Annotated[int | None, typer.Option(min=3, max=19, help="Nameplate: number of pistons.")] = None,
+    speed: Annotated[str | None, typer.Option(help='Nameplate: rated speed, such as "1500 rpm".')] = None,
+    pressure: Annotated[
+        str | None, typer.Option(help='Discharge pressure that the port timing is made for, such as "280 bar".')
+    ] = None,
+    swash_angle: Annotated[
+        str | None, typer.Option(help='Largest swash angle, such as "17 deg"; that of --pump by default.')
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
     as_json: Json = False,
 ) -> None:
-    """Write a commented copy of a pump file, for you to edit."""
+    """Write a pump file for you to edit: scaled from a nameplate, or a commented copy.
+
+    Each number's source says whether it is the nameplate's, scaled, or a guess.
+    """
     import swashtwin.pump as pump
 
-    path = pump.new_pump(name, like=original, folder=out)
-    tell({"pump": path}, as_json, lambda: say(f"{path}\nEdit it, then: swashtwin twin pump show {path}"))
-
-
-def show_pump(
-    name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
-    as_json: Json = False,
-) -> None:
-    """Every number of a pump in SI units, with its source."""
-    from swashtwin.pump import available_pumps, load_pump
-
-    pump = load_pump(name)
-    parameters = [
-        {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
-        for path, value, unit in _numbers(pump)
-    ]
-    result = {"name": pump.name, "parameters": parameters, "channels": pump.channels, "available": available_pumps()}
+    plate = _nameplate(displacement, pistons, speed, pressure, swash_angle)
+    path = pump.new_pump(name, like=original, nameplate=plate, folder=out)
+    result: dict[str, Any] = {"pump": path}
+    if plate is not None:
+        result["effects"] = _effects(pump.load_pump(path))
 
     def show() -> None:
-        rows = [(entry["name"], _text(entry["value"]), entry["unit"], entry["source"]) for entry in parameters]
-        table(pump.name, ("parameter", "value", "unit", "source"), rows)
+        if plate is not None:
+            _show_effects(result["effects"][:_MOST_EFFECTS], "What the vibration depends on most")
+            say(f"All of them: swashtwin twin pump show {path} --effects. A twin is no better than these.")
+        say(f"{path}\nEdit it, then: swashtwin twin pump show {path}")
 
     tell(result, as_json, show)
 
 
-def _numbers(pump: "Pump") -> Iterator[tuple[str, Any, str]]:
-    """(path, value, unit) of every number."""
-    for section in fields(pump):
-        part = getattr(pump, section.name)
-        if is_dataclass(part):
-            for item in fields(part):
-                value = getattr(part, item.name)
-                if is_dataclass(value):
-                    for inner in fields(value):
-                        yield f"{section.name}.{item.name}.{inner.name}", getattr(value, inner.name), _unit(inner)
-                else:
-                    yield f"{section.name}.{item.name}", value, _unit(item)
-    for index, sensor in enumerate(pump.sensors):
-        yield f"sensors[{index}].position", sensor.position, "m"
+_MOST_EFFECTS = 12
 
 
-def _unit(item: Any) -> str:
-    return str(item.metadata.get("unit", ""))
+def _nameplate(
+    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None, swash_angle: str | None
+) -> "Nameplate | None":
+    """Nameplate of the options; None where none of them is there, and a wrong command line where some are missing."""
+    from swashtwin.pump import read_nameplate
+
+    if displacement is None or pistons is None or speed is None or pressure is None:
+        options = {"--displacement": displacement, "--pistons": pistons, "--speed": speed, "--pressure": pressure}
+        stated = [option for option, value in {**options, "--swash-angle": swash_angle}.items() if value is not None]
+        if stated:
+            missing = [option for option, value in options.items() if value is None]
+            raise typer.BadParameter(f"a nameplate needs {', '.join(missing)} too.", param_hint=stated[0])
+        return None
+    return read_nameplate(
+        displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, swash_angle=swash_angle
+    )
 
 
-def _text(value: Any) -> str:
-    return ", ".join(f"{number:.6g}" for number in value) if isinstance(value, tuple) else f"{value:.6g}"
+def _effects(pump: "Pump") -> list[dict[str, Any]]:
+    """Effect of each number on the healthy pump's lines at its rated point, the largest first, and its origin."""
+    from swashtwin.foundation import InputError
+    from swashtwin.physics import Twin, sensitivities
+    from swashtwin.pump import OperatingCondition
+
+    if pump.rated is None:
+        raise InputError(f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file.")
+    with progress("changing one number at a time"):
+        twin = Twin(pump, OperatingCondition(pump.rated.speed, pump.rated.discharge_pressure))
+        return [
+            {"name": effect.path, "step": effect.step, "effect": effect.effect, "source": pump.sources[effect.path]}
+            for effect in sensitivities(twin)
+        ]
+
+
+def _show_effects(effects: list[dict[str, Any]], title: str) -> None:
+    rows = [(entry["name"], entry["step"], f"{entry['effect']:.2%}", entry["source"]) for entry in effects]
+    header = ("parameter", "changed by", "line amplitudes change by", "source")
+    table(f"{title}: healthy pump at its rated point", header, rows)
+
+
+def show_pump(
+    name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Show how much the vibration depends on each number, the largest first.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Every number of a pump in the units of the trade, with its source; with --json in SI units."""
+    from swashtwin.pump import available_pumps, load_pump, pump_numbers
+
+    pump = load_pump(name)
+    numbers = list(pump_numbers(pump))
+    parameters = [
+        {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
+        for path, value, unit in numbers
+    ]
+    derived = list(_derived(pump))
+    result: dict[str, Any] = {"name": pump.name, "parameters": parameters, "channels": pump.channels}
+    result |= {"available": available_pumps()}
+    result["derived"] = [{"name": words, "value": value, "unit": unit} for words, value, unit in derived]
+    if effects:
+        result["effects"] = _effects(pump)
+
+    def show() -> None:
+        rows = [(path, _in_trade_units(value, unit), pump.sources.get(path, "")) for path, value, unit in numbers]
+        table(pump.name, ("parameter", "value", "source"), rows)
+        table("What follows", ("", "value"), [(words, _in_trade_units(value, unit)) for words, value, unit in derived])
+        if effects:
+            _show_effects(result["effects"], "What the vibration depends on")
+
+    tell(result, as_json, show)
+
+
+def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
+    """(what, value, SI unit) of what follows from a pump's numbers."""
+    from math import pi
+
+    from swashtwin.pump import stroke_of
+
+    group = pump.rotating_group
+    yield "displacement per revolution", group.displacement, "m^3"
+    yield "stroke of a piston", stroke_of(group), "m"
+    yield "diameter of the pitch circle", 2 * group.pitch_radius, "m"
+    if pump.rated is not None:
+        turns = pump.rated.speed / (2 * pi)
+        at = f"at {_in_trade_units(pump.rated.speed, 'rad/s')}"
+        yield f"piston-pass frequency {at}", group.piston_count * turns, "Hz"
+        yield f"theoretical flow {at}", group.displacement * turns, "m^3/s"
+
+
+def _in_trade_units(value: Any, unit: str) -> str:
+    from swashtwin.pump import in_trade_units
+
+    return ", ".join(in_trade_units(number, unit, 5) for number in (value if isinstance(value, tuple) else (value,)))

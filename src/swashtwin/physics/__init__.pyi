@@ -41,6 +41,8 @@ from .twin.model import Twin as Twin
 from .twin.operating_profile import OperatingProfile as OperatingProfile
 from .twin.path import SensorPath as SensorPath
 from .twin.path import path_response as path_response
+from .twin.sensitivity import Sensitivity as Sensitivity
+from .twin.sensitivity import sensitivities as sensitivities
 from .twin.steady import steady_blocks as steady_blocks
 from .twin.steady import whole_revolutions as whole_revolutions
 from .twin.transient import profile_blocks as profile_blocks
@@ -58,6 +60,7 @@ __all__ = [
     "PeriodicTerm",
     "PortChange",
     "Scales",
+    "Sensitivity",
     "SensorPath",
     "SlipperContact",
     "SlipperFilm",
@@ -85,6 +88,7 @@ __all__ = [
     "prepare",
     "profile_blocks",
     "recess_of",
+    "sensitivities",
     "simulate_profile",
     "slipper_displacements",
     "steady_blocks",

@@ -27,6 +27,9 @@ from .faults import fault_type as fault_type
 from .faults import is_healthy as is_healthy
 from .faults import is_same_class as is_same_class
 from .faults import register_fault as register_fault
+from .geometry import stroke_of as stroke_of
+from .numbers import pump_numbers as pump_numbers
+from .numbers import with_number as with_number
 from .parameters import LETTERS as LETTERS
 from .parameters import PARAMETERS as PARAMETERS
 from .parameters import Bearings as Bearings
@@ -34,9 +37,14 @@ from .parameters import Interface as Interface
 from .parameters import Interfaces as Interfaces
 from .parameters import InterfaceValue as InterfaceValue
 from .parameters import Pump as Pump
+from .parameters import Rated as Rated
 from .parameters import Sensor as Sensor
 from .parsing import read_condition as read_condition
 from .parsing import read_fault as read_fault
+from .scaling import Nameplate as Nameplate
+from .scaling import read_nameplate as read_nameplate
+from .scaling import scaled_pump as scaled_pump
+from .writing import in_trade_units as in_trade_units
 
 __all__ = [
     "CLASSES",
@@ -55,9 +63,11 @@ __all__ = [
     "InterfaceValue",
     "Interfaces",
     "LooseSlipper",
+    "Nameplate",
     "OperatingCondition",
     "PistonWear",
     "Pump",
+    "Rated",
     "SealingLandScratch",
     "Sensor",
     "SwashPlateDefect",
@@ -67,13 +77,19 @@ __all__ = [
     "canonical_label",
     "fault_type",
     "group_by_condition",
+    "in_trade_units",
     "is_healthy",
     "is_same_class",
     "load_pump",
     "merge_close_values",
     "new_pump",
+    "pump_numbers",
     "read_condition",
     "read_fault",
+    "read_nameplate",
     "register_fault",
+    "scaled_pump",
+    "stroke_of",
     "values_match",
+    "with_number",
 ]

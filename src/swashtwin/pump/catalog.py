@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, write_text
+from swashtwin.pump.geometry import require_sound_geometry
 from swashtwin.pump.parameters import (
     Bearings,
     Coupling,
@@ -24,10 +25,13 @@ from swashtwin.pump.parameters import (
     Oil,
     Positions,
     Pump,
+    Rated,
     RotatingGroup,
     Sensor,
     ValvePlate,
 )
+from swashtwin.pump.scaling import Nameplate, scaled_pump
+from swashtwin.pump.writing import pump_text
 
 FORMAT = 1
 
@@ -157,7 +161,7 @@ def load_pump(name: str | Path) -> Pump:
         table = tomllib.loads(text)
         if table.get("format") != FORMAT:
             raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
-        _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors"), "the pump")
+        _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors", "rated"), "the pump")
         parts = {key: _section(kind, table.get(key), key, sources) for key, kind in SECTIONS.items()}
         joints = table.get("interfaces", {})
         if not isinstance(joints, dict):
@@ -169,35 +173,52 @@ def load_pump(name: str | Path) -> Pump:
                 for item in fields(Interfaces)
             }
         )
-        return Pump(
+        pump = Pump(
             name=str(table.get("name", Path(origin).stem)),
             sensors=_sensors(table.get("sensors"), sources),
+            rated=_section(Rated, table["rated"], "rated", sources) if "rated" in table else None,
             sources=sources,
             **parts,
         )
+        require_sound_geometry(pump)
+        return pump
     except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{origin}: not valid TOML: {cause}.") from cause
     except (DataError, UnitError, InputError) as cause:
         raise type(cause)(f"{origin}: {cause}") from cause
 
 
-def new_pump(name: str, *, like: str | Path = "25scy14-1b", folder: Path = Path()) -> Path:
-    """Path of a commented copy of pump `like`, to be edited.
+def new_pump(
+    name: str, *, like: str | Path = "25scy14-1b", nameplate: Nameplate | None = None, folder: Path = Path()
+) -> Path:
+    """Path of a new pump file, to be edited: a commented copy of pump `like`, or that pump scaled to a nameplate.
+
+    Parameters
+    ----------
+    nameplate : displacement, number of pistons, rated speed and pressure; the new pump is similar to `like`
+        (`scaled_pump`), and the source of each number says whether it is the nameplate's, scaled, or a guess.
 
     Raises
     ------
     InputError
-        The file exists already (nothing is overwritten), or the name is none for a file.
+        The file exists already (nothing is overwritten), the name is none for a file, or the parts of the scaled pump
+        do not fit each other.
     DataError, UnitError
         Pump `like` is damaged.
     """
     if not re.fullmatch(r"\w[\w.-]*", name):
         raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
-    load_pump(like)
+    original = load_pump(like)
     text, origin = _text_of(like)
     target = Path(folder) / f"{name}.toml"
     if target.exists():
         raise InputError(f"{target} exists already; choose another name or remove it.")
+    if nameplate is not None:
+        comment = (
+            f"Scaled from {original.name} to a nameplate, by similarity (docs/recordings.md, another pump).\n"
+            "Each source begins with nameplate, scaled (with its law) or guess. Replace guesses by what you know."
+        )
+        return write_text(target, pump_text(scaled_pump(original, nameplate, name), comment))
     head, mark, tables = text.partition("\n[")
     head = re.sub(r"(?m)^name\s*=.*\n?", "", head)
     comment = f"# Copied from {origin}; edit the values and their sources.\n"

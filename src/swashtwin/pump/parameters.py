@@ -338,6 +338,16 @@ class Interfaces:
 
 
 @dataclass(frozen=True)
+class Rated:
+    """Operating point that the pump is made for; port timing and interface values of its file hold there."""
+
+    speed: float = _unit("rad/s")
+    """Angular speed of the shaft [rad/s]."""
+    discharge_pressure: float = _unit("Pa")
+    """Discharge pressure [Pa]."""
+
+
+@dataclass(frozen=True)
 class Sensor:
     """One accelerometer on the shell."""
 
@@ -368,6 +378,8 @@ class Pump:
     """Nominal (the paper's *empirical*) values."""
     sensors: tuple[Sensor, ...]
     """Accelerometers, one channel each."""
+    rated: Rated | None = field(default=None, compare=False)
+    """Operating point that it is made for, or None where its file states none."""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     """Where each number comes from, by its path such as ``masses.shell``."""
 

@@ -1,0 +1,247 @@
+"""A pump scaled from its nameplate: geometric similarity to a pump whose parameters are known.
+
+Ratios of the new pump to the original: length L (pitch radius), bore D (piston diameter), stroke S, count N of pistons,
+pressure P and speed W of the nameplates. The bores keep their share of the pitch circle's chord, so that
+
+    D = L sin(pi/n) / sin(pi/n0),    S = L tan(gamma) / tan(gamma0),    N D^2 S = V_g / V_g0
+
+and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3). Masses follow L^3,
+inertias L^5, structural stiffnesses L: the laws of similarity for one material (M. Weber, *Das allgemeine
+Ähnlichkeitsprinzip der Physik*, 1930; for machines of one series Pahl and Beitz, *Engineering Design*, size ranges).
+The other laws are our own derivations from the films and volumes of docs/physics.md, section 4:
+
+- gaps grow with the part that they belong to, the oil is the same: a squeeze film's damping mu a^4 / h^3 follows its
+  length, its stiffness p a^2 / h the pressure times its length, a fluid column's stiffness B A^2 / V the ratio D^2 / S;
+- an unbalance keeps its quality grade, e omega (ISO 21940-11);
+- a relief groove passes V p omega / B within its angle, at sqrt(p): its area follows D^2 S W sqrt(P);
+- the kidneys open where a closed chamber has reached the pressure, as early or late about that as in the original.
+"""
+
+import math
+import re
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+from swashtwin.foundation import InputError, UnitError, parse
+from swashtwin.pump.condition import OperatingCondition
+from swashtwin.pump.geometry import compression_angle, decompression_angle, require_sound_geometry
+from swashtwin.pump.parameters import Pump, Rated
+
+_PER_TURN = re.compile(r"\s*(?:/|per)\s*(?:rev(?:olution)?|r|U|turn)\.?\s*$")
+_CUBIC = re.compile(r"\b(cm|dm|mm|m)(?:3|³)|\bccm\b")
+
+
+@dataclass(frozen=True)
+class Nameplate:
+    """What the plate on a pump, or its data sheet, says.
+
+    Raises
+    ------
+    InputError
+        No axial piston pump has such a plate.
+    """
+
+    displacement: float
+    """Volume per revolution [m^3]."""
+    piston_count: int
+    """Number of pistons."""
+    speed: float
+    """Rated angular speed [rad/s]."""
+    discharge_pressure: float
+    """Rated discharge pressure [Pa]."""
+    swash_angle: float | None = None
+    """Inclination of the swash plate at full displacement [rad]; None takes the original's."""
+
+    def __post_init__(self) -> None:
+        OperatingCondition(self.speed, self.discharge_pressure)
+        if not 1e-8 <= self.displacement <= 5e-3:
+            raise InputError(
+                f"displacement ({self.displacement * 1e6:.4g} mL per revolution) must lie in 0.01...5000 mL; look for "
+                "a slip of the unit."
+            )
+        if not 3 <= self.piston_count <= 19:
+            raise InputError(f"piston_count ({self.piston_count}) must lie in 3...19; most pumps have 7 or 9.")
+        if self.swash_angle is not None and not 0 < self.swash_angle < math.radians(45):
+            raise InputError(f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg.")
+
+
+def read_nameplate(
+    *, displacement: str, pistons: int, speed: str, pressure: str, swash_angle: str | None = None
+) -> Nameplate:
+    """Nameplate of quantities with units, such as ``"45 cm3/rev"``, ``"1500 rpm"``, ``"280 bar"``, ``"17 deg"``.
+
+    Raises
+    ------
+    UnitError
+        A number without a unit, or with one of another dimension.
+    InputError
+        No axial piston pump has such a plate.
+    """
+    volume = _CUBIC.sub(lambda match: f"{match[1] or 'cm'}^3", _PER_TURN.sub("", displacement))
+    try:
+        size = parse(volume, "m^3", name="displacement")
+    except UnitError as cause:
+        raise UnitError(
+            f'displacement = {displacement!r} is no volume per revolution; write it as "45 cm3/rev" or "45 mL".'
+        ) from cause
+    return Nameplate(
+        size,
+        pistons,
+        parse(speed, "rad/s", name="speed"),
+        parse(pressure, "Pa", name="pressure"),
+        None if swash_angle is None else parse(swash_angle, "rad", name="swash_angle"),
+    )
+
+
+_LAWS: dict[str, tuple[str, str]] = {
+    "rotating_group.piston_diameter": ("D", "bores keep their share of the pitch circle"),
+    "rotating_group.pitch_radius": ("L", "set by the nameplate's displacement"),
+    "rotating_group.slipper_diameter": ("D", "as the bore"),
+    "rotating_group.pocket_diameter": ("D", "as the bore"),
+    "rotating_group.orifice_diameter": ("D", "as the bore"),
+    "rotating_group.orifice_length": ("S", "as the stroke"),
+    "rotating_group.piston_clearance": ("D", "as the bore"),
+    "rotating_group.piston_guide_length": ("S", "as the stroke"),
+    "rotating_group.slipper_film": ("D", "as the bore"),
+    "rotating_group.dead_volume": ("D^2 S", "as the volume of a stroke"),
+    "valve_plate.port_ramp": ("D/L", "angle of a bore on the pitch circle"),
+    "valve_plate.film": ("L", "as the length"),
+    "valve_plate.outer_land_outer_radius": ("L", "as the length"),
+    "valve_plate.outer_land_inner_radius": ("L", "as the length"),
+    "valve_plate.inner_land_outer_radius": ("L", "as the length"),
+    "valve_plate.inner_land_inner_radius": ("L", "as the length"),
+    "valve_plate.film_radius": ("L", "as the length"),
+    "line.volume": ("N D^2 S", "as the displacement; measure yours"),
+    "masses.shell": ("L^3", "as the volume"),
+    "masses.shell_inertia": ("L^5", "mass times length squared"),
+    "masses.rotor": ("L^3", "as the volume"),
+    "masses.rotor_inertia": ("L^5", "mass times length squared"),
+    "masses.retainer": ("L^3", "as the volume"),
+    "masses.piston_slipper": ("D^2 S", "as the volume"),
+    "masses.rotor_eccentricity": ("1/W", "the quality grade of balancing stays, ISO 21940-11"),
+    "positions.shell": ("L", "as the length"),
+    "positions.rotor": ("L", "as the length"),
+    "positions.valve_plate": ("L", "as the length"),
+    "positions.mount": ("L", "as the length"),
+    "mount.stiffness_x": ("L", "a structure of one material; yours depends on its bracket"),
+    "mount.stiffness_y": ("L", "a structure of one material; yours depends on its bracket"),
+    "mount.stiffness_z": ("L", "a structure of one material; yours depends on its bracket"),
+    "mount.stiffness_tilt": ("L^3", "stiffness times length squared; yours depends on its bracket"),
+    "bearings.positions": ("L", "as the length"),
+    "bearings.stiffnesses": ("L", "as the length; the load's small power is left out"),
+    "bearings.axial_stiffness": ("L", "as the length"),
+    "coupling.spring_stiffness": ("L", "as the length"),
+    "coupling.spring_preload": ("L^2", "equal stress"),
+    "interfaces.slipper_swash.damping": ("N D", "squeeze films of equal proportions"),
+    "interfaces.slipper_swash.stiffness": ("N P D", "hydrostatic films of equal proportions"),
+    "interfaces.block_valve.damping": ("L", "squeeze film of equal proportions"),
+    "interfaces.block_valve.stiffness": ("P L", "hydrostatic film of equal proportions"),
+    "interfaces.piston_bore.damping": ("N S", "sheared film of equal proportions"),
+    "interfaces.piston_bore.stiffness": ("N D^2/S", "fluid columns"),
+    "sensors.position": ("L", "as the length; say where yours are"),
+}
+"""Law of each number that scales, in the ratios of the module's docstring, and why."""
+
+
+def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
+    """Pump `name` of a nameplate, similar to `original`; the source of each number says what it rests on.
+
+    A source begins with ``nameplate``, with ``scaled`` (and the law), or with ``guess`` (as in the original).
+
+    Raises
+    ------
+    InputError
+        `original` states no rated operating point, or the parts of the new pump do not fit each other.
+    """
+    if original.rated is None:
+        raise InputError(
+            f"{original.name} states no [rated] speed and discharge_pressure to scale from; add them to its file."
+        )
+    ratios = _ratios(original, original.rated, nameplate)
+    stated = {
+        "rotating_group.piston_count": nameplate.piston_count,
+        "rotating_group.swash_angle": nameplate.swash_angle,
+        "rated.speed": nameplate.speed,
+        "rated.discharge_pressure": nameplate.discharge_pressure,
+    }
+    sources: dict[str, str] = {}
+
+    def scaled(value: Any, path: str, law_of: str) -> Any:
+        if stated.get(path) is not None:
+            sources[path] = "nameplate"
+            return stated[path]
+        law, reason = _LAWS.get(law_of, ("", ""))
+        factor = _power(law, ratios)
+        there = f"{original.name} ({original.sources.get(path, 'no source')})"
+        sources[path] = f"scaled: {law} = {factor:.4g}, {reason}, of {there}" if law else f"guess: as {there}"
+        if not law:
+            return value
+        return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor
+
+    def section(part: Any, path: str) -> Any:
+        if not is_dataclass(part) or isinstance(part, type):
+            return scaled(part, path, path)
+        names = [item.name for item in fields(part)]
+        return replace(part, **{name: section(getattr(part, name), f"{path}.{name}") for name in names})
+
+    parts = {item.name: getattr(original, item.name) for item in fields(original)}
+    changes = {name: section(part, name) for name, part in parts.items() if is_dataclass(part)}
+    changes["sensors"] = tuple(
+        replace(sensor, position=scaled(sensor.position, f"sensors[{index}].position", "sensors.position"))
+        for index, sensor in enumerate(original.sensors)
+    )
+    pump = _with_timing(Pump(name=name, sources=sources, **changes), original, original.rated, ratios, sources)
+    require_sound_geometry(pump)
+    return pump
+
+
+def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, float]:
+    """Ratios of the new pump to the original by their letters."""
+    group, angle = original.rotating_group, nameplate.swash_angle or original.rotating_group.swash_angle
+    chord = math.sin(math.pi / nameplate.piston_count) / math.sin(math.pi / group.piston_count)
+    incline = math.tan(angle) / math.tan(group.swash_angle)
+    count = nameplate.piston_count / group.piston_count
+    length = (nameplate.displacement / group.displacement / (count * chord**2 * incline)) ** (1 / 3)
+    return {
+        "L": length,
+        "D": length * chord,
+        "S": length * incline,
+        "N": count,
+        "P": nameplate.discharge_pressure / rated.discharge_pressure,
+        "W": nameplate.speed / rated.speed,
+    }
+
+
+def _power(law: str, ratios: dict[str, float]) -> float:
+    """Factor of a law such as ``"N D^2/S"``."""
+    above, _, below = law.partition("/")
+    factor = 1.0
+    for text, sign in ((above, 1), (below, -1)):
+        for term in text.split():
+            letter, _, exponent = term.partition("^")
+            factor *= ratios.get(letter, 1.0) ** (sign * int(exponent or 1))
+    return factor
+
+
+def _with_timing(pump: Pump, original: Pump, rated: Rated, ratios: dict[str, float], sources: dict[str, str]) -> Pump:
+    """The pump with kidneys that open at the nameplate's pressure, and grooves that pass the oil of its compression."""
+    plate, values = original.valve_plate, {}
+    pressure = ratios["P"] * rated.discharge_pressure
+    for name, angle, event in (
+        ("discharge_open", compression_angle, "compression"),
+        ("suction_open", decompression_angle, "decompression"),
+    ):
+        before = angle(original.rotating_group, original.oil, rated.discharge_pressure)
+        after = angle(pump.rotating_group, pump.oil, pressure)
+        values[name] = getattr(plate, name) + after - before
+        sources[f"valve_plate.{name}"] = (
+            f"scaled: {event} at {pressure / 1e6:.4g} MPa takes {math.degrees(after):.3g} deg, "
+            f"{math.degrees(before):.3g} deg in {original.name}"
+        )
+    area = _power("D^2 S W", ratios) * math.sqrt(ratios["P"])
+    values["groove_slope"] = math.atan(math.tan(plate.groove_slope) * math.sqrt(area) / ratios["L"])
+    sources["valve_plate.groove_slope"] = (
+        f"scaled: area D^2 S W sqrt(P) = {area:.4g}, to pass the oil that compression takes, of {original.name} "
+        f"({original.sources.get('valve_plate.groove_slope', 'no source')})"
+    )
+    return replace(pump, valve_plate=replace(pump.valve_plate, **values))

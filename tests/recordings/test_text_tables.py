@@ -1,13 +1,15 @@
 """Text tables of every dialect are read, and what is not a number is named."""
 
 import gzip
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import load_recording
+from swashtwin.recordings import Recording, inspect_recording, load_recording, write_recording
+from swashtwin.recordings.formats import csv
 
 TABLES = {
     "comma": "a,b\n1.5,2\n-3e-1,4\n",
@@ -88,3 +90,140 @@ def test_a_blank_field_is_nan(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a,b\n1.5,2\n,3\n2.5,NaN\n")
     loaded = load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
     assert np.isnan(loaded.signal).tolist() == [[False, True, False], [False, False, True]]
+
+
+def rows_of(pattern: str, count: int = 60, step: float = 0.005) -> str:
+    """Rows with a time stamp every 5 ms from 8 o'clock on."""
+    start = datetime(2019, 9, 11, 8)
+    moments = (start + timedelta(seconds=step * number) for number in range(count))
+    return "".join(
+        moment.strftime(pattern.replace("%ms", f"{moment.microsecond // 1000:03d}").replace("%n", str(number)))
+        for number, moment in enumerate(moments)
+    )
+
+
+STAMPS = {
+    "ISO": "t,x\n" + rows_of("%Y-%m-%d %H:%M:%S.%ms,%n\n"),
+    "ISO with T and zone": "t,x\n" + rows_of("%Y-%m-%dT%H:%M:%S.%msZ,%n\n"),
+    "ISO and a status word": "t,x,status\n" + rows_of("%Y-%m-%d %H:%M:%S.%ms,%n,OK\n"),
+    "European": "Zeit;x\n" + rows_of("%d.%m.%Y %H:%M:%S,%ms;%n,0\n"),
+    "slashes": "when;x\n" + rows_of("%d/%m/%Y %H:%M:%S.%ms;%n\n"),
+    "American": "when;x\n" + rows_of("%m/%d/%Y %I:%M:%S.%ms AM;%n\n"),
+    "time of the day": "Uhrzeit\tx\n" + rows_of("%H:%M:%S.%ms\t%n\n"),
+    "date behind the time": "Time   \tx\t\n" + rows_of("%H:%M:%S.%ms %d-%m-%Y\t %n\n"),
+    "two columns": "Date;Time;x\n" + rows_of("%d.%m.%Y;%H:%M:%S.%ms;%n\n"),
+    "blanks, no header": rows_of("%Y-%m-%d %H:%M:%S.%ms %n\n"),
+}
+
+
+@pytest.mark.parametrize("text", STAMPS.values(), ids=STAMPS.keys())
+def test_time_stamps_give_the_rate(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    loaded = load_recording(tmp_path / "a.csv", unit="1")
+    assert loaded.sample_rate == 200.0
+    np.testing.assert_array_equal(loaded.signal, [np.arange(60)])
+
+
+def test_gaps_between_time_stamps_are_named(tmp_path: Path) -> None:
+    late = rows_of("%Y-%m-%d %H:%M:%S.%ms,%n\n").replace("08:00:00.2", "08:00:07.2")
+    (tmp_path / "a.csv").write_text("t,x\n" + late)
+    loaded = load_recording(tmp_path / "a.csv", unit="1")
+    assert "7.005 s at 0.195 s" in loaded.attributes["time_gaps"]
+
+
+def test_time_stamps_run_over_midnight(tmp_path: Path) -> None:
+    seconds = [86_399.0 + number / 100 for number in range(300)]
+    clocks = [f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f};{s}\n" for s in seconds]
+    (tmp_path / "a.csv").write_text("t;x\n" + "".join(clocks))
+    loaded = load_recording(tmp_path / "a.csv", unit="1")
+    assert (loaded.sample_rate, loaded.attributes.get("time_gaps")) == (100.0, None)
+
+
+def test_time_stamps_too_coarse_to_tell_the_rate_state_none(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x\n" + rows_of("%Y-%m-%d %H:%M:%S,%n\n", 640, 1 / 256))
+    with pytest.raises(DataError, match="does not say its sample rate"):
+        load_recording(tmp_path / "a.csv", unit="1")
+    assert load_recording(tmp_path / "a.csv", unit="1", sample_rate=256).n_samples == 640
+
+
+@pytest.mark.parametrize("empty", [0, 18, 59])
+def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> None:
+    words = ["" if number < empty else "ALARM" for number in range(60)]
+    (tmp_path / "a.csv").write_text("x,y,status\n" + "".join(f"{n}.5,{n},{word}\n" for n, word in enumerate(words)))
+    loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
+    np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60)])
+    notes = [finding.message for finding in inspect_recording(loaded).findings if finding.kind == "left_out"]
+    assert notes == ["columns that hold text or dates were left out: status."]
+
+
+def test_a_word_that_appears_late_in_a_blank_column_loses_no_row(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x;y;note\n" + "1;2;\n" * 2000 + "3;4;stopped\n")
+    loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
+    assert (loaded.n_samples, loaded.attributes["text_columns"]) == (2001, "note")
+
+
+def test_rows_without_a_value_at_the_end_are_left_out_and_others_are_nan(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x;y\n1;2\n;\n3;\n;\n;\n\n")
+    loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
+    np.testing.assert_array_equal(loaded.signal, [[1, np.nan, 3], [2, np.nan, np.nan]])
+
+
+def test_units_stand_in_a_second_line_of_headings(tmp_path: Path) -> None:
+    rows = "".join(f"{n / 100};{n};OK\n".replace(".", ",") for n in range(9))
+    (tmp_path / "a.csv").write_text("Drehzahl;1500 1/min\nDruck;120 bar\nZeit;Gehäuse;Status\ns;m/s²;-\n" + rows)
+    loaded = load_recording(tmp_path / "a.csv")
+    assert (loaded.channels, loaded.unit, loaded.sample_rate) == (("Gehäuse",), "m/s^2", 100.0)
+
+
+def test_numbered_columns_are_headings_and_no_samples(tmp_path: Path) -> None:
+    for head in ("time,1,2", "0,1,2"):
+        (tmp_path / "a.csv").write_text(f"{head}\n" + "".join(f"{n / 10},{n}.5,{n}\n" for n in range(9)))
+        assert load_recording(tmp_path / "a.csv", sample_rate=10, unit="1").n_samples == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y\n" + "1.5,2\n" * 17 + "1.5,overload\n" + "1.5,2\n" * 60, "line 19: 'overload' in column 'y'"),
+        ("x,y\noverload,2\n" + "1.5,2\n" * 60, "line 2: 'overload' in column 'x' is not a number"),
+        ("x\n" + "1.5\n" * 9 + "overload\n" + "1.5\n" * 60, "line 11: 'overload'"),
+        ("x,y\n1.5\n" + "1.5,2\n" * 60, "line 2 has 1 columns, not 2"),
+        ("x;y\n1,234;2\n1,500;3\n", "'1,234' may be 1234, or 1.234"),
+        ("x;y\n1.234,5;2\n-1.500,5;3\n", "'1.234,5' has marks for thousands"),
+        ("x;y\n" + "1,25;2\n" * 60 + "1.25;2\n", "line 62: '1.25' in column 'x'"),
+        ("x;y\n" + "1,25;2\n" * 60 + "1 025;2\n", "line 62: '1 025' in column 'x' has marks for thousands"),
+        ("t;x\n" + rows_of("%H:%M:%S.%ms;%n\n") + "later;7\n", "line 62: 'later' in column 't' is not a time stamp"),
+        ("Pump 3 runs\nPump 4 runs well\nmeasured, on Friday 3\n", "no table of numbers"),
+    ],
+)
+def test_no_row_is_lost_in_silence(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(DataError, match=message):
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+
+
+@pytest.mark.parametrize("rows_in_memory", [7, 1 << 24])
+def test_a_table_is_the_same_in_blocks(rows_in_memory: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv, "_BYTES", max(400, rows_in_memory))
+    (tmp_path / "a.csv").write_text("t;x;s\r\n" + rows_of("%d.%m.%Y %H:%M:%S,%ms;%n,5;OK\r\n", 400) + ";;\r\n\r\n")
+    loaded = load_recording(tmp_path / "a.csv", unit="1")
+    assert loaded.sample_rate == 200.0
+    np.testing.assert_array_equal(loaded.signal, [np.arange(400) + 0.5])
+
+
+def test_a_bomb_and_an_endless_line_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv, "_LONGEST_TEXT", 1 << 16)
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
+    with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
+        load_recording(tmp_path / "a.csv.gz", sample_rate=1, unit="1")
+    monkeypatch.setattr(csv, "_BYTES", 1 << 10)
+    (tmp_path / "a.csv").write_text("1" * (1 << 13))
+    with pytest.raises(DataError, match="has a line of more than"):
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+
+
+def test_a_name_like_a_formula_is_no_formula_in_the_file(tmp_path: Path) -> None:
+    recording = Recording(np.array([[1.0, 2.0, 3.0]]), 10.0, "a", channels=("=HYPERLINK(1)",), unit="1")
+    path = write_recording(recording, tmp_path / "a.csv")
+    assert "'=HYPERLINK(1) [1]" in path.read_text()
+    assert load_recording(path, unit="1").channels == ("=HYPERLINK(1)",)

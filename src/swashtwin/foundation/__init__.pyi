@@ -22,6 +22,7 @@ from .errors import UnitError as UnitError
 from .files import replacing as replacing
 from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
+from .files import spreadsheet_text as spreadsheet_text
 from .files import whole_folder as whole_folder
 from .files import write_text as write_text
 from .multiple_testing import holm_correction as holm_correction
@@ -76,6 +77,7 @@ __all__ = [
     "rpm",
     "select_prefix",
     "sha256_of",
+    "spreadsheet_text",
     "stream",
     "um",
     "whole_folder",

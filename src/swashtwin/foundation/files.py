@@ -53,6 +53,17 @@ def write_text(path: Path, text: str) -> Path:
     return Path(path)
 
 
+def spreadsheet_text(text: str) -> str:
+    """`text` as a cell of a CSV file that no spreadsheet takes for a formula.
+
+    Examples
+    --------
+    >>> spreadsheet_text("=1+1"), spreadsheet_text("normal")
+    ("'=1+1", 'normal')
+    """
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:
     """Refuse `count` files of `bytes_each` for which the disk of an existing `folder` has too little space.
 

@@ -9,7 +9,7 @@ from swashtwin.recordings.checks.channels import channel_findings
 from swashtwin.recordings.checks.comparison import duplicates, thin_classes, unequal
 from swashtwin.recordings.checks.findings import ChannelReport, InspectionReport, RecordingReport
 from swashtwin.recordings.checks.speed_and_rate import contradicted_speed, implausible_rate
-from swashtwin.recordings.checks.usability import unfit
+from swashtwin.recordings.checks.usability import left_out, unfit
 from swashtwin.recordings.recording import Recording
 
 
@@ -24,7 +24,7 @@ def inspect_recording(recording: Recording) -> RecordingReport:
         reports.append(ChannelReport(name, float(values.min()), float(values.max()), rms, float(values.std())))
         if len(finite) and np.ptp(finite) > 0:
             findings += channel_findings(name, row, recording)
-    findings += [*contradicted_speed(recording), *implausible_rate(recording)]
+    findings += [*contradicted_speed(recording), *implausible_rate(recording), *left_out(recording)]
     return RecordingReport(
         recording.recording_id,
         recording.sample_rate,

@@ -51,6 +51,13 @@ def unfit(recording: Recording) -> Iterator[Finding]:
         yield Finding("short", "error", None, message)
 
 
+def left_out(recording: Recording) -> Iterator[Finding]:
+    """A note on the columns of a text table that hold no samples."""
+    for key, reason in (("text_columns", "hold text or dates"), ("blank_columns", "are blank")):
+        if names := recording.attributes.get(key):
+            yield Finding("left_out", "note", None, f"columns that {reason} were left out: {names}.")
+
+
 class _Range:
     """Least and greatest sample of a channel, and how many samples are no finite numbers."""
 

@@ -1,48 +1,54 @@
-"""Text tables: any separator, decimal comma, a block of header lines, plain or gzipped."""
+"""Text tables: any separator, decimal comma, a block of header lines, time stamps, plain or gzipped."""
 
-import csv
+import codecs
 import gzip
 import io
-import re
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, require_disk_space, spreadsheet_text
+from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
-from swashtwin.recordings.formats.tables import split_unit, timed_columns
+from swashtwin.recordings.formats.tables import time_name, timed_columns
+from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column, SideBySide
+from swashtwin.recordings.samples import SideBySide
 
-_SEPARATORS = ("\t", ";", ",", "|", " ")
-_NUMBER = {
-    ".": re.compile(r"\s*([+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
-    ",": re.compile(r"\s*([+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf))?\s*", re.IGNORECASE),
-}
 _BYTES = 1 << 24
-"""Bytes of text that are in memory together."""
-_DIALECT_LINES = 40
-"""Lines from which the dialect is detected."""
+"""Bytes of text that are in memory together, and the longest line."""
+_EXPANSION = 300
+"""Bytes of text per byte of a gzipped file beyond which it holds no measurement."""
+_LONGEST_TEXT = 1 << 28
+"""Bytes of text that any gzipped file may hold."""
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Columns, rate and units of a text table. The numbers of a large one are kept in a temporary file."""
+    """Columns, rate and units of a text table. The numbers of a large one are kept in a temporary file.
+
+    Columns of text are left out; the attribute ``text_columns`` names them. A column of time stamps gives the rate
+    where no column of numbers is the time.
+    """
     table = _Table(path, options)
     spool = tempfile.SpooledTemporaryFile(max_size=_BYTES)  # noqa: SIM115
+    folder = Path(tempfile.gettempdir())
     try:
         count = 0
         for block in table.blocks():
+            require_disk_space(folder, 1, block.nbytes)
             spool.write(block.tobytes())
             count += len(block)
     except BaseException:
         spool.close()
         raise
-    width = len(table.names)
+    width = len(table.columns)
 
     def rows(start: int, stop: int) -> np.ndarray:
         flat = np.empty((stop - start) * width)
@@ -52,7 +58,7 @@ def read(path: Path, options: Options) -> RawFile:
 
     side_by_side = SideBySide(rows, (width, count))
     weakref.finalize(side_by_side, spool.close)
-    return table.columns(side_by_side.columns(), options)
+    return table.raw_file(side_by_side, options)
 
 
 class _Table:
@@ -60,186 +66,220 @@ class _Table:
 
     def __init__(self, path: Path, options: Options) -> None:
         self._path = path
-        self._text = _lines(path)
-        first = next(self._text, [])
-        self._separator, self._decimal, start = _dialect(path, first, options)
-        self._width = len(_fields(first[start], self._separator))
-        self._first, self._start = first[start:], start
-        self.names, self._units = _header(first, start, self._separator, self._width)
-        self._attributes = {"header": "\n".join(first[:start])[:2000]} if start > 1 else {}
+        self._chunks = _chunks(path)
+        self._first = next(self._chunks, b"")
+        head = self._first.split(b"\n", HEAD + 40)[: HEAD + 40]
+        lines = [_decode(line) for line in head]
+        self._dialect = dialect_of(path, lines, options)
+        self._separator = self._dialect.separator.encode()
+        self._kinds = list(self._dialect.kinds)
+        self._has_values = [kind is Kind.number for kind in self._kinds]
+        self._stamps = {column: StampReader() for column, kind in enumerate(self._kinds) if kind is Kind.stamp}
+        self._line = self._dialect.start
+        start = self._dialect.start
+        self._attributes = {"header": "\n".join(lines[:start])[:2000]} if start > 1 else {}
+        self._first = self._first.split(b"\n", start)[-1]
+
+    @property
+    def columns(self) -> list[int]:
+        """Columns of numbers and time stamps, and those that are blank so far."""
+        return [number for number, kind in enumerate(self._dialect.kinds) if kind not in (Kind.text, Kind.date)]
 
     def blocks(self) -> Iterator[Float[np.ndarray, "time channel"]]:
-        """The numbers, in blocks of rows."""
-        line, empty_end = self._start, False
-        for lines, more in _with_more(chain([self._first], self._text)):
-            while not more and lines and not lines[-1].strip():
-                lines.pop()
-            if not lines:
+        """The numbers and seconds of `columns`, in blocks of rows; rows without a value at the end are left out."""
+        blank_lines, blank_rows = 0, 0
+        for chunk in chain([self._first], self._chunks):
+            text = _trimmed(chunk, self._separator)
+            body = text.rstrip(b"\n")
+            if not body:
+                blank_lines += len(text)
                 continue
-            block = _numbers(self._path, lines, self._separator, self._decimal, self._width, line)
-            if line == self._start and np.isnan(block[:, -1]).all() and lines[0].endswith(self._separator):
-                empty_end = True
-                self.names = self.names[:-1]
-            if empty_end and not np.isnan(block[:, -1]).all():
-                raise DataError(f"{self._path}: the last column is empty up to line {line} and holds numbers after it.")
-            yield block[:, :-1] if empty_end else block
-            line += len(lines)
+            body = b"\n" * blank_lines + body
+            blank_lines += max(0, len(text) - len(body) - 1)
+            frame = self._frame(body)
+            block = self._numbers(frame, body)
+            self._line += len(block)
+            stop = _last_value(frame)
+            if stop:
+                yield np.full((blank_rows, block.shape[1]), np.nan)
+                yield block[:stop]
+                blank_rows = 0
+            blank_rows += len(block) - stop
 
-    def columns(self, columns: Sequence[Column] | np.ndarray, options: Options) -> RawFile:
-        """The columns under their names, the time as the rate."""
-        named = dict(zip(self.names, columns, strict=True))
-        return timed_columns(self._path, named, self._units, self._attributes, options)
+    def _frame(self, body: bytes) -> Any:
+        """The fields of whole lines as a table of polars; a blank field is null."""
+        polars = load_extra("polars")
+        comma = self._dialect.decimal == ","
+        numbers = polars.String if comma and b"." in body else polars.Float64  # polars takes a point for a comma, too
+        kinds = {Kind.number: numbers, Kind.blank: polars.Float64}
+        try:
+            frame = polars.read_csv(
+                io.BytesIO(body),
+                has_header=False,
+                separator=self._separator.decode(),
+                decimal_comma=comma,
+                quote_char='"' if b'"' in body else None,
+                encoding="utf8-lossy",
+                schema={str(column): kinds.get(kind, polars.String) for column, kind in enumerate(self._kinds)},
+            )
+        except polars.exceptions.PolarsError as cause:
+            if self._words_appear(body):
+                return self._frame(body)
+            raise self._damage(body) from cause
+        lines = body.count(b"\n") + 1
+        if frame.height != lines or (
+            b'"' not in body and body.count(self._separator) != lines * (len(self._kinds) - 1)
+        ):
+            raise self._damage(body)
+        return frame
+
+    def _numbers(self, frame: Any, body: bytes) -> Float[np.ndarray, "time channel"]:
+        """Numbers, and seconds of time stamps, of the `columns` of a table of polars."""
+        polars = load_extra("polars")
+        block = np.full((frame.height, len(self.columns)), np.nan)
+        for position, column in enumerate(self.columns):
+            series, kind = frame[str(column)], self._kinds[column]
+            if kind is Kind.text:
+                continue
+            missing = series.null_count()
+            if kind is Kind.stamp:
+                values = self._stamps[column].seconds(series)
+            elif series.dtype == polars.String:
+                pure = series.set(series.str.contains(".", literal=True), None)
+                values = pure.str.replace(",", ".", literal=True).cast(polars.Float64, strict=False)
+                if values.null_count() != missing:
+                    raise self._damage(body)
+                values = values.to_numpy()
+            else:
+                values = series.to_numpy()
+            if kind is Kind.stamp and int(np.isnan(values).sum()) != missing:
+                raise self._damage(body)
+            block[:, position] = values
+            self._has_values[column] |= missing < frame.height
+        return block
+
+    def _words_appear(self, body: bytes) -> bool:
+        """Whether columns that were blank so far turn out to be text; they are then left out."""
+        blank = [column for column, kind in enumerate(self._kinds) if kind is Kind.blank]
+        rows = [split_line(_decode(line), self._dialect.separator) for line in body.split(b"\n")] if blank else []
+        number = NUMBER[self._dialect.decimal]
+        wordy = [
+            column
+            for column in blank
+            if not self._has_values[column]
+            and any(row[column : column + 1] and row[column] and not number.fullmatch(row[column]) for row in rows)
+        ]
+        for column in wordy:
+            self._kinds[column] = Kind.text
+        return bool(wordy)
+
+    def _damage(self, body: bytes) -> DataError:
+        """The first row that cannot be read, in words."""
+        decimal, width = self._dialect.decimal, len(self._kinds)
+        for number, line in enumerate(body.split(b"\n"), self._line + 1):
+            fields = split_line(_decode(line), self._dialect.separator)
+            if len(fields) != width:
+                return DataError(
+                    f"{self._path}: line {number} has {len(fields)} columns, not {width}; the file may be cut off."
+                )
+            for field, kind, name in zip(fields, self._kinds, self._dialect.names, strict=True):
+                if kind in (Kind.number, Kind.blank) and field and not NUMBER[decimal].fullmatch(field):
+                    reason = "is not a number"
+                    if THOUSANDS.fullmatch(field):
+                        reason = "has marks for thousands; write the numbers without them"
+                    elif number <= HEAD:
+                        reason += f"; correct it, or say header_lines = {number} if the table begins below it"
+                    return DataError(f"{self._path}: line {number}: {field[:40]!r} in column {name!r} {reason}.")
+                if kind is Kind.stamp and field and not is_stamp(field):
+                    return DataError(
+                        f"{self._path}: line {number}: {field[:40]!r} in column {name!r} is not a time stamp."
+                    )
+        return DataError(f"{self._path}: the rows after line {self._line} cannot be read; the file is damaged.")
+
+    def raw_file(self, samples: SideBySide, options: Options) -> RawFile:
+        """The columns under their names, the time as the rate, and which columns were left out."""
+        names = self._dialect.names
+        columns = {names[column]: values for column, values in zip(self.columns, samples.columns(), strict=True)}
+        blank = [names[column] for column in self.columns if not self._has_values[column]]
+        stamps = {names[column]: reader for column, reader in self._stamps.items() if names[column] not in blank}
+        words = [names[column] for column, kind in enumerate(self._kinds) if kind in (Kind.text, Kind.date)]
+        columns = {name: values for name, values in columns.items() if name not in blank}
+        time = time_name(self._path, list(columns), options) or next(iter(stamps), None)
+        left_out = {
+            "text_columns": [*words, *(name for name in stamps if name != time)],
+            "blank_columns": [name for name in blank if name not in words and not name.startswith("column_")],
+        }
+        attributes = self._attributes | {key: ", ".join(texts) for key, texts in left_out.items() if texts}
+        if time in stamps and stamps[time].start is not None:
+            attributes["date"] = str(stamps[time].start)
+        columns = {name: values for name, values in columns.items() if name == time or name not in stamps}
+        units = {name: unit for name, unit in self._dialect.units.items() if name in columns and name not in stamps}
+        return timed_columns(self._path, columns, units, attributes, replace(options, time_column=time))
 
 
-def _with_more(parts: Iterable[list[str]]) -> Iterator[tuple[list[str], bool]]:
-    """Each part, and whether a line with something in it comes after it."""
-    waiting: list[list[str]] = []
-    for part in parts:
-        if any(line.strip() for line in part):
-            yield from ((earlier, True) for earlier in waiting)
-            waiting = []
-        waiting.append(part)
-    yield from ((last, False) for last in waiting)
+def _last_value(frame: Any) -> int:
+    """Rows up to the last that has a value."""
+    polars = load_extra("polars")
+    if any(value is not None for value in frame.row(-1)):
+        return int(frame.height)
+    has_value = frame.select(polars.any_horizontal(polars.all().is_not_null())).to_series().to_numpy()
+    return int(np.flatnonzero(has_value)[-1]) + 1 if has_value.any() else 0
 
 
 def write(recording: Recording, path: Path) -> None:
     """Write time and channels as comma-separated text, full double precision."""
     polars = load_extra("polars")
     table = {"time [s]": recording.time}
-    table |= {f"{name} [{recording.unit}]": row for name, row in zip(recording.channels, recording.signal, strict=True)}
+    headings = [spreadsheet_text(f"{name} [{recording.unit}]") for name in recording.channels]
+    table |= dict(zip(headings, recording.signal, strict=True))
     with path.open("wb") as file:
         polars.DataFrame(table).write_csv(file)
 
 
-def _lines(path: Path) -> Iterator[list[str]]:
-    """Lines of the file, in lists of some megabytes."""
+def _chunks(path: Path) -> Iterator[bytes]:
+    """Whole lines of the file in UTF-8 or Latin-1, some megabytes at a time, each ended by a line feed."""
     with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
-        data = file.read(_BYTES)
-        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            yield (data + file.read()).decode("utf-16").splitlines()
-            return
-        if b"\0" in data[:4096]:
-            raise DataError(f"{path} is a binary file, not a text table.")
-        while data:
-            data += file.readline()
-            yield _decode(data).splitlines()
-            data = file.read(_BYTES)
+        rest, total, decoder = b"", 0, None
+        limit = _EXPANSION * path.stat().st_size if path.suffix.lower() == ".gz" else 0
+        while data := file.read(_BYTES):
+            if not total:
+                decoder = codecs.getincrementaldecoder("utf-16")() if data[:2] in (b"\xff\xfe", b"\xfe\xff") else None
+                data = data.removeprefix(codecs.BOM_UTF8)
+                if decoder is None and b"\0" in data[:4096]:
+                    raise DataError(f"{path} is a binary file, not a text table.")
+            total += len(data)
+            if limit and total > max(limit, _LONGEST_TEXT):
+                raise DataError(f"{path} unpacks to more than {_EXPANSION} times its size; that is no measurement.")
+            data = rest + (data if decoder is None else decoder.decode(data).encode())
+            end = 1 + max(data.rfind(b"\n"), -1 if b"\n" in data else data[:-1].rfind(b"\r"))
+            if not end and len(data) > _BYTES:
+                raise DataError(f"{path} has a line of more than {_BYTES >> 20} MB; that is no table.")
+            rest = data[end:]
+            if end:
+                yield _with_line_feeds(data[:end])
+        if rest:
+            yield _with_line_feeds(rest)
+
+
+def _with_line_feeds(data: bytes) -> bytes:
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
 
 
 def _decode(data: bytes) -> str:
     try:
-        return data.decode("utf-8-sig")
+        return data.decode()
     except UnicodeDecodeError:
         return data.decode("latin-1")
 
 
-def _fields(line: str, separator: str) -> list[str]:
-    return line.split() if separator == " " else line.split(separator)
-
-
-def _is_row(line: str, separator: str, decimal: str) -> int:
-    """Number of columns of a line of numbers, 0 where it is none."""
-    fields = _fields(line, separator)
-    numeric = all(_NUMBER[decimal].fullmatch(text) for text in fields) and any(text.strip() for text in fields)
-    return len(fields) if numeric else 0
-
-
-def _dialect(path: Path, lines: list[str], options: Options) -> tuple[str, str, int]:
-    """Separator, decimal mark, and the number of the first line of samples."""
-    separators = (options.separator,) if options.separator else _SEPARATORS
-    decimals = (options.decimal,) if options.decimal else (".", ",")
-    best: tuple[int, str, str, int] | None = None
-    for separator in separators:
-        for decimal in decimals:
-            if decimal == separator:
-                continue
-            start, n_columns = _first_row(lines, separator, decimal, options.header_lines)
-            if n_columns and (best is None or (n_columns, -start) > (best[0], -best[3])):
-                best = (n_columns, separator, decimal, start)
-    if best is None:
-        raise DataError(
-            f"{path} holds no table of numbers that could be found; say how it is written, "
-            'for example separator = ";", decimal = ",", header_lines = 8.'
-        )
-    _refuse_ambiguous(path, lines, best, options)
-    return best[1], best[2], best[3]
-
-
-def _first_row(lines: list[str], separator: str, decimal: str, header_lines: int | None) -> tuple[int, int]:
-    """First line from which the lines are rows of one width, and that width (0 where there is none)."""
-    first = 0 if header_lines is None else header_lines
-    stop = len(lines) if header_lines is None else min(len(lines), first + 1)
-    for start in range(first, min(stop, 1000)):
-        width = _is_row(lines[start], separator, decimal)
-        following = [line for line in lines[start + 1 : start + _DIALECT_LINES] if line.strip()]
-        last_is_cut = len(lines) <= start + _DIALECT_LINES  # a torn last line must not hide the dialect
-        checked = following[:-1] if last_is_cut else following
-        if width and all(_is_row(line, separator, decimal) == width for line in checked):
-            return start, width
-    return first, 0
-
-
-def _refuse_ambiguous(path: Path, lines: list[str], best: tuple[int, str, str, int], options: Options) -> None:
-    """Refuse ``3,14``: two columns, or one number with a decimal comma."""
-    width, separator, _, start = best
-    stated = options.separator or options.decimal
-    if stated or separator != "," or width != 2:
-        return
-    named = start > 0 and len(lines[start - 1].split(",")) == 2
-    if not named and not any("." in line for line in lines[start : start + _DIALECT_LINES]):
-        raise DataError(
-            f"{path}: line {start + 1} ({lines[start].strip()!r}) may be two columns or one decimal comma; "
-            'say separator = "," or decimal = ",".'
-        )
-
-
-def _header(lines: list[str], start: int, separator: str, n_columns: int) -> tuple[list[str], dict[str, str]]:
-    """Names and units of the columns, from the line above the first sample."""
-    names: list[str] = []
-    units: dict[str, str] = {}
-    above = lines[start - 1].strip(" %#\r\n") if start else ""
-    texts = above.split() if separator == " " else next(csv.reader([above], delimiter=separator), [])
-    texts = [text.strip() for text in texts]
-    if len(texts) == n_columns + 1 and not texts[-1]:
-        texts.pop()
-    for number in range(n_columns):
-        text = texts[number] if len(texts) == n_columns else ""
-        name, unit = split_unit(text)
-        name = name if name and name not in names else f"column_{number}"
-        names.append(name)
-        if unit:
-            units[name] = unit
-    return names, units
-
-
-def _numbers(
-    path: Path, lines: list[str], separator: str, decimal: str, n_columns: int, start: int
-) -> Float[np.ndarray, "time channel"]:
-    """The table of samples; a blank field is NaN, a short or unreadable row an error that names its line."""
-    if separator == " ":
-        lines = ["\t".join(line.split()) for line in lines]
-        separator = "\t"
-    width = n_columns - 1
-    for number, line in enumerate(lines, start + 1):
-        if line.count(separator) != width:
-            count = line.count(separator) + 1
-            raise DataError(f"{path}: line {number} has {count} columns, not {n_columns}; the file may be cut off.")
-    polars = load_extra("polars")
-    body = "\n".join(lines)
-    if separator != "\t":
-        body = body.replace(" ", "").replace("\t", "")
-    try:
-        frame = polars.read_csv(
-            io.BytesIO(body.encode()),
-            has_header=False,
-            separator=separator,
-            decimal_comma=decimal == ",",
-            quote_char=None,
-            schema={str(number): polars.Float64 for number in range(n_columns)},
-        )
-    except polars.exceptions.PolarsError as cause:
-        reason = str(cause).splitlines()[0]
-        raise DataError(f"{path}: a sample after line {start} is not a number ({reason}).") from cause
-    if frame.height != len(lines):
-        raise DataError(f"{path}: {frame.height} rows could be read of {len(lines)}; the file is damaged.")
-    return frame.to_numpy().astype(np.float64)
+def _trimmed(data: bytes, separator: bytes) -> bytes:
+    """The lines without blanks beside separators and line ends."""
+    if separator != b"\t" and b"\t" in data:
+        data = data.replace(b"\t", b" ")
+    if b" " not in data:
+        return data
+    while b"  " in data:
+        data = data.replace(b"  ", b" ")
+    for mark in {separator, b"\n"} - {b" "}:
+        data = data.replace(b" " + mark, mark).replace(mark + b" ", mark)
+    return data.strip(b" ")

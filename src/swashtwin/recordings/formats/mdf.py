@@ -40,7 +40,8 @@ def read_here(path: Path, options: Options) -> RawFile:
                 if unit := known_unit(signal.unit):
                     units[name] = unit
                 if master is not None:
-                    rates[name], gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
+                    rate, gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
+                    rates |= {name: rate} if rate else {}
                     gaps |= {"time_gaps": gap} if gap else {}
         start = str(file.start_time)
     return RawFile(columns, None, units, {"start_time": start, **gaps}, rates=rates)

@@ -12,12 +12,20 @@ from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, snapp
 from swashtwin.recordings.samples import BLOCK, Column
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
-_TRADE_UNITS = ("s", "ms", "us", "g", "mg", "m/s^2", "m/s2", "m/s²", "mm/s^2", "mm/s", "V", "mV", "Pa", "bar")
+_AFTER_WORD = re.compile(r"^(.*\S)(?:\s+/\s+|\s+in\s+)(\S+)$")
+TRADE_UNITS = (
+    "s", "ms", "us", "µs", "g", "mg", "m/s^2", "m/s2", "m/s²", "mm/s^2", "mm/s2", "mm/s²", "mm/s", "V", "mV", "A", "mA",
+    "Pa", "kPa", "MPa", "bar", "mbar", "psi", "N", "kN", "Nm", "rpm", "RPM", "1/min", "U/min", "min-1", "Hz", "kHz",
+    "°C", "degC", "m3/h", "l/min",
+)  # fmt: skip
+"""Units that a heading or a second line of headings names without square brackets."""
 _ENOUGH = 1 << 18
 """Samples, spread over the whole column, of which a median is taken."""
-_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
 _TIME_NAMES = ("time", "t", "zeit")
+_COARSE = 5e-3
+"""Relative doubt about a rate beyond which a time column does not state it."""
 
 
 def timed_columns(
@@ -28,74 +36,131 @@ def timed_columns(
     options: Options,
 ) -> RawFile:
     """The columns without the one that holds the time, which becomes the rate."""
-    name = _time_name(path, list(columns), options)
+    name = time_name(path, list(columns), options)
     if name is None:
         return RawFile(columns, units=units, attributes=attributes)
     others = {other: column for other, column in columns.items() if other != name}
-    rate, gaps = read_time_column(path, columns[name][:] * _seconds(units.get(name, "s"), path))
+    rate, gaps = read_time_column(path, columns[name], _seconds(units.get(name, "s"), path))
     units = {other: unit for other, unit in units.items() if other != name}
     return RawFile(others, rate, units, {**attributes, **({"time_gaps": gaps} if gaps else {})})
 
 
 def _seconds(unit: str, path: Path) -> float:
-    if unit not in _TIMES:
-        raise DataError(f"{path}: the time column is in {unit!r}, which is none of {', '.join(_TIMES)}; name another.")
-    return _TIMES[unit]
+    if unit not in TIME_UNITS:
+        raise DataError(
+            f"{path}: the time column is in {unit!r}, which is none of {', '.join(TIME_UNITS)}; name another."
+        )
+    return TIME_UNITS[unit]
 
 
-def read_time_column(path: Path, seconds: Float[np.ndarray, " time"]) -> tuple[float, str]:
-    """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing is)."""
-    if len(seconds) < 3 or not np.isfinite(seconds).all() or not seconds[-1] > seconds[0]:
+def read_time_column(path: Path, column: Column, unit: float = 1.0) -> tuple[float | None, str]:
+    """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing is).
+
+    The column is read in blocks. The rate is None where the times are too coarse to tell it.
+
+    Parameters
+    ----------
+    unit : seconds of one unit of the column.
+
+    Raises
+    ------
+    DataError
+        The times do not rise, or some are missing.
+    """
+    time = _TimeColumn(column, unit)
+    sparse = time.every(time.stride)
+    if time.count < 3 or not np.isfinite(sparse).all() or not time.last > time.first:
         raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
-    head = seconds[:1000]
+    head = time.part(0, 1000)
     digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
     quantum = 10.0**-digits
-    step = _step(seconds, quantum)
-    drift = _drift(seconds, step)
+    step = time.step(sparse, quantum)
+    drift = time.drift(sparse, step)
+    if np.isnan(drift):
+        raise DataError(f"{path}: the time column has samples without a time.")
     if drift <= max(0.5 * step, 1.01 * quantum):
-        return snapped_rate(step, max(1e-6, min(quantum, 4 * drift) / (seconds[-1] - seconds[0]))), ""
-    steps = np.diff(seconds)
-    usual = float(np.median(steps))
+        tolerance = max(1e-6, min(quantum, 4 * drift) / (time.last - time.first))
+        return (None if tolerance > _COARSE else snapped_rate(step, tolerance)), ""
+    usual = float(np.median(time.every(time.stride, steps=True)))
     if usual <= 0:
         raise DataError(f"{path}: most steps of the time column are zero or negative; name another time_column.")
-    odd = np.flatnonzero(np.abs(steps - usual) > 0.5 * usual + quantum)
     rate = snapped_rate(usual, max(1e-6, min(0.01, quantum / usual)))
-    if len(odd) == 0:
-        return rate, f"steps drift between {steps.min():.6g} s and {steps.max():.6g} s"
-    worst = odd[np.argmax(np.abs(steps[odd] - usual))]
-    return rate, (
-        f"{len(odd)} of {len(steps)} steps differ from the usual {usual:.6g} s; "
-        f"the worst is {steps[worst]:.6g} s at {seconds[worst]:.6g} s"
-    )
+    return rate, time.spacing(usual, quantum)
 
 
-def _step(seconds: Float[np.ndarray, " time"], quantum: float) -> float:
-    """Time between two samples [s]: from the first and the last, unless the others contradict them."""
-    span, half = float(seconds[-1] - seconds[0]), len(seconds) // 2
-    step = span / (len(seconds) - 1)
-    some = np.arange(0, len(seconds) - half, 1 + len(seconds) // _ENOUGH)
-    usual = float(np.median(seconds[some + half] - seconds[some])) / half
-    return step if abs(step - usual) * len(seconds) <= 4 * quantum + 1e-9 * span else max(usual, 1e-300)
+class _TimeColumn:
+    """Times in seconds; never more of them are in memory than a block, and a sparse sample of all."""
 
+    def __init__(self, column: Column, unit: float) -> None:
+        self._column, self._unit = column, unit
+        self.count = len(column)
+        self.stride = 1 + self.count // _ENOUGH
+        self.first = float(self.part(0, 1)[0]) if self.count else np.nan
+        self.last = float(self.part(self.count - 1, self.count)[0]) if self.count else np.nan
 
-def _drift(seconds: Float[np.ndarray, " time"], step: float) -> float:
-    """How far the time strays from even steps [s], looked at in parts: a long column leaves no room for another."""
-    some = np.arange(0, len(seconds), 1 + len(seconds) // _ENOUGH)
-    origin = float(np.median(seconds[some] - step * some))
-    parts = range(0, len(seconds), BLOCK)
-    strayed = (seconds[at : at + BLOCK] - origin - step * np.arange(at, min(at + BLOCK, len(seconds))) for at in parts)
-    return max(float(np.abs(part).max()) for part in strayed)
+    def part(self, start: int, stop: int) -> Float[np.ndarray, " time"]:
+        """Times [s] of some samples."""
+        return np.asarray(self._column[start:stop], dtype=np.float64) * self._unit
+
+    def every(self, stride: int, *, steps: bool = False) -> Float[np.ndarray, " time"]:
+        """Time [s] of every so many samples, or the step from each of these to the next sample."""
+        chosen = []
+        for start in range(0, self.count, BLOCK):
+            part = self.part(start, start + BLOCK + steps)
+            chosen.append((np.diff(part) if steps else part)[-start % stride :: stride])
+        return np.concatenate(chosen) if chosen else np.empty(0)
+
+    def step(self, sparse: Float[np.ndarray, " time"], quantum: float) -> float:
+        """Time between two samples [s]: from the first and the last, unless the others contradict them."""
+        span, half = self.last - self.first, len(sparse) // 2
+        step = span / (self.count - 1)
+        usual = float(np.median(sparse[half:] - sparse[: len(sparse) - half])) / (half * self.stride)
+        return step if abs(step - usual) * self.count <= 4 * quantum + 1e-9 * span else max(usual, 1e-300)
+
+    def drift(self, sparse: Float[np.ndarray, " time"], step: float) -> float:
+        """How far the time strays from even steps [s], NaN where a sample has no time."""
+        origin = float(np.median(sparse - step * self.stride * np.arange(len(sparse))))
+        strayed = 0.0
+        for start in range(0, self.count, BLOCK):
+            part = self.part(start, start + BLOCK)
+            strayed = np.maximum(strayed, np.abs(part - origin - step * np.arange(start, start + len(part))).max())
+        return float(strayed)
+
+    def spacing(self, usual: float, quantum: float) -> str:
+        """What is wrong with the steps between samples."""
+        odd, worst, at, least, most = 0, usual, 0.0, np.inf, -np.inf
+        for start in range(0, self.count, BLOCK):
+            part = self.part(start, start + BLOCK + 1)
+            steps = np.diff(part)
+            if not len(steps):
+                continue
+            off = np.abs(steps - usual)
+            odd += int((off > 0.5 * usual + quantum).sum())
+            furthest = int(off.argmax())
+            if off[furthest] > abs(worst - usual):
+                worst, at = float(steps[furthest]), float(part[furthest])
+            least, most = min(least, float(steps.min())), max(most, float(steps.max()))
+        if not odd:
+            return f"steps drift between {least:.6g} s and {most:.6g} s"
+        return (
+            f"{odd} of {self.count - 1} steps differ from the usual {usual:.6g} s; "
+            f"the worst is {worst:.6g} s at {at:.6g} s"
+        )
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """Name and unit of a column heading such as ``acceleration [g]``."""
+    """Name and unit of a column heading such as ``acceleration [g]`` or ``Zeit in s``."""
     match = _BRACKET.match(text)
-    if match and (match[2] in _TRADE_UNITS or (text.endswith("]") and known_unit(match[2]))):
+    if match and (match[2] in TRADE_UNITS or (text.endswith("]") and known_unit(match[2]))):
+        return match[1], match[2]
+    match = _AFTER_WORD.match(text)
+    if match and match[2] in TRADE_UNITS:
         return match[1], match[2]
     return text, None
 
 
-def _time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
+def time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
+    """Name of the column with the time, or None where none is called so."""
     stated = options.time_column
     if stated is None:
         return names[0] if len(names) > 1 and names[0].lower() in _TIME_NAMES else None

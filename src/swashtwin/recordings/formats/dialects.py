@@ -1,0 +1,279 @@
+"""The dialect of a text table: its separator, decimal mark, header, and what each column holds."""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings.formats.raw import Options, known_unit
+from swashtwin.recordings.formats.tables import TRADE_UNITS, split_unit
+from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
+
+_SEPARATORS = ("\t", ";", "|", ",", " ")
+"""Separators, the least likely to stand within a text first."""
+NUMBER = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+}
+"""A number with each decimal mark."""
+_GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
+THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3})+(\.\d+)?")
+"""A number with marks for thousands."""
+_TAIL = 40
+"""Lines at the end of the head that decide what the columns hold."""
+HEAD = 1000
+"""Lines among which the first row is searched."""
+_FEW_ROWS = {" ": 8}
+"""Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""
+
+
+class Kind(Enum):
+    """What a column holds."""
+
+    number = "numbers"
+    stamp = "time stamps"
+    date = "dates"
+    text = "text"
+    blank = "nothing"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the rows of a text table are written."""
+
+    separator: str
+    decimal: str
+    start: int
+    """Lines before the first row."""
+    names: tuple[str, ...]
+    kinds: tuple[Kind, ...]
+    units: dict[str, str]
+    """Unit of each column for which the heading, or the line below it, names one."""
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Fields of a line without the blanks and quotation marks around them."""
+    if separator == " ":
+        return line.split()
+    fields = next(csv.reader([line], delimiter=separator), [""]) if '"' in line else line.split(separator)
+    return [field.strip() for field in fields]
+
+
+def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
+    """Dialect of the table that begins with these lines.
+
+    Raises
+    ------
+    DataError
+        There is no table, or its numbers can be read in two ways.
+    """
+    separators = (options.separator,) if options.separator else _SEPARATORS
+    decimals = (options.decimal,) if options.decimal else (".", ",")
+    candidates = [
+        layout
+        for separator in separators
+        for decimal in decimals
+        if separator != decimal and (layout := _layout(lines, separator, decimal, options.header_lines)) is not None
+    ]
+    if not candidates:
+        raise DataError(
+            f"{path} holds no table of numbers that could be found; say how it is written, "
+            'for example separator = ";", decimal = ",", header_lines = 8.'
+        )
+    best = max(candidates, key=_Layout.merit)
+    if options.decimal is None:
+        best.refuse_thousands(path)
+        if options.separator is None:
+            best.refuse_ambiguous(path, lines)
+    names, units = best.headings()
+    return Dialect(best.separator, best.decimal, best.start, names, best.kinds, units)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """One way to read the lines."""
+
+    separator: str
+    decimal: str
+    start: int
+    kinds: tuple[Kind, ...]
+    header: tuple[list[str], ...]
+    """Fields of the line with the headings, and of the line above it where these can be headings, too."""
+    rows: list[list[str]]
+    """Fields of the rows that decided the kinds."""
+
+    def merit(self) -> tuple[bool, int, int, int]:
+        """Layouts without text first, then most columns of numbers, most rows that fit, the earliest start."""
+        counts = Counter(self.kinds)
+        has_time = counts[Kind.stamp] + counts[Kind.date] > 0  # a blank may part a date from its time
+        fitting = sum(_fits(row, self.kinds, self.decimal) for row in self.rows)
+        return not counts[Kind.text], counts[Kind.number] + has_time, fitting, -self.start
+
+    def refuse_thousands(self, path: Path) -> None:
+        """Refuse ``1.234,5``, and ``1,234``, which may be a number above one or above a thousand."""
+        for column, kind in enumerate(self.kinds):
+            fields = [row[column] for row in self.rows if row[column]]
+            marked = [field for field in fields if THOUSANDS.fullmatch(field)]
+            if kind is Kind.text and 2 * len(marked) > len(fields):
+                raise DataError(f"{path}: {marked[0]!r} has marks for thousands; write the numbers without them.")
+            if kind is not Kind.number:
+                continue
+            grouped = [field for field in fields if _GROUPED[self.decimal].fullmatch(field)]
+            short = [field for field in fields if re.fullmatch(r"[+-]?\d{1,3}", field)]
+            if grouped and len(grouped) + len(short) == len(fields) and (short or self.decimal == ","):
+                whole = grouped[0].replace(self.decimal, "")
+                raise DataError(
+                    f"{path}: {grouped[0]!r} may be {whole}, or {grouped[0].replace(self.decimal, '.')}; say decimal = "
+                    f'"{self.decimal}", or write the numbers without marks for thousands.'
+                )
+
+    def refuse_ambiguous(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse ``3,14``: two columns, or one number with a decimal comma."""
+        if self.separator != "," or len(self.kinds) != 2 or self.header:
+            return
+        if not any("." in field for row in self.rows for field in row):
+            raise DataError(
+                f"{path}: line {self.start + 1} ({lines[self.start].strip()!r}) may be two columns or one decimal "
+                'comma; say separator = "," or decimal = ",".'
+            )
+
+    def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
+        """Names and units of the columns."""
+        header = self.header[0] if self.header else [""] * len(self.kinds)
+        below: list[str] = []
+        if len(self.header) > 1 and _are_units(header):
+            header, below = self.header[1], header
+        names: list[str] = []
+        units: dict[str, str] = {}
+        for number, heading in enumerate(header):
+            name, unit = split_unit(heading)
+            if below and below[number].strip("[]() "):
+                unit = below[number].strip("[]() ")
+            if name[:2] in ("'=", "'+", "'-", "'@"):
+                name = name[1:]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
+            name = name if name and name not in names else f"column_{number}"
+            names.append(name)
+            if unit and (known_unit(unit) or unit in TRADE_UNITS):
+                units[name] = unit
+        return tuple(names), units
+
+
+def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: int | None) -> _Layout | None:
+    """How the lines read with one separator and one decimal mark; None where they are no table."""
+    first = header_lines or 0
+    fields = {
+        number: split_line(line.lstrip("%# "), separator)
+        for number, line in enumerate(lines)
+        if number >= first and line.strip()
+    }
+    tail = list(fields)[-_TAIL:]
+    wordy = [number for number in tail if not any(_is_value(field, decimal) for field in fields[number])]
+    voters = [number for number in tail if not wordy or number > wordy[-1]] or tail
+    if not voters:
+        return None
+    width = Counter(len(fields[number]) for number in reversed(voters)).most_common(1)[0][0]
+    rows = [fields[number] for number in voters if len(fields[number]) == width]
+    kinds = tuple(_kind([row[column] for row in rows], decimal) for column in range(width))
+    if Kind.number not in kinds or (Kind.text in kinds and not _is_plausible(rows, kinds, separator)):
+        return None
+    start = first
+    if header_lines is None:
+        fitting = (number for number in fields if number < HEAD and _fits(fields[number], kinds, decimal))
+        start = next(fitting, -1)
+        if start < 0:
+            return None
+    header = _header(fields, start, kinds, decimal)
+    if header_lines is None:
+        start = header[0] + 1 if header[0] == start else _first_row(fields, header[0], start, kinds, decimal)
+    return _Layout(separator, decimal, start, kinds, header[1], rows)
+
+
+def _header(
+    fields: dict[int, list[str]], start: int, kinds: Sequence[Kind], decimal: str
+) -> tuple[int, tuple[list[str], ...]]:
+    """Line with the headings, -1 where there is none, and its fields with those of the line above it."""
+    width = len(kinds)
+    if width > 2 and _is_counted(fields.get(start, []), width):
+        return start, (fields[start],)
+    for number in sorted((number for number in fields if number < start), reverse=True):
+        if (texts := _headings(fields[number], width, decimal)) is not None:
+            above = _headings(fields.get(number - 1, []), width, decimal)
+            return number, (texts,) if above is None else (texts, above)
+    return -1, ()
+
+
+def _headings(fields: list[str], width: int, decimal: str) -> list[str] | None:
+    """The fields where they can be headings of so many columns: words, or words before numbered columns."""
+    fields = fields[:-1] if len(fields) == width + 1 and not fields[-1] else fields
+    numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
+    wordy = any(character.isalpha() for field in fields for character in field)
+    if len(fields) != width or not wordy or (numbers and not _is_counted(numbers, len(numbers))):
+        return None
+    return fields
+
+
+def _is_counted(fields: Sequence[str], count: int) -> bool:
+    """Whether the fields are 0, 1, 2, ... or 1, 2, 3, ...: numbered columns, not samples."""
+    return count > 1 and any(list(fields) == [str(first + number) for number in range(count)] for first in (0, 1))
+
+
+def _first_row(fields: dict[int, list[str]], header: int, start: int, kinds: Sequence[Kind], decimal: str) -> int:
+    """First line of numbers below the headings, damaged or not: none is skipped."""
+    numbers = [column for column, kind in enumerate(kinds) if kind is Kind.number]
+    for number, texts in fields.items():
+        if header < number < start:
+            if header >= 0 and any(NUMBER[decimal].fullmatch(text) for text in texts):
+                return number
+            values = [bool(NUMBER[decimal].fullmatch(texts[column])) for column in numbers if len(texts) == len(kinds)]
+            if header < 0 and sum(values) * 2 > len(numbers):
+                return number
+    return start
+
+
+def _fits(fields: list[str], kinds: Sequence[Kind], decimal: str) -> bool:
+    """Whether the fields are a row of these kinds, with one number at least."""
+    if len(fields) != len(kinds):
+        return False
+    pairs = [(field, kind) for field, kind in zip(fields, kinds, strict=True) if field]
+    tests = _tests(decimal)
+    return any(kind is Kind.number for _, kind in pairs) and all(
+        kind not in tests or tests[kind](field) for field, kind in pairs
+    )
+
+
+def _tests(decimal: str) -> dict[Kind, Callable[[str], bool]]:
+    """Whether a field is of a kind, for each kind that says more than text."""
+    return {
+        Kind.number: lambda field: NUMBER[decimal].fullmatch(field) is not None,
+        Kind.stamp: is_stamp,
+        Kind.date: is_date,
+    }
+
+
+def _kind(fields: Sequence[str], decimal: str) -> Kind:
+    """What most of the fields of a column hold."""
+    texts = [field for field in fields if field]
+    likely = (kind for kind, test in _tests(decimal).items() if 2 * sum(map(test, texts)) >= len(texts))
+    return next(likely, Kind.text) if texts else Kind.blank
+
+
+def _is_value(field: str, decimal: str) -> bool:
+    return any(test(field) for test in _tests(decimal).values())
+
+
+def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) -> bool:
+    """Whether a table with columns of text is one: enough rows, and no better separator within the text."""
+    better = _SEPARATORS[: _SEPARATORS.index(separator)] if separator in _SEPARATORS else ()
+    texts = [row[column] for row in rows for column, kind in enumerate(kinds) if kind is Kind.text]
+    return len(rows) >= _FEW_ROWS.get(separator, 2) and not any(mark in text for text in texts for mark in better)
+
+
+def _are_units(fields: Sequence[str]) -> bool:
+    """Whether a line of headings holds the units of the line above it."""
+    texts = [field for field in fields if field.strip("-")]
+    clear = [text[0] in "[(" or text in TRADE_UNITS for text in texts]
+    return any(clear) and all(text[0] in "[(" or known_unit(text) or text in TRADE_UNITS for text in texts)

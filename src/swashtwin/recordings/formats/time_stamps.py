@@ -1,0 +1,111 @@
+"""Time stamps in text: ISO 8601, European and American dates, times of the day."""
+
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.recordings.formats.raw import load_extra
+
+_DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
+_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
+_STAMP = re.compile(rf"(?:{_DATE}(?:\s+|[Tt]))?{_CLOCK}(?:\s+{_DATE})?(?:\s?(?:Z|UTC|GMT)|[+-]\d{{2}}:?\d{{2}})?")
+_DATE_ALONE = re.compile(_DATE)
+_ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
+"""Orders of day, month and year, the European one first."""
+_DAY = 86_400.0
+
+
+def is_stamp(text: str) -> bool:
+    """Whether `text` is a time of the day, with or without a date.
+
+    Examples
+    --------
+    >>> is_stamp("11.09.2019 08:00:00,125"), is_stamp("8:00:01 PM"), is_stamp("2019-09-11"), is_stamp("1.5")
+    (True, True, False, False)
+    """
+    return _STAMP.fullmatch(text.strip()) is not None
+
+
+def is_date(text: str) -> bool:
+    """Whether `text` is a date without a time of the day."""
+    return _DATE_ALONE.fullmatch(text.strip()) is not None
+
+
+class StampReader:
+    """Seconds of a column of time stamps that comes in blocks."""
+
+    def __init__(self) -> None:
+        self._order = ""
+        self._first_day: datetime | None = None
+        self._midnights = 0
+        self._first: float | None = None
+        self._last: float | None = None
+        self.start: str | None = None
+        """Date and time of the first stamp in ISO 8601; None where the stamps have no date."""
+
+    def seconds(self, texts: Any) -> Float[np.ndarray, " time"]:
+        """Seconds since the first stamp, NaN where a text of a polars series is no time stamp."""
+        polars = load_extra("polars")
+        stamp = polars.col("stamp")
+        parts = texts.to_frame("stamp").select(
+            stamp.str.extract(f"({_DATE})").str.replace_all("[/.]", "-").alias("date"),
+            stamp.str.extract(r"(\d+):").cast(polars.Float64).alias("hour"),
+            stamp.str.extract(r":(\d+)").cast(polars.Float64).alias("minute"),
+            stamp.str.extract(r":\d+:([\d.,]+)")
+            .str.replace(",", ".")
+            .cast(polars.Float64)
+            .fill_null(0)
+            .alias("second"),
+            stamp.str.extract(r"([AaPp])[Mm]").str.to_lowercase().alias("half"),
+        )
+        hour, half = parts["hour"].to_numpy(), parts["half"].to_numpy()
+        hour = np.where((half == "a") | (half == "p"), hour % 12 + 12.0 * (half == "p"), hour)
+        clock = 3600.0 * hour + 60.0 * parts["minute"].to_numpy() + parts["second"].fill_null(0.0).to_numpy()
+        dates = parts["date"]
+        if dates.null_count() == len(dates):
+            return self._since_first(self._across_midnight(clock))
+        days = self._days([date for date in dates.unique().to_list() if date is not None], dates[0])
+        seconds = dates.replace_strict(days, default=None, return_dtype=polars.Float64).to_numpy() * _DAY + clock
+        if self.start is None and self._first_day is not None and np.isfinite(seconds[0]):
+            moment = np.datetime64(self._first_day, "us") + np.timedelta64(round(seconds[0] * 1e6), "us")
+            self.start = str(moment)
+        return self._since_first(seconds)
+
+    def _since_first(self, seconds: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+        if self._first is None:
+            self._first = float(seconds[0])
+        return np.round(seconds - self._first, 9)
+
+    def _days(self, dates: list[str], first: str | None) -> dict[str, float]:
+        """Days from the first date to each one."""
+        moments = _moments(dates, self._order)
+        if not moments:
+            self._order = min(_ORDERS, key=lambda order: _span(_moments(dates, order)))
+            moments = _moments(dates, self._order)
+        if self._first_day is None:
+            self._first_day = moments.get(first or "")
+        return {date: float((moment - (self._first_day or moment)).days) for date, moment in moments.items()}
+
+    def _across_midnight(self, clock: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+        """The times of the day, with a day added at each step back by more than half a day."""
+        previous = np.concatenate([[clock[0] if self._last is None else self._last], clock[:-1]])
+        midnights = self._midnights + np.cumsum(clock - previous < -_DAY / 2)
+        self._last, self._midnights = float(clock[-1]), int(midnights[-1])
+        return clock + _DAY * midnights
+
+
+def _moments(dates: Iterable[str], order: str) -> dict[str, datetime]:
+    """Each date as a moment; none where one of them does not have this order."""
+    try:
+        return {date: datetime.strptime(date, order) for date in dates}
+    except ValueError:
+        return {}
+
+
+def _span(moments: dict[str, datetime]) -> float:
+    """Days between the first moment and the last: a wrong order of day and month spreads them over months."""
+    return (max(moments.values()) - min(moments.values())).days if moments else np.inf

@@ -58,6 +58,16 @@ def test_a_simple_mistake_is_named(twin: Twin, recording: Recording, name: str, 
     assert any("the misfit falls from" in note and words in note for note in warnings), warnings
 
 
+def test_values_do_not_depend_on_whether_the_misfit_is_explained(twin: Twin, recording: Recording) -> None:
+    wrong = replace(twin, scales=Scales(mount=1.5))
+    explained, plain = (
+        calibrate(wrong, [recording], method=QUICK, explain_misfit=explain, **SIX_VALUES) for explain in (True, False)
+    )
+    assert plain.estimates == explained.estimates
+    assert [note for note in explained.notes if "the misfit falls from" not in note] == list(plain.notes)
+    assert plain.notes != explained.notes
+
+
 def test_a_searched_constant_that_was_left_in_the_wrong_valley_is_named(twin: Twin) -> None:
     stiff = recording_of(replace(twin, scales=Scales(mount=1.8)))
     calibration = calibrate(twin, [stiff], method=QUICK, nuisances=Nuisances(mount=0.3), phases=False)

@@ -14,8 +14,10 @@ MISFIT = 2.0
 _UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
 
 
-def notes_of(objective: Objective, search: Search, estimates: tuple[Estimate, ...]) -> tuple[str, ...]:
-    """Notes of a search and what came of it."""
+def notes_of(
+    objective: Objective, search: Search, estimates: tuple[Estimate, ...], explain_misfit: bool
+) -> tuple[str, ...]:
+    """Notes of a search and what came of it; with `explain_misfit` also mistakes that would explain its misfit."""
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
     with torch.no_grad():
         nominal = objective.amplitude(objective.start)
@@ -32,7 +34,8 @@ def notes_of(objective: Objective, search: Search, estimates: tuple[Estimate, ..
             f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected; the model lacks "
             "something (housing modes, wrong constants), and the intervals are wider for it."
         )
-    notes += [comparison.words for comparison in misfit_hypotheses(objective, misfit)]
+    if explain_misfit:
+        notes += [hypothesis.words for hypothesis in misfit_hypotheses(objective, misfit)]
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
         notes.append(f"{', '.join(unknown)}: {_UNLEARNT}")

@@ -227,6 +227,7 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
             method=contender.method,
             nuisances=contender.nuisances,
             phases=contender.phases,
+            explain_misfit=False,
             seed=pump.seed,
         )
         intervals = tuple(

@@ -140,7 +140,9 @@ def _calibrate(twin: Twin, recordings: Sequence[Recording]) -> Calibration:
     nuisances = Nuisances.usual(excitation=0.0)
     method = GaussNewton(starts=2)
     band = SeveritySettings().band
-    return calibrate(twin, recordings, method=method, nuisances=nuisances, phases=False, band=band)
+    return calibrate(
+        twin, recordings, method=method, nuisances=nuisances, phases=False, explain_misfit=False, band=band
+    )
 
 
 def _move_of(

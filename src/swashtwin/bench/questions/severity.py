@@ -125,6 +125,7 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
         method=GaussNewton(),
         nuisances=Nuisances.usual(),
         phases=False,
+        explain_misfit=False,
         band=SeveritySettings().band,
     )
     cases: list[_Case] = []

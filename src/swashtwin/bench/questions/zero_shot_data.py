@@ -197,7 +197,15 @@ def _calibrate(
 ) -> Calibration:
     named = replace(settings.pump, name=f"{settings.pump.name} ({pump})")
     twins = [Twin(named, condition) for condition in conditions]
-    return calibrate(twins, healthy, method=settings.method, nuisances=settings.nuisances, phases=False, seed=seed)
+    return calibrate(
+        twins,
+        healthy,
+        method=settings.method,
+        nuisances=settings.nuisances,
+        phases=False,
+        explain_misfit=False,
+        seed=seed,
+    )
 
 
 def _twins(kind: str, calibration: Calibration, count: int, seed: int) -> list[Twin]:

@@ -52,7 +52,13 @@ def run_calibration(task: CalibrationTask) -> Calibration:
     """The calibration."""
     torch.set_num_threads(1)
     return calibrate(
-        task.twins, task.recordings, method=task.method, nuisances=task.nuisances, phases=False, seed=task.seed
+        task.twins,
+        task.recordings,
+        method=task.method,
+        nuisances=task.nuisances,
+        phases=False,
+        explain_misfit=False,
+        seed=task.seed,
     )
 
 

@@ -132,10 +132,12 @@ def test_a_command_that_takes_long_shows_its_progress(monkeypatch: pytest.Monkey
         bar(1, 2)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(console, "_PATIENCE", 0.0)
-    with console.progress("slow") as bar:
-        time.sleep(0.3)
-        bar(1, 2, "half")
-    assert "half" in capsys.readouterr().err
+    for is_terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda answer=is_terminal: answer)
+        with console.progress("slow") as bar:
+            time.sleep(0.3)
+            bar(1, 2, "half")
+        assert ("half" in capsys.readouterr().err) == is_terminal
 
 
 def test_the_version_is_the_package_s() -> None:

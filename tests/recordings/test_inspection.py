@@ -212,6 +212,42 @@ def test_a_report_is_json() -> None:
     assert content["recordings"][0]["channels"][0]["name"] == "acceleration"
 
 
+def test_a_level_far_from_that_of_its_class_is_a_warning() -> None:
+    loud = replace(good(3), signal=100 * good(3).signal)
+    report = inspect_recordings([good(), good(1), good(2), loud, replace(loud, recording_id="b", label="piston")])
+    (level,) = [finding for finding in report.findings if finding.kind == "level"]
+    assert (level.severity, level.channel) == ("warning", "acceleration")
+    assert "the level of r3 is" in level.message
+    assert "times the usual" in level.message
+
+
+@pytest.mark.parametrize("block", [1000, 6401])
+def test_a_recording_looked_at_in_blocks_gets_the_findings_of_the_whole(
+    block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time = np.arange(38400) / RATE
+    smooth = 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
+    steps = np.clip(np.round(good(lines=False).signal * 700), -2048, 2047) * 0.00398
+    recordings = [
+        good(speed=900.0),
+        replace(good(1), signal=np.clip(smooth, -2.5, 2.5)[None]),
+        replace(good(2), signal=steps),
+        changed(good(3), 6390, 6480, 0.25),
+        changed(good(4), 6390, 6480, np.nan),
+        replace(good(5), signal=good(5).signal + 9.81),
+        replace(good(), recording_id="copy"),
+    ]
+    whole = inspect_recordings(recordings)
+    monkeypatch.setattr("swashtwin.recordings.recording.BLOCK", block)
+    monkeypatch.setattr("swashtwin.recordings.checks.channel_statistics.BLOCK", block)
+    parts = inspect_recordings(recordings)
+    assert [report.findings for report in parts.recordings] == [report.findings for report in whole.recordings]
+    assert parts.findings == whole.findings
+    for report, reference in zip(parts.recordings, whole.recordings, strict=True):
+        for name in ("minimum", "maximum", "rms", "std"):
+            assert getattr(report.channels[0], name) == pytest.approx(getattr(reference.channels[0], name), rel=1e-12)
+
+
 # ---- public data
 
 

@@ -75,8 +75,11 @@ def _is_word(value: object) -> bool:
 def progress(title: str) -> Iterator[Callable[..., None]]:
     """Bar on standard error while the block runs; call what it yields with (count, total, optional words).
 
-    The bar appears after a second, so a quick command prints none.
+    The bar appears after a second, so a quick command prints none, and only on a terminal.
     """
+    if not sys.stderr.isatty():
+        yield lambda count, total, words="": None
+        return
     state: dict[str, Any] = {"total": None, "completed": 0, "description": title}
     bars: list[Any] = []
 

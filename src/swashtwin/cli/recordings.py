@@ -110,9 +110,9 @@ def inspect(
     from swashtwin.recordings import inspect_recordings
 
     facts = present(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
-    with progress("inspecting recordings"):
+    with progress("inspecting recordings") as bar:
         recordings = load_sources(paths, **facts)
-        report = inspect_recordings(recordings)
+        report = inspect_recordings(recordings, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     tell(result, as_json, lambda: show_inspection(report, recordings, show_all))
     if report.has_errors:

@@ -3,8 +3,14 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from swashtwin.recordings.checks.channel_statistics import (
+    ChannelStatistics,
+    Extreme,
+    channel_extremes,
+    converter_values,
+)
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.recording import Recording
 
@@ -14,72 +20,87 @@ _FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
 """A stretch of one value is flat from this many samples and this long [s] on."""
 _OFFSET_RATIO = 5.0
 """Mean over standard deviation from which an offset is called large."""
+_FULL_SCALES = tuple(2**bits for bits in range(9, 24))
+"""Steps from zero to the end of a converter."""
 
 
-def channel_findings(name: str, row: Float[np.ndarray, " time"], recording: Recording) -> Iterator[Finding]:
-    clipped = clipped_samples(row)
+def least_flat(sample_rate: float) -> float:
+    """Samples of one value in a row from which a stretch is flat."""
+    return max(_FLAT_SAMPLES, _FLAT_TIME * sample_rate)
+
+
+def channel_findings(recording: Recording, statistics: list[ChannelStatistics]) -> Iterator[Finding]:
+    """Findings of each channel; `statistics` keep runs of `least_flat` samples."""
+    pairs = channel_extremes(recording, statistics)
+    for number, (channel, extremes) in enumerate(zip(statistics, pairs, strict=True)):
+        if not channel.is_constant:
+            yield from _findings(recording, number, channel, extremes)
+
+
+def _findings(
+    recording: Recording, number: int, channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]
+) -> Iterator[Finding]:
+    name = recording.channels[number]
+    clipped = sum(extreme.crowded(_CLIP_RUN) for extreme in extremes)
     if clipped:
-        message = f"{clipped} samples ({clipped / len(row):.2%}) stand in a row at the extreme: the range was exceeded."
+        share = clipped / recording.n_samples
+        message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
         yield Finding("clipping", "warning", name, message)
-    elif _touches_full_scale(row):
+    elif _touches_full_scale(recording, number, channel, extremes):
         message = (
-            f"samples touch the converter's full scale ({row.min():.4g} to {row.max():.4g}): peaks may be cut off."
+            f"samples touch the converter's full scale ({channel.least:.4g} to {channel.most:.4g}): peaks may be cut "
+            "off."
         )
         yield Finding("clipping", "warning", name, message)
-    starts, lengths = _runs(row[1:] == row[:-1])
-    interior = [not np.isclose(row[start], (np.nanmin(row), np.nanmax(row))).any() for start in starts]
-    least = max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate)
-    flat = (lengths + 1 >= least) & (np.array(interior, dtype=bool) | (clipped == 0))
+    starts, pairs, values = channel.equal_pairs.result()
+    interior = ~np.isclose(values[:, None], (channel.least, channel.most)).any(axis=1)
+    flat = interior | (clipped == 0)
     if flat.any():
-        longest = int(np.argmax(np.where(flat, lengths, 0)))
+        longest = int(np.argmax(np.where(flat, pairs, 0)))
         message = (
-            f"{int(flat.sum())} flat stretches; the longest is {(lengths[longest] + 1) / recording.sample_rate:.4g} s "
+            f"{int(flat.sum())} flat stretches; the longest is {(pairs[longest] + 1) / recording.sample_rate:.4g} s "
             f"at {starts[longest] / recording.sample_rate:.4g} s: dropouts?"
         )
         yield Finding("flat", "warning", name, message)
-    mean, std = float(np.nanmean(row[np.isfinite(row)])), float(np.nanstd(row[np.isfinite(row)]))
-    if abs(mean) > _OFFSET_RATIO * std:
+    if abs(channel.mean) > _OFFSET_RATIO * channel.std:
+        ratio = abs(channel.mean) / channel.std
         message = (
-            f"the offset {mean:.4g} {recording.unit} is {abs(mean) / std:.1f} times the vibration's std {std:.4g}."
+            f"the offset {channel.mean:.4g} {recording.unit} is {ratio:.1f} times the vibration's std "
+            f"{channel.std:.4g}."
         )
         yield Finding("offset", "warning", name, message)
 
 
 def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
-    """Readings in runs at an extreme, where the extreme is crowded as only a stop makes it."""
+    """Samples in runs at an extreme, where the extreme is crowded as only a stop makes it."""
     low, high = float(np.nanmin(row)), float(np.nanmax(row))
     if not (np.isfinite(low) and np.isfinite(high)):
         return 0
-    total = 0
-    for extreme in (low, high):
-        at = np.abs(row - extreme) <= 1e-6 * (high - low)
-        _, lengths = _runs(at)
-        long = lengths[lengths >= _CLIP_RUN]
-        near = np.count_nonzero(np.abs(row - extreme) <= 0.01 * (high - low)) - np.count_nonzero(at)
-        if long.sum() > max(near, 2 * _CLIP_RUN - 1):
-            total += int(long.sum())
-    return total
+    extremes = Extreme(low, high - low, -1), Extreme(high, high - low, 1)
+    for extreme in extremes:
+        extreme.add(row, 0)
+    return sum(extreme.crowded(_CLIP_RUN) for extreme in extremes)
 
 
-def _touches_full_scale(row: Float[np.ndarray, " time"]) -> bool:
+def _touches_full_scale(
+    recording: Recording, number: int, channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]
+) -> bool:
     """Whether several samples are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
-    values = np.unique(row)
-    if len(values) < 3 or not np.isfinite(values).all():
+    lower, upper = extremes
+    if channel.bad or (lower.touching == upper.touching == 1 and not _spans_a_converter(channel.least, channel.most)):
+        return False
+    values = converter_values(recording, number)
+    if values is None:
         return False
     step = float(np.diff(values).min())
-    least, most = row.min() / step, row.max() / step
-    if max(-least, most) > 2**24 or np.abs(values / step - np.round(values / step)).max() > 0.01:
-        return False  # no converter's raw steps
-    ends = [2**bits for bits in range(9, 24)]
-    touching = 0
-    if round(-least) in ends:
-        touching += int(np.count_nonzero(row == values[0]))
-    if round(most) + 1 in ends:
-        touching += int(np.count_nonzero(row == values[-1]))
+    touching = lower.touching * (round(-channel.least / step) in _FULL_SCALES)
+    touching += upper.touching * (round(channel.most / step) + 1 in _FULL_SCALES)
     return touching >= 2
 
 
-def _runs(mask: Bool[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """First index and length of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    return edges[::2], edges[1::2] - edges[::2]
+def _spans_a_converter(least: float, most: float) -> bool:
+    """Whether `least` and `most` can both be full scale, at some number of bits on either side."""
+    if not least < 0 < most:
+        return False
+    steps = most / -least * np.array(_FULL_SCALES) + 1  # of `most`, where `least` is -2^k steps
+    return bool((np.abs(steps[:, None] - np.array(_FULL_SCALES)) <= 2 + steps[:, None] / 1024).any())

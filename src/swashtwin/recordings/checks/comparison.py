@@ -1,13 +1,92 @@
 """What shows only when recordings are compared: unequal rates, units and lengths, copies, thin classes."""
 
 import hashlib
+import math
+import statistics as figures
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
-import numpy as np
-
+from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.recording import Recording
+
+_LEVEL_RATIO = 30.0
+"""Level over the median of its class from which gain or unit must differ: faults change it less."""
+
+
+class Comparison:
+    """Recordings that are taken up one by one, and what shows only when they are compared."""
+
+    def __init__(self) -> None:
+        self._recordings: list[Recording] = []
+        self._statistics: list[list[ChannelStatistics]] = []
+
+    def add(self, recording: Recording, statistics: list[ChannelStatistics]) -> None:
+        """Take up a recording; its samples are not held."""
+        self._recordings.append(recording)
+        self._statistics.append(statistics)
+
+    def findings(self) -> Iterator[Finding]:
+        """Findings of all recordings together."""
+        yield from unequal(self._recordings)
+        yield from self._duplicates()
+        yield from self._odd_levels()
+        yield from thin_classes(self._recordings)
+
+    def _duplicates(self) -> Iterator[Finding]:
+        """Channels that hold the same samples; only those of equal figures are compared by their content."""
+        rows = {}
+        for number, channels in enumerate(self._statistics):
+            for channel, figures_of in enumerate(channels):
+                if not figures_of.is_constant:
+                    rows[number, channel] = figures_of.key
+        counts = Counter(rows.values())
+        alike = [where for where, key in rows.items() if counts[key] > 1]
+        groups = _by_value((_digest(self._recordings[number], channel), self._recordings[number])
+                           for number, channel in alike)  # fmt: skip
+        reported = set()
+        for group in groups.values():
+            ids = tuple(recording.recording_id for recording in group)
+            if len(ids) > 1 and ids not in reported:
+                reported.add(ids)
+                message = (
+                    f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its "
+                    "answer."
+                )
+                yield Finding("duplicate", "error", None, message)
+
+    def _odd_levels(self) -> Iterator[Finding]:
+        """Recordings whose level is far from that of their class, channel by channel."""
+        levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
+        for recording, channels in zip(self._recordings, self._statistics, strict=True):
+            for name, channel in zip(recording.channels, channels, strict=True):
+                if channel.count and not channel.is_constant:
+                    key = recording.label, recording.unit, name
+                    levels.setdefault(key, []).append((channel.std, recording))
+        for (label, unit, name), members in levels.items():
+            usual = figures.median_low([level for level, _ in members])
+            odd = [(level, recording) for level, recording in members
+                   if abs(math.log(level / usual)) > math.log(_LEVEL_RATIO)]  # fmt: skip
+            if odd:
+                level, recording = odd[0]
+                names = _listed([recording.recording_id for _, recording in odd])
+                message = (
+                    f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
+                    f"{label or 'no class'}: another unit, range or calibration factor?"
+                )
+                yield Finding("level", "warning", name, message)
+
+
+def _digest(recording: Recording, channel: int) -> str:
+    digest = hashlib.sha256()
+    for block in recording.unloaded().blocks():
+        digest.update(block.signal[channel].tobytes())
+    return digest.hexdigest()
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def unequal(recordings: Sequence[Recording]) -> Iterator[Finding]:
@@ -28,24 +107,6 @@ def unequal(recordings: Sequence[Recording]) -> Iterator[Finding]:
             f"lengths differ from {min(lengths):.4g} s to {max(lengths):.4g} s; long ones will outweigh the others."
         )
         yield Finding("length", "warning", None, message)
-
-
-def duplicates(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    rows = (
-        (hashlib.sha256(np.ascontiguousarray(row).tobytes()).hexdigest(), recording)
-        for recording in recordings
-        for row in recording.signal
-        if np.ptp(row) > 0
-    )
-    reported = set()
-    for group in _by_value(rows).values():
-        ids = tuple(recording.recording_id for recording in group)
-        if len(ids) > 1 and ids not in reported:
-            reported.add(ids)
-            message = (
-                f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
-            )
-            yield Finding("duplicate", "error", None, message)
 
 
 def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:

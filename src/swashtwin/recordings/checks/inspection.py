@@ -1,30 +1,61 @@
 """Everything suspicious about recordings."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from swashtwin.recordings.checks.channels import channel_findings
-from swashtwin.recordings.checks.comparison import duplicates, thin_classes, unequal
-from swashtwin.recordings.checks.findings import ChannelReport, InspectionReport, RecordingReport
+from swashtwin.recordings.checks.channel_statistics import ChannelStatistics, channel_statistics
+from swashtwin.recordings.checks.channels import channel_findings, least_flat
+from swashtwin.recordings.checks.comparison import Comparison
+from swashtwin.recordings.checks.findings import ChannelReport, Finding, InspectionReport, RecordingReport
 from swashtwin.recordings.checks.speed_and_rate import contradicted_speed, implausible_rate
 from swashtwin.recordings.checks.usability import left_out, unfit
 from swashtwin.recordings.recording import Recording
 
+_WHOLE = 1 << 24
+"""Samples of all channels up to which a recording is read once and held in memory while it is looked at."""
+
 
 def inspect_recording(recording: Recording) -> RecordingReport:
     """Range of each channel and everything suspicious about the recording."""
-    findings = list(unfit(recording))
-    reports = []
-    for name, row in zip(recording.channels, recording.signal, strict=True):
-        finite = row[np.isfinite(row)]
-        values = finite if len(finite) else np.array([math.nan])
-        rms = float(np.sqrt(np.mean(values**2)))
-        reports.append(ChannelReport(name, float(values.min()), float(values.max()), rms, float(values.std())))
-        if len(finite) and np.ptp(finite) > 0:
-            findings += channel_findings(name, row, recording)
-    findings += [*contradicted_speed(recording), *implausible_rate(recording), *left_out(recording)]
+    return _report(recording, _statistics(recording))
+
+
+def inspect_recordings(
+    recordings: Sequence[Recording], *, progress: Callable[[int, int], None] | None = None
+) -> InspectionReport:
+    """Ranges and findings of each recording, and what shows only when recordings are compared.
+
+    One recording at a time is in memory, and a long one in parts.
+
+    Parameters
+    ----------
+    progress : called with the number of recordings that are done, and of all.
+    """
+    reports, comparison = [], Comparison()
+    for number, stored in enumerate(recordings):
+        if progress:
+            progress(number, len(recordings))
+        recording = stored.unloaded()
+        statistics = _statistics(recording)
+        reports.append(_report(recording, statistics))
+        comparison.add(stored, statistics)
+    if progress:
+        progress(len(recordings), len(recordings))
+    return InspectionReport(tuple(reports), tuple(comparison.findings()))
+
+
+def _statistics(recording: Recording) -> list[ChannelStatistics]:
+    if recording.n_samples * recording.n_channels <= _WHOLE:
+        recording.samples.signal  # noqa: B018 - read once, for all that follows
+    return channel_statistics(recording, least_flat(recording.sample_rate) - 1)
+
+
+def _report(recording: Recording, statistics: list[ChannelStatistics]) -> RecordingReport:
+    findings: list[Finding] = [*unfit(recording, statistics), *channel_findings(recording, statistics)]
+    findings += [*contradicted_speed(recording, statistics), *implausible_rate(recording), *left_out(recording)]
+    reports = [
+        ChannelReport(name, *channel.extent, channel.rms, channel.std)
+        for name, channel in zip(recording.channels, statistics, strict=True)
+    ]
     return RecordingReport(
         recording.recording_id,
         recording.sample_rate,
@@ -34,9 +65,3 @@ def inspect_recording(recording: Recording) -> RecordingReport:
         tuple(reports),
         tuple(findings),
     )
-
-
-def inspect_recordings(recordings: Sequence[Recording]) -> InspectionReport:
-    """Ranges and findings of each recording, and what shows only when recordings are compared."""
-    findings = [*unequal(recordings), *duplicates(recordings), *thin_classes(recordings)]
-    return InspectionReport(tuple(inspect_recording(recording) for recording in recordings), tuple(findings))

@@ -1,10 +1,13 @@
 """Whether the stated speed and sample rate can be true."""
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
+from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
@@ -17,17 +20,26 @@ _SPEED_SEARCH, _SPEED_TOLERANCE = 0.09, 0.02
 and how far off it may be."""
 _USUAL_RATES = (200.0, 250e3)
 """Sample rates of accelerometers [Hz]; they lie less than a factor of 1250 apart, so that kHz taken for Hz shows."""
+_LEAST_TURNS = 50
+"""Revolutions from which lines are looked for."""
+_LONGEST = 1 << 20
+"""Samples in which they are looked for, where they hold so many revolutions."""
 _LEAST_PER_TURN = 4.0
 """Samples in a turn below which not even the shaft's own line can be in a signal with room to spare."""
 
 
-def contradicted_speed(recording: Recording) -> list[Finding]:
-    """A warning where a clear family of shaft lines stands beside the stated speed and none at it."""
-    shaft = stated_speed(recording)
-    if not shaft or recording.duration * shaft < 50 or recording.sample_rate < 4 * _HARMONICS * shaft:
+def contradicted_speed(recording: Recording, statistics: Sequence[ChannelStatistics]) -> list[Finding]:
+    """A warning where a clear family of shaft lines stands beside the stated speed and none at it.
+
+    A long recording is judged by its first 2^20 samples, or by more where these hold less than 60 turns.
+    """
+    shaft, rate = stated_speed(recording), recording.sample_rate
+    if not shaft or recording.duration * shaft < _LEAST_TURNS or rate < 4 * _HARMONICS * shaft:
         return []
-    for name, row in zip(recording.channels, recording.signal, strict=True):
-        if not np.isfinite(row).all() or np.ptp(row) == 0:
+    count = max(_LONGEST, math.ceil(1.2 * _LEAST_TURNS * rate / shaft))
+    signal = recording.signal if count >= recording.n_samples else recording.slice(0, count).signal
+    for name, channel, row in zip(recording.channels, statistics, signal, strict=True):
+        if channel.bad or np.ptp(row) == 0:
             continue
         spacing = _line_family(row, recording.sample_rate, shaft)
         if spacing is not None:
@@ -79,13 +91,20 @@ def _line_family(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> 
 def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np.ndarray, " line"]:
     """Frequencies [Hz] below `top` that stand clear of the spectrum around them."""
     from scipy.ndimage import maximum_filter1d, median_filter
-    from scipy.signal import detrend, periodogram
 
     # `signals` stands on a higher floor than recordings, so that its `power_density` cannot be called here.
-    frequency, power = periodogram(detrend(row), rate, window="hann")
+    time = np.arange(len(row)) - (len(row) - 1) / 2
+    trend = (time @ row) / (time @ time) * time + row.mean()
+    frequency = np.arange(len(row) // 2 + 1) * (rate / len(row))
     low = frequency <= top
-    amplitude = np.sqrt(power[low])
+    amplitude = np.abs(np.fft.rfft((row - trend) * _hann_taper(len(row)))[low])
+    amplitude[1:] *= math.sqrt(2)
     around = median_filter(amplitude, size=min(101, len(amplitude)))
     peak = (amplitude == maximum_filter1d(amplitude, 7)) & (amplitude > _LINE_RATIO * around)
     peak &= amplitude > 0.02 * amplitude.max()
     return frequency[low][peak]
+
+
+@lru_cache(maxsize=2)
+def _hann_taper(count: int) -> Float[np.ndarray, " time"]:
+    return np.hanning(count + 1)[:-1]

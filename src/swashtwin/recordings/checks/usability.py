@@ -1,12 +1,9 @@
 """Whether anything can be learned from a recording at all: missing samples, dead channels, gaps, too short."""
 
-import math
-from collections.abc import Iterator
-
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Iterator, Sequence
 
 from swashtwin.foundation import DataError
+from swashtwin.recordings.checks.channel_statistics import ChannelRange, channel_ranges
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
@@ -20,16 +17,18 @@ def refuse_unfit(recording: Recording) -> None:
     DataError
         Missing samples, a constant channel, gaps in time, or less than one revolution where the speed is known.
     """
-    for finding in unfit(recording):
+    for finding in unfit(recording, channel_ranges(recording)):
         where = recording.recording_id if finding.channel is None else f"{recording.recording_id}, {finding.channel}"
         raise DataError(f"{where}: {finding.message}")
 
 
-def unfit(recording: Recording) -> Iterator[Finding]:
-    ranges = [_Range() for _ in recording.channels]
-    for block in recording.blocks():
-        for extent, row in zip(ranges, block.signal, strict=True):
-            extent.add(row)
+def unfit(recording: Recording, ranges: Sequence[ChannelRange]) -> Iterator[Finding]:
+    """Why nothing can be learned from a recording.
+
+    Parameters
+    ----------
+    ranges : of each channel.
+    """
     for name, extent in zip(recording.channels, ranges, strict=True):
         if extent.bad:
             message = (
@@ -37,7 +36,7 @@ def unfit(recording: Recording) -> Iterator[Finding]:
                 f"{extent.first_bad / recording.sample_rate:.6g} s; cut them out or repair the file."
             )
             yield Finding("nan", "error", name, message)
-        elif extent.least == extent.most:
+        elif extent.is_constant:
             yield Finding("constant", "error", name, f"every sample is {extent.least:g}: a dead or unplugged sensor?")
     gaps = recording.attributes.get("time_gaps")
     if gaps:
@@ -56,20 +55,3 @@ def left_out(recording: Recording) -> Iterator[Finding]:
     for key, reason in (("text_columns", "hold text or dates"), ("blank_columns", "are blank")):
         if names := recording.attributes.get(key):
             yield Finding("left_out", "note", None, f"columns that {reason} were left out: {names}.")
-
-
-class _Range:
-    """Least and greatest sample of a channel, and how many samples are no finite numbers."""
-
-    def __init__(self) -> None:
-        self.bad, self.first_bad, self.count = 0, 0, 0
-        self.least, self.most = math.inf, -math.inf
-
-    def add(self, row: Float[np.ndarray, " time"]) -> None:
-        least, most = float(row.min()), float(row.max())
-        if not (math.isfinite(least) and math.isfinite(most)):
-            bad = np.flatnonzero(~np.isfinite(row))
-            self.first_bad = self.first_bad if self.bad else self.count + int(bad[0])
-            self.bad += len(bad)
-        self.least, self.most = min(self.least, least), max(self.most, most)
-        self.count += len(row)

@@ -8,6 +8,7 @@ import typer
 
 from swashtwin.cli import calibrating, data, diagnosing, recordings, signal, simulating, synthesizing, training, twin
 from swashtwin.cli.bench import plans, questions, rig
+from swashtwin.cli.console import safe_streams
 from swashtwin.cli.exits import GuardedGroup
 
 FIRST: Mapping[str, Callable[..., None]] = {
@@ -118,4 +119,5 @@ def main() -> None:
     # more threads, set OMP_NUM_THREADS.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    safe_streams()
     app()

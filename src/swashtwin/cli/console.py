@@ -1,6 +1,12 @@
-"""What a command writes: one JSON object or tables to standard output, progress to standard error."""
+"""What a command writes: one JSON object or tables to standard output, progress to standard error.
 
+Text may come from a stranger's file. `safe_streams` and `escape_controls` see to it that it never steers the terminal,
+and that a console of any encoding shows it.
+"""
+
+import io
 import json
+import logging
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -12,6 +18,7 @@ from typing import Any, TypeVar
 import typer
 
 from swashtwin.cli.advice import in_options
+from swashtwin.foundation import escape_controls
 
 T = TypeVar("T")
 
@@ -20,22 +27,42 @@ _WORD = 20  # characters of a single word that a column is not broken within
 _PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
 
 
+def safe_streams() -> None:
+    """Let the console show whatever it cannot encode as codes, and warnings and logs of libraries without controls."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Printable("%(levelname)s: %(message)s"))
+    logging.basicConfig(handlers=[handler])
+    logging.captureWarnings(capture=True)
+
+
+class _Printable(logging.Formatter):
+    """Log lines without control characters."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line of a record."""
+        return escape_controls(super().format(record), keep="\n")
+
+
 def tell(result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
     """Print `result` as one JSON object, or what `show` prints."""
     if as_json:
-        typer.echo(json.dumps(_plain(result), ensure_ascii=False, allow_nan=False))
+        is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+        typer.echo(escape_controls(json.dumps(_plain(result), ensure_ascii=not is_unicode, allow_nan=False)))
     else:
         show()
 
 
 def say(text: str) -> None:
     """Print a line to standard output."""
-    typer.echo(text)
+    typer.echo(escape_controls(text, keep="\n"))
 
 
 def note(text: str) -> None:
     """Print a line to standard error, beside the progress; advice of the library is said as options."""
-    typer.echo(in_options(text), err=True)
+    typer.echo(escape_controls(in_options(text), keep="\n"), err=True)
 
 
 def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:
@@ -56,11 +83,11 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     from rich.text import Text
 
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
-    grid = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD)
+    grid = Table(title=Text(_word(title)), title_justify="left", box=SIMPLE_HEAD)
     for column, name in enumerate(header):
         numeric = bool(rows) and all(isinstance(row[column], (int, float)) for row in rows)
         whole = numeric or all(_is_word(row[column]) for row in rows)
-        grid.add_column(Text(name), justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
+        grid.add_column(Text(_word(name)), justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
     for row in rows:
         grid.add_row(*(Text(_word(value)) for value in row))
     console.print(grid)
@@ -87,7 +114,12 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
         bars.append(Progress(*columns, console=Console(stderr=True)))
         bars[0].add_task(**state)
         bars[0].start()
@@ -98,7 +130,7 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
                 bar.update(task, **state)
 
     def update(count: int, total: int, words: str = title) -> None:
-        state.update(completed=count, total=total, description=words)
+        state.update(completed=count, total=total, description=escape_controls(words))
         refresh()
 
     timer = Timer(_PATIENCE, show)
@@ -125,7 +157,7 @@ def with_bar(items: Sequence[T], title: str) -> Iterator[T]:
 def _word(value: object) -> str:
     if value is None:
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else escape_controls(str(value))
 
 
 def _plain(value: Any) -> Any:

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from swashtwin.cli.advice import in_options
-from swashtwin.foundation import InputError, SwashTwinError
+from swashtwin.foundation import InputError, SwashTwinError, escape_controls
 
 BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
 """Exit codes; 0 is success and 2 a wrong command line."""
@@ -27,10 +27,16 @@ class Interrupted(KeyboardInterrupt):
 class GuardedGroup(TyperGroup):
     """Commands whose errors become one line on standard error and an exit code."""
 
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Context of a command line; what is wrong with its words is said without control characters."""
+        with _printable_error():
+            return super().make_context(*arguments, **options)
+
     def invoke(self, ctx: Any) -> Any:
         """Result of the command; an error that is not the command line's ends it here."""
         try:
-            return super().invoke(ctx)
+            with _printable_error():
+                return super().invoke(ctx)
         except KeyboardInterrupt as cause:
             hint = str(cause) or "nothing is half-written"
             raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
@@ -50,14 +56,23 @@ class GuardedGroup(TyperGroup):
             if type(cause).__name__ == "SafetensorError":  # what safetensors raises on a full disk
                 raise self._exit(f"error: {_line(cause)}; nothing is half-written.", BAD_DATA) from cause
             if ctx.params.get("debug"):
-                typer.echo(traceback.format_exc(), err=True)
+                typer.echo(escape_controls(traceback.format_exc(), keep="\n"), err=True)
             line = f"unexpected {type(cause).__name__}: {_line(cause)} This is a bug: please report it with the "
             raise self._exit(f"{line}traceback that swashtwin --debug shows.", BUG) from cause
 
     @staticmethod
     def _exit(line: str, code: int) -> typer.Exit:
-        typer.echo(f"swashtwin: {line}", err=True)
+        typer.echo(f"swashtwin: {escape_controls(line)}", err=True)
         return typer.Exit(code)
+
+
+@contextmanager
+def _printable_error() -> Iterator[None]:
+    try:
+        yield
+    except _CLICK_ERROR as cause:
+        cause.message = escape_controls(cause.message, keep="\n")
+        raise
 
 
 def _line(cause: object) -> str:

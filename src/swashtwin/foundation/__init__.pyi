@@ -26,6 +26,7 @@ from .files import spreadsheet_text as spreadsheet_text
 from .files import whole_folder as whole_folder
 from .files import write_text as write_text
 from .multiple_testing import holm_correction as holm_correction
+from .printing import escape_controls as escape_controls
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .torch_state import TorchStream as TorchStream
@@ -61,6 +62,7 @@ __all__ = [
     "compiled",
     "deg",
     "derive_seed",
+    "escape_controls",
     "hertz",
     "holm_correction",
     "is_unit",

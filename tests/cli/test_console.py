@@ -1,0 +1,82 @@
+"""What a stranger's file says never steers the terminal, and a console of any encoding shows it."""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commandline import run, run_json
+from typer.testing import CliRunner
+
+from swashtwin.cli import app, console
+from swashtwin.foundation import escape_controls
+
+HOSTILE = "a\x1b]0;owned\x07\x9b2J\u202eb"
+
+
+def test_control_characters_are_written_as_codes() -> None:
+    shown = escape_controls(HOSTILE)
+    assert shown == r"a\x1b]0;owned\x07\u009b2J\u202eb"
+    assert escape_controls("Größe 中 \U0001f600 \u05d0") == "Größe 中 \U0001f600 \u05d0"
+
+
+def test_no_way_out_lets_a_control_character_through(capsys: pytest.CaptureFixture[str]) -> None:
+    console.say(HOSTILE)
+    console.note(HOSTILE)
+    console.table(HOSTILE, (HOSTILE,), [(f"{HOSTILE}\n",)])
+    console.tell({HOSTILE: HOSTILE}, True, lambda: None)
+    console.note_left_out([(HOSTILE, HOSTILE)])
+    captured = capsys.readouterr()
+    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(captured.out + captured.err)
+    assert json.loads(captured.out.splitlines()[-1]) == {HOSTILE: HOSTILE}
+
+
+def test_progress_shows_codes_and_no_markup(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "_PATIENCE", 0.0)
+    with console.progress(HOSTILE) as bar:
+        bar(1, 2, f"{HOSTILE}[bold]")
+    shown = capsys.readouterr().err
+    assert "[bold]" in shown
+    assert not {"\x07", "\x9b", "\u202e"} & set(shown)
+
+
+@pytest.mark.parametrize("words", [("inspect", HOSTILE), ("inspect", f"--{HOSTILE}"), (f"--{HOSTILE}",), (HOSTILE,)])
+def test_errors_show_the_codes_of_a_hostile_name(words: tuple[str, ...]) -> None:
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code in (2, 3)
+    assert r"\x1b" in result.stderr
+    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(result.output)
+
+
+def test_logs_and_warnings_of_libraries_show_codes() -> None:
+    record = logging.makeLogRecord({"msg": HOSTILE, "levelname": "WARNING"})
+    assert "\x1b" not in console._Printable("%(message)s").format(record)
+
+
+def test_hostile_labels_of_an_index_reach_the_terminal_as_codes(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x\n" + "1\n2\n" * 200, encoding="utf-8")
+    entry = f'[[recording]]\nfile = "a.csv"\nsample_rate = "1 kHz"\nunit = "g"\nlabel = {json.dumps(HOSTILE)}\n'
+    (tmp_path / "recordings.toml").write_text(f"format = 1\n{entry}", encoding="utf-8")
+    shown = run("inspect", tmp_path).output
+    assert r"\x1b]0;owned" in shown
+    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(shown)
+    assert run_json("inspect", tmp_path)["recordings"][0]["label"] == HOSTILE
+
+
+@pytest.mark.parametrize("encoding", ["cp437", "cp1252"])
+def test_a_console_without_unicode_shows_tables_and_json(encoding: str) -> None:
+    code = (
+        "from swashtwin.cli import console; console.safe_streams()\n"
+        "console.table('µ 中', ('mm³',), [('中 ± 1',)]); console.say('中 ≥'); console.tell({'a': '中ä'}, True, None)"
+    )
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=False)
+    assert process.returncode == 0, process.stderr
+    lines = process.stdout.decode(encoding).splitlines()
+    assert r"\u4e2d ± 1" in "".join(lines)
+    assert json.loads(lines[-1]) == {"a": "中ä"}

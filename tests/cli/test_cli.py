@@ -171,17 +171,29 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(
     assert (tmp_path / "resumed.safetensors").read_bytes() == (tmp_path / "straight.safetensors").read_bytes()
 
 
-def test_an_interrupted_rig_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(recording: Recording, path: Path) -> Path:
-        path.parent.mkdir(parents=True)
-        path.write_text("half")
-        raise KeyboardInterrupt
+def test_an_interrupted_rig_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from swashtwin.bench.rigs import writing
 
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.write_recording", interrupt)
-    assert "interrupted" in one_line(run("bench", "rig", tmp_path / "rig", "--seed", 0, code=130))
-    assert not list(tmp_path.iterdir())
+    real, written = writing.write_recording, iter(range(3))
+
+    def interrupted(recording: Recording, path: Path) -> Path:
+        if next(written, None) is None:
+            raise KeyboardInterrupt
+        return real(recording, path)
+
+    monkeypatch.setattr(writing, "SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
+    monkeypatch.setattr(writing, "PRESSURES", (MPa(15),))
+    with monkeypatch.context() as patch:
+        patch.setattr(writing, "write_recording", interrupted)
+        line = one_line(run("bench", "rig", tmp_path / "rig", code=130))
+    assert "the same command continues" in line
+    assert len(list((tmp_path / "rig").rglob("*.h5"))) == 3
+    run("bench", "rig", tmp_path / "rig")
+    run("bench", "rig", tmp_path / "whole")
+    files = {path.relative_to(tmp_path / "rig") for path in (tmp_path / "rig").rglob("*.*")}
+    assert len(files) == 7
+    for file in files:
+        assert (tmp_path / "rig" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
 
 
 def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
@@ -218,7 +230,7 @@ def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pyt
     assert len(report["recordings"]) == 5
     assert not report["has_errors"]
     assert "5 recordings" in run("inspect", tmp_path / "rig").stdout
-    assert "not empty" in one_line(run("bench", "rig", tmp_path / "rig", "--seed", 3, code=3))
+    assert 'format was "csv", now "h5"' in one_line(run("bench", "rig", tmp_path / "rig", "--seed", 3, code=3))
 
 
 def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, Spectra, Waveforms, mean_agreement
 from swashtwin.calibration.twin_table import twin_from_dict, twin_to_dict
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
-from swashtwin.foundation import ArtifactError, MissingFileError, write_text
+from swashtwin.foundation import ArtifactError, MissingFileError, read_text, write_text
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
 
@@ -163,7 +163,7 @@ def load_calibration(path: Path | str) -> Calibration:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such calibration.")
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = json.loads(read_text(path))
         if (saved := table["format"]) == FORMAT:
             return _calibration_from(table)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:

@@ -17,7 +17,7 @@ from swashtwin.foundation import InputError, SwashTwinError, escape_controls
 BUG, BAD_DATA, INTERRUPTED = 1, 3, 130
 """Exit codes; 0 is success and 2 a wrong command line."""
 
-_CLICK_ERROR = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+_CLICK_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 
 class Interrupted(KeyboardInterrupt):

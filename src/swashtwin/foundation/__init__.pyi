@@ -19,14 +19,18 @@ from .errors import MissingFileError as MissingFileError
 from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
+from .files import TEXT as TEXT
+from .files import open_pieces as open_pieces
+from .files import read_text as read_text
 from .files import replacing as replacing
 from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
 from .files import spreadsheet_text as spreadsheet_text
-from .files import whole_folder as whole_folder
 from .files import write_text as write_text
 from .multiple_testing import holm_correction as holm_correction
 from .printing import escape_controls as escape_controls
+from .processes import end_with as end_with
+from .processes import parallel as parallel
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .torch_state import TorchStream as TorchStream
@@ -44,6 +48,7 @@ from .units import um as um
 from .version import VERSION as VERSION
 
 __all__ = [
+    "TEXT",
     "VERSION",
     "ArtifactError",
     "DataError",
@@ -62,16 +67,20 @@ __all__ = [
     "compiled",
     "deg",
     "derive_seed",
+    "end_with",
     "escape_controls",
     "hertz",
     "holm_correction",
     "is_unit",
     "mm",
     "one_thread",
+    "open_pieces",
     "optimizer_tensors",
+    "parallel",
     "parse",
     "read_artifact",
     "read_run",
+    "read_text",
     "refuse_misfits",
     "replacing",
     "require_disk_space",
@@ -82,7 +91,6 @@ __all__ = [
     "spreadsheet_text",
     "stream",
     "um",
-    "whole_folder",
     "write_artifact",
     "write_run",
     "write_text",

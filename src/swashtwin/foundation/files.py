@@ -1,55 +1,143 @@
-"""Files that are whole or not there."""
+"""Files that are whole or not there, and folders that are filled piece by piece.
+
+A file is written beside its target under a hidden name and then takes the target's place. While that lasts a lock file
+of the same name is held, which the system releases when the process ends, however it ends. So what a killed process
+left is told from the work of a living one, and the next process that writes into the folder removes it.
+"""
 
 import hashlib
-import os
+import json
+import re
+import secrets
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+from typing import IO, Any, Final, TypedDict
 
-from swashtwin.foundation.errors import InputError
+from swashtwin.foundation.errors import ArtifactError, DataError, InputError
+from swashtwin.foundation.version import VERSION
+
+try:
+    import fcntl
+except ImportError:  # Windows, where nobody can remove a file that another process holds open
+    fcntl = None  # type: ignore[assignment]
+
+
+class _Text(TypedDict):
+    encoding: str
+    errors: str
+    newline: str
+
+
+TEXT: Final[_Text] = {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
+"""How text files are written on every system; errors are names of files that are no Unicode."""
 
 _SPARE = 1 << 24
 """Bytes that are left free on the disk."""
+
+_HIDDEN = ".swashtwin-"
+_NAME = re.compile(re.escape(_HIDDEN) + r"[0-9a-f]{12}(?=\.)")
+
+_WAITS = (0.05, 0.2, 0.5, 1.0)
+"""Seconds between attempts to replace a file that a virus scanner or an indexer of Windows holds for a moment."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Temporary path beside `path` that takes its place when the block ends well, and vanishes when it does not.
 
-    A full disk, an interrupt or any other error leaves `path` as it was.
+    A full disk, an interrupt, a kill or any other end leaves `path` as it was. The new file has the permissions that
+    the user's umask gives.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    _remove_leftovers(path.parent.resolve())
+    with _held_name(path.parent) as name:
+        temporary = path.parent / f"{name}.part{path.suffix}"
+        try:
+            yield temporary
+            shutil.copymode(path.parent / f"{name}.lock", temporary)  # some libraries let nobody else read their files
+            _replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 @contextmanager
-def whole_folder(folder: Path) -> Iterator[None]:
-    """Within it, a folder that was missing or empty is filled; it is removed where that does not end well."""
-    fresh = not folder.exists() or not any(folder.iterdir())
+def _held_name(folder: Path) -> Iterator[str]:
+    """Hidden name in `folder` whose lock file is held."""
+    name, file = _hold(folder)
     try:
-        yield
-    except BaseException:
-        if fresh:
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
+        yield name
+    finally:
+        file.close()  # Windows removes no open file
+        (folder / f"{name}.lock").unlink(missing_ok=True)
+
+
+def _hold(folder: Path) -> tuple[str, IO[bytes]]:
+    while True:
+        name = f"{_HIDDEN}{secrets.token_hex(6)}"
+        lock = folder / f"{name}.lock"
+        file = lock.open("xb")
+        if _is_locked(file) and lock.exists():
+            return name, file
+        file.close()  # another process took it for a leftover before it was locked
+
+
+def _is_locked(file: IO[bytes]) -> bool:
+    """Whether this process now holds the lock of an open file."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True  # a file system without locks, where nobody removes leftovers either
+    return True
+
+
+@cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what killed processes left in a folder; once for each folder."""
+    names = {match[0] for file in folder.glob(f"{_HIDDEN}*") if (match := _NAME.match(file.name))}
+    for name in names:
+        with suppress(OSError):
+            _remove_leftover(folder, name)
+
+
+def _remove_leftover(folder: Path, name: str) -> None:
+    lock = folder / f"{name}.lock"
+    with lock.open("ab") as file:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock.unlink()
+    if fcntl is None:
+        lock.unlink()  # refused as long as the process lives that has it open
+    for leftover in folder.glob(f"{name}.*"):
+        leftover.unlink()
+
+
+def _replace(temporary: Path, path: Path) -> None:
+    for seconds in _WAITS:
+        try:
+            temporary.replace(path)
+        except PermissionError:
+            if fcntl is not None or path.is_dir():
+                raise
+            time.sleep(seconds)
+        else:
+            return
+    temporary.replace(path)
 
 
 def write_text(path: Path, text: str) -> Path:
     """`path`, after `text` was written to it whole."""
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, **TEXT)
     return Path(path)
 
 
@@ -62,6 +150,64 @@ def spreadsheet_text(text: str) -> str:
     ("'=1+1", 'normal')
     """
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def read_text(path: Path) -> str:
+    """Text of a file in UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    DataError
+        It is in another encoding.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as cause:
+        byte = cause.object[cause.start]
+        raise DataError(
+            f"{path} is no UTF-8 text (byte 0x{byte:02x} at {cause.start}); save it with the encoding UTF-8."
+        ) from cause
+
+
+def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> None:
+    """Take up a folder that was filled piece by piece under equal settings, or start one.
+
+    Parameters
+    ----------
+    folder : new or empty folder, or one with such a manifest.
+    manifest : name of the file in it that holds `settings` and the version of swashtwin.
+    settings : whatever the pieces depend on, as JSON can hold it.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else, or pieces of other settings or of another version.
+    ArtifactError
+        The manifest is damaged.
+    """
+    settings = json.loads(json.dumps({"version": VERSION, **settings}))
+    path = folder / manifest
+    if not path.is_file():
+        if folder.exists() and not (folder.is_dir() and all(_NAME.match(file.name) for file in folder.iterdir())):
+            raise InputError(f"{folder} is no folder of such recordings, and not empty; choose a new folder.")
+        write_text(path, json.dumps(settings, indent=1))
+        return
+    try:
+        saved = json.loads(read_text(path))
+    except ValueError as cause:
+        raise ArtifactError(f"{path} is damaged ({cause}); choose a new folder.") from cause
+    if difference := _difference(saved, settings, ""):
+        raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
+
+
+def _difference(saved: Any, settings: Any, name: str) -> str:
+    """First difference of two JSON values in words; empty where there is none."""
+    if isinstance(saved, dict) and isinstance(settings, dict):
+        for key in sorted({*saved, *settings}):
+            if words := _difference(saved.get(key), settings.get(key), f"{name}.{key}" if name else key):
+                return words
+        return ""
+    return "" if saved == settings else f"{name} was {json.dumps(saved)[:60]}, now {json.dumps(settings)[:60]}"
 
 
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, write_text
+from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text, write_text
 from swashtwin.pump.geometry import require_sound_geometry
 from swashtwin.pump.parameters import (
     Bearings,
@@ -131,10 +131,7 @@ def _text_of(name: str | Path) -> tuple[str, str]:
     if path.suffix == ".toml":
         if not path.is_file():
             raise MissingFileError(f"{path}: no such pump file.")
-        try:
-            return path.read_text(encoding="utf-8"), str(path)
-        except UnicodeDecodeError as cause:
-            raise DataError(f"{path}: not a text file in UTF-8.") from cause
+        return read_text(path), str(path)
     if str(name) not in available_pumps():
         names = ", ".join(available_pumps())
         raise MissingFileError(f"no pump named {str(name)!r}; there are {names}, or give a .toml file.")

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, sha256_of, write_text
+from swashtwin.foundation import DataError, InputError, MissingFileError, read_text, sha256_of, write_text
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import recording_of
@@ -92,7 +92,7 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
         `recordings` are not those of `index`, or one of `ids` is not among them.
     """
     source, path = index_path(Path(index)), Path(path)
-    table = tomllib.loads(source.read_text(encoding="utf-8"))
+    table = tomllib.loads(read_text(source))
     if len(table["recording"]) != len(recordings):
         raise InputError(f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings.")
     ids = {str(name) for name in ids}
@@ -141,8 +141,8 @@ def index_path(path: Path) -> Path:
 
 def _load(index: Path) -> dict[str, Any]:
     try:
-        table = tomllib.loads(index.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        table = tomllib.loads(read_text(index))
+    except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{index} is not valid TOML: {cause}") from cause
     unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
     if unknown:

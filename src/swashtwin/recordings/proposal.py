@@ -1,6 +1,7 @@
 """A first index for a folder of files, from their names, a table that came with them, and what they carry."""
 
 import csv
+import io
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +10,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, is_unit, parse
+from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, is_unit, parse, read_text
 from swashtwin.recordings.entry import Entry
 from swashtwin.recordings.fact_origins import Facts, facts_of, sentences
 from swashtwin.recordings.formats.raw import Options, RawFile
@@ -141,8 +142,7 @@ def _from_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dict[s
     if not table.is_file():
         raise MissingFileError(f"{table} does not exist.")
     mapping = {"file": "file", "label": "label", **columns}
-    with table.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(io.StringIO(read_text(table), newline="")))
     header = list(rows[0]) if rows else []
     for key, column in mapping.items():
         if column not in header:

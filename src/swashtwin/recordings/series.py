@@ -1,11 +1,10 @@
 """Many recordings in one folder, written one by one, so that a run that ends early can go on."""
 
-import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import VERSION, ArtifactError, InputError, require_disk_space, write_text
+from swashtwin.foundation import open_pieces, require_disk_space
 from swashtwin.recordings.formats.registry import write_blocks
 from swashtwin.recordings.index import INDEX_NAME, write_index
 from swashtwin.recordings.recording import Recording
@@ -45,9 +44,7 @@ def write_series(
     from swashtwin.recordings.formats.hdf5 import read_header
 
     folder = Path(folder).resolve()
-    _open_series(folder, json.loads(json.dumps({"version": VERSION, **settings})))
-    for leftover in folder.glob(f".{folder.name}-*.h5"):  # of a run that was killed
-        leftover.unlink()
+    open_pieces(folder, MANIFEST_NAME, settings)
     count = max(count, len(list(folder.glob(f"{folder.name}-[0-9][0-9][0-9][0-9].h5"))))
     files = [folder / f"{folder.name}-{number:04d}.h5" for number in range(count)]
     missing = [number for number, file in enumerate(files) if not file.is_file()]
@@ -61,29 +58,3 @@ def write_series(
         progress(count, count)
     index = write_index([read_header(file) for file in files], [file.name for file in files], folder / INDEX_NAME)
     return index, [files[number].stem for number in missing]
-
-
-def _open_series(folder: Path, settings: dict[str, Any]) -> None:
-    """Take up a series where one with equal settings lies, or start one."""
-    manifest = folder / MANIFEST_NAME
-    if not manifest.is_file():
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder} is no folder of such recordings, and not empty; choose a new folder.")
-        write_text(manifest, json.dumps(settings, indent=1))
-        return
-    try:
-        saved = json.loads(manifest.read_text(encoding="utf-8"))
-    except ValueError as cause:
-        raise ArtifactError(f"{manifest} is damaged ({cause}); choose a new folder.") from cause
-    if difference := _difference(saved, settings, ""):
-        raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
-
-
-def _difference(saved: Any, settings: Any, name: str) -> str:
-    """First difference of two JSON values in words; empty where there is none."""
-    if isinstance(saved, dict) and isinstance(settings, dict):
-        for key in sorted({*saved, *settings}):
-            if words := _difference(saved.get(key), settings.get(key), f"{name}.{key}" if name else key):
-                return words
-        return ""
-    return "" if saved == settings else f"{name} was {json.dumps(saved)[:60]}, now {json.dumps(settings)[:60]}"

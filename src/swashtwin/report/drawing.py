@@ -4,15 +4,19 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
+from swashtwin.foundation import escape_controls
 from swashtwin.report.style import WIDTH
 
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -57,9 +61,23 @@ def render_drawing(
     name: str, figure: Figure, columns: Mapping[str, Sequence[Any] | np.ndarray], *, title: str, caption: str
 ) -> Drawing:
     """The figure as SVG, with its data; call it within `figure_style`."""
+    _escape_texts(figure)
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
     return Drawing(name, title, caption, text.getvalue(), columns)
+
+
+def _escape_texts(figure: Figure) -> None:
+    """Show control characters of names as codes: XML does not allow them, and a lone surrogate has no glyph."""
+    for text in figure.findobj(Text):
+        text.set_text(escape_controls(text.get_text(), keep="\n"))
+    for axis in figure.findobj(Axis):
+        if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):  # which set_ticks makes of its labels
+            formatter.func = partial(_escaped_label, formatter.func)
+
+
+def _escaped_label(label_of: Callable[..., str], *position: Any) -> str:
+    return escape_controls(label_of(*position), keep="\n")
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:

@@ -15,7 +15,7 @@ from jinja2 import Environment, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
 from swashtwin.diagnosis import Diagnosis, Evidence
-from swashtwin.foundation import VERSION, InputError, replacing
+from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, replacing
 from swashtwin.learning import Scores
 from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.diagnosis_part import diagnosis_part
@@ -68,7 +68,7 @@ def write_report(
         texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
     with ExitStack() as stack:
         for path, text in texts.items():
-            stack.enter_context(replacing(path)).write_text(text, encoding="utf-8")
+            stack.enter_context(replacing(path)).write_text(text, **TEXT)
     return folder / "report.html"
 
 
@@ -133,13 +133,14 @@ def _keys(items: Sequence[object]) -> list[str]:
 
 
 def _page(parts: Sequence[Part], sections: Sequence[Any]) -> str:
-    return _template().render(
+    page = _template().render(
         title=parts[0].title if len(parts) == 1 else "Report",
         answer=_answers(parts),
         notices=list(dict.fromkeys(part.notice for part in parts if part.notice)) or [_UNKNOWN_ORIGIN],
         sections=sections,
         version=VERSION,
     )
+    return escape_controls(page, keep="\n")
 
 
 @cache

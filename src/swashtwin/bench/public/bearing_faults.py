@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, parallel
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import BEARINGS, SEATS, defect_prominences, prewhitened
 
@@ -29,7 +29,7 @@ def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Questi
     selected = [recording for recording in recordings if _is_selected(recording)]
     if not selected:
         raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
-    described = Parallel(n_jobs=jobs)(delayed(_features_of)(recording) for recording in selected)
+    described = parallel(jobs)(delayed(_features_of)(recording) for recording in selected)
     features = {name: np.concatenate([table[name] for table in described]) for name in described[0]}
     units = units_of(selected, _group, lambda recording: recording.attributes["fault_size_mil"], features, _STRETCHES)
     windows = usual_windows(selected, _WINDOW, _group)

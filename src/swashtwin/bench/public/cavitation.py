@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.public.motor_slip import motor_slip
 from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
-from swashtwin.foundation import parse
+from swashtwin.foundation import parallel, parse
 from swashtwin.learning import band_energies
 from swashtwin.recordings import Recording
 from swashtwin.signals import order_spectrum
@@ -20,7 +20,7 @@ _ORDERS = np.array([1, 2, 3, 6, 12, 18])
 
 def cavitation_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The question ``pump_cavitation/speed``."""
-    described = Parallel(n_jobs=jobs)(delayed(_slip_and_shape)(recording) for recording in recordings)
+    described = parallel(jobs)(delayed(_slip_and_shape)(recording) for recording in recordings)
     slip, shape = np.array([pair[0] for pair in described])[:, None], np.array([pair[1] for pair in described])
     features = {"load by slip": slip, "shape of spectrum": shape, "both": np.concatenate([slip, shape], axis=1)}
     units = units_of(recordings, _speed, _speed, features)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.metrics import confusion_matrix
 
 from swashtwin.bench.public.estimators import extra_trees
 from swashtwin.bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin.bench.public.readers.registry import read_public_set
 from swashtwin.bench.results.table import StudyTable, Trial
-from swashtwin.foundation import VERSION, DataError, InputError, derive_seed
+from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, parallel
 from swashtwin.learning import WindowSet, cut_windows, extract_features, g_mean, recalls
 from swashtwin.synthesis import NoNeighborsError
 
@@ -64,7 +64,7 @@ def run_scarce(
     tries = list(product(cells, seeds))
     tell = progress or (lambda what, count, total: None)
     tell("scarce cells", 0, len(tries))
-    trials_by_cell = Parallel(n_jobs=jobs)(delayed(drill.trials)(*cell, seed) for cell, seed in tries)
+    trials_by_cell = parallel(jobs)(delayed(drill.trials)(*cell, seed) for cell, seed in tries)
     tell("scarce cells", len(tries), len(tries))
     order = {key: position for position, key in enumerate(_rows())}
     trials = sorted(

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.public.bearing_faults import bearing_questions
 from swashtwin.bench.public.cavitation import cavitation_questions
@@ -17,7 +17,7 @@ from swashtwin.bench.public.question import Question, Setting
 from swashtwin.bench.public.readers.registry import read_public_set
 from swashtwin.bench.public.validation import FoldScore, leaky_scores, score_fold
 from swashtwin.bench.results.table import StudyTable, Trial
-from swashtwin.foundation import VERSION, DataError, InputError
+from swashtwin.foundation import VERSION, DataError, InputError, parallel
 from swashtwin.recordings import Recording
 
 QUESTIONS: dict[str, Callable[[Sequence[Recording], int], list[Question]]] = {
@@ -130,13 +130,13 @@ def _missing_notes(there: Sequence[str], sets: Sequence[str]) -> list[str]:
 def _score_question(question: Question, seeds: Sequence[int], jobs: int) -> tuple[list[Trial], list[dict]]:
     """(a trial for each seed, each fold's choice and scores)."""
     pairs = [(fold, seed) for seed in seeds for fold in question.folds]
-    scores = Parallel(n_jobs=jobs)(delayed(score_fold)(question, *pair) for pair in pairs)
+    scores = parallel(jobs)(delayed(score_fold)(question, *pair) for pair in pairs)
     of_seed = {
         seed: [score for (_, pair_seed), score in zip(pairs, scores, strict=True) if pair_seed == seed]
         for seed in seeds
     }
     usual = [(_commonest(question, of_seed[seed]), seed) for seed in seeds]
-    leaky = Parallel(n_jobs=jobs)(delayed(leaky_scores)(question, *pair) for pair in usual)
+    leaky = parallel(jobs)(delayed(leaky_scores)(question, *pair) for pair in usual)
     trials = [
         Trial({"split": question.split}, seed, _values(of_seed[seed], *scores_at_random))
         for seed, scores_at_random in zip(seeds, leaky, strict=True)

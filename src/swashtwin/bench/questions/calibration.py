@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.questions.contenders import CONTENDERS
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
@@ -32,7 +32,7 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.foundation import VERSION, InputError, MPa, mm
+from swashtwin.foundation import VERSION, InputError, MPa, mm, parallel
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
@@ -124,7 +124,7 @@ def run_calibration_study(
         raise InputError("give at least one seed, which draws a fleet of pumps.")
     pumps = [pump for seed in seeds for pump in _fleet(seed, settings, jobs)]
     cases_by_pump: list[list[_Case]] = []
-    for cases in Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_pump)(pump, settings) for pump in pumps):
+    for cases in parallel(jobs, return_as="generator")(delayed(_of_pump)(pump, settings) for pump in pumps):
         cases_by_pump.append(cases)
         if progress is not None:
             progress(len(cases_by_pump), len(pumps))

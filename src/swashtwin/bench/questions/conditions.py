@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Int
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
-from swashtwin.foundation import VERSION, DataError
+from swashtwin.foundation import VERSION, DataError, parallel
 from swashtwin.learning import (
     BiTCN,
     Classifier,
@@ -108,7 +108,7 @@ def run_conditions(
     windows = _thin_out(cut_windows(recordings, length=settings.length), settings.windows)
     tasks = [task for seed in seeds for task in _tasks(windows, seed)]
     results: list[tuple[Trial, str]] = []
-    running = Parallel(n_jobs=jobs, return_as="generator")(delayed(_score)(windows, task, settings) for task in tasks)
+    running = parallel(jobs, return_as="generator")(delayed(_score)(windows, task, settings) for task in tasks)
     for result in running:
         results.append(result)
         if progress is not None:

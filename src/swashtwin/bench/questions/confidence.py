@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.metrics import roc_auc_score
 
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.writing import RigSize, rig_recordings
-from swashtwin.foundation import VERSION
+from swashtwin.foundation import VERSION, parallel
 from swashtwin.learning import (
     BiTCN,
     SureClassifier,
@@ -102,7 +102,7 @@ def run_confidence(
     seeds, kinds = tuple(seeds), tuple(classifiers)
     parts = {seed: _record(seed, settings) for seed in seeds}
     tasks = [(seed, kind, left_out) for seed in seeds for kind in kinds for left_out in (None, *CLASSES)]
-    running = Parallel(n_jobs=jobs, return_as="generator")(
+    running = parallel(jobs, return_as="generator")(
         delayed(_task)(parts[seed], kind, left_out, seed, settings) for seed, kind, left_out in tasks
     )
     values_by_key: dict[tuple[int, str, str, str], dict[str, float]] = {}

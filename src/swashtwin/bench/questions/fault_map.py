@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.metrics import recall_score
 from sklearn.neighbors import NearestCentroid
 from sklearn.pipeline import make_pipeline
@@ -21,7 +21,7 @@ from sklearn.preprocessing import StandardScaler
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.calibration import QUANTILE, Calibration, GaussNewton, Nuisances, SeveritySettings, calibrate
-from swashtwin.foundation import VERSION
+from swashtwin.foundation import VERSION, parallel
 from swashtwin.physics import Twin
 from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
@@ -88,8 +88,8 @@ def run_fault_map(
     started = time.perf_counter()
     pumps = [(seed, name) for seed in seeds for name in PUMPS]
     moves: list[_Move] = []
-    parallel = Parallel(n_jobs=jobs, return_as="generator")
-    for count, pump_moves in enumerate(parallel(delayed(_of_pump)(*pump) for pump in pumps), 1):
+    running = parallel(jobs, return_as="generator")
+    for count, pump_moves in enumerate(running(delayed(_of_pump)(*pump) for pump in pumps), 1):
         moves += pump_moves
         if progress is not None:
             progress(count, len(pumps))

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score
 from sklearn.model_selection import StratifiedKFold
 
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
-from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, stream
+from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, parallel, stream
 from swashtwin.learning import (
     Fold,
     WindowSet,
@@ -93,7 +93,7 @@ def run_leakage(
         (None, count, seed) for count in sorted({plan.n_folds for plan in plans}) for seed in seeds
     ]
     tasks += [(plan, plan.n_folds, seed) for plan in plans for seed in seeds]
-    running = Parallel(n_jobs=jobs, return_as="generator")(
+    running = parallel(jobs, return_as="generator")(
         delayed(_probabilities)(features, windows.target, _dealt(windows, *task), n_trees, task[2]) for task in tasks
     )
     probabilities: dict[tuple[str | None, int, int], Float[np.ndarray, "window class"]] = {}

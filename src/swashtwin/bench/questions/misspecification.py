@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.questions.wrong_twins import Wrong, wrong_twins
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
@@ -21,7 +21,7 @@ from swashtwin.bench.rigs.fleet import film_factors
 from swashtwin.bench.rigs.measuring import Run
 from swashtwin.bench.rigs.writing import RigSize, rig_recordings
 from swashtwin.calibration import GaussNewton, Nuisances, agreement, calibrate, is_warning, measure, objective_of
-from swashtwin.foundation import VERSION, MPa, SwashTwinError, mm, rpm, stream
+from swashtwin.foundation import VERSION, MPa, SwashTwinError, mm, parallel, rpm, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
@@ -77,7 +77,7 @@ def run_misspecification(
     started = time.perf_counter()
     cases = [case for background in backgrounds for seed in seeds for case in _cases(background, seed, pumps, jobs)]
     mistakes = [mistake for mistake in wrong_twins() if wrong is None or mistake.name in wrong]
-    results = Parallel(n_jobs=jobs, return_as="generator")(delayed(_of_case)(case, mistakes) for case in cases)
+    results = parallel(jobs, return_as="generator")(delayed(_of_case)(case, mistakes) for case in cases)
     trials: list[Trial] = []
     for number, case_trials in enumerate(results):
         trials += case_trials

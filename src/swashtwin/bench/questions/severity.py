@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 import scipy.stats
 import torch
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.measuring import Run
 from swashtwin.bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.calibration import GaussNewton, Nuisances, Severity, SeveritySettings, calibrate, estimate_severity
-from swashtwin.foundation import VERSION, mm
+from swashtwin.foundation import VERSION, mm, parallel
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
@@ -87,8 +87,8 @@ def run_severity(
     started = time.perf_counter()
     pumps = [(seed, name) for seed in seeds for name in PUMPS]
     cases: list[_Case] = []
-    parallel = Parallel(n_jobs=jobs, return_as="generator")
-    for count, pump_cases in enumerate(parallel(delayed(_of_pump)(*pump, severities) for pump in pumps), 1):
+    running = parallel(jobs, return_as="generator")
+    for count, pump_cases in enumerate(running(delayed(_of_pump)(*pump, severities) for pump in pumps), 1):
         cases += pump_cases
         if progress is not None:
             progress(count, len(pumps))

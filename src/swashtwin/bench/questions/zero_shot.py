@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import recall_score, roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
@@ -65,7 +65,7 @@ from swashtwin.bench.rivals.order_levels import (
 )
 from swashtwin.bench.rivals.order_threshold import OrderThreshold, rising_orders, threshold_orders
 from swashtwin.bench.studies.priors import pump_of
-from swashtwin.foundation import VERSION, InputError, derive_seed
+from swashtwin.foundation import VERSION, InputError, derive_seed, parallel
 from swashtwin.learning import (
     BiTCN,
     Classifier,
@@ -138,9 +138,7 @@ def run_zero_shot(
     seeds = tuple(seeds)
     if not seeds:
         raise InputError("the zero-shot study needs a seed.")
-    running = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_fleet)(recordings, settings, seed) for seed in seeds
-    )
+    running = parallel(jobs, return_as="generator")(delayed(_fleet)(recordings, settings, seed) for seed in seeds)
     fleets = []
     for count, fleet in enumerate(running, 1):
         fleets.append(fleet)

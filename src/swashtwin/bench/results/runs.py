@@ -18,7 +18,7 @@ from zipfile import BadZipFile
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from swashtwin.foundation import ArtifactError, replacing, write_text
+from swashtwin.foundation import ArtifactError, read_text, replacing, write_text
 from swashtwin.learning import Epoch, Scores
 from swashtwin.recordings import Recording
 
@@ -181,7 +181,7 @@ def load_run(folder: Path) -> Run:
     """
     path = Path(folder) / "result.json"
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = json.loads(read_text(path))
         if table["format"] != FORMAT:
             raise OtherFormatError(
                 f"{path} has the format {table['format']!r}, this version reads {FORMAT!r}; delete its folder to run "

@@ -10,16 +10,19 @@ from types import MappingProxyType
 import numpy as np
 import torch
 from jaxtyping import Float
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from swashtwin.bench.rigs.fleet import Specimen, draw_fault, draw_specimen
 from swashtwin.bench.rigs.measuring import Run, measure
-from swashtwin.foundation import InputError, MPa, celsius, rpm, stream, write_text
+from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 
 RIG_VERSION = "1"
 """Changes whenever a recording of the same seed would; the changelog then carries re-measured figures."""
+
+MANIFEST_NAME = "rig.json"
+"""File in a rig's folder that says what the rig is, so that a run that was interrupted can go on."""
 
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
@@ -119,26 +122,38 @@ def rig_recordings(
     batch : recordings computed together.
     jobs : processes that compute batches side by side; the samples do not depend on it.
     """
-    nominal = load_pump("25scy14-1b")
-    fleet = {name: draw_specimen(nominal, name, seed) for name in {slot.specimen for slot in _slots(size)}}
     slots = [slot for slot in _slots(size) if slot.label in labels]
+    return _measured(slots, size.duration, seed, batch=batch, jobs=jobs)
+
+
+def _measured(
+    slots: Sequence[_Slot], duration: float, seed: int, *, batch: int = 30, jobs: int = 1
+) -> Iterator[tuple[Recording, Run]]:
+    """Recordings of some slots, each with its run."""
+    fleet = _fleet(slots, seed)
     batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
-    measured = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], size.duration, seed)
-        for slots in batches
+    measured = parallel(jobs, return_as="generator")(
+        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed) for slots in batches
     )
     for pairs in measured:
         yield from pairs
+
+
+def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
+    nominal = load_pump("25scy14-1b")
+    return {name: draw_specimen(nominal, name, seed) for name in dict.fromkeys(slot.specimen for slot in slots)}
+
+
+def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:
+    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
+    return run_of(slot.name, specimen, slot.pressure, seed, fault)
 
 
 def _measure_batch(
     slots: Sequence[_Slot], specimens: Sequence[Specimen], duration: float, seed: int
 ) -> list[tuple[Recording, Run]]:
     torch.set_num_threads(1)
-    runs = [
-        run_of(slot.name, specimen, slot.pressure, seed, draw_fault(slot.label, slot.specimen, seed, slot.name))
-        for slot, specimen in zip(slots, specimens, strict=True)
-    ]
+    runs = [_run_of(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
     signals = measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
     return [
         (recording_of(slot.name, slot.label, slot.pressure, run, signal), run)
@@ -165,13 +180,13 @@ def build_rig(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Index file of a virtual rig written to `folder`.
+    """Index file of a virtual rig written to `folder`; what an earlier run left whole is kept.
 
     The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of swashtwin reads it.
 
     Parameters
     ----------
-    folder : new or empty folder.
+    folder : new or empty folder, or one that an earlier run with equal arguments left, finished or not.
     seed : which fleet.
     size : name in `SIZES`, or a size of one's own.
     file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
@@ -181,25 +196,32 @@ def build_rig(
     Raises
     ------
     InputError
-        The folder holds files already, or the size is unknown.
+        The folder holds something else, or a rig of other arguments; or the size is unknown.
     """
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder} is not empty; choose a new folder for the rig.")
     plan = SIZES[size] if isinstance(size, str) else size
-    total = len(_slots(plan))
-    recordings, files, runs, fleet = [], [], {}, {}
-    for recording, run in rig_recordings(seed, plan, jobs=jobs):
-        path = folder / run.specimen.name / f"{recording.recording_id}.{file_format}"
-        write_recording(recording, path)
-        recordings.append(recording)
-        files.append(path.relative_to(folder))
-        runs[recording.recording_id] = _truth(run)
-        fleet[run.specimen.name] = {"mount": run.specimen.mount, "bearing": run.specimen.bearing}
+    settings = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "format": file_format}
+    open_pieces(folder, MANIFEST_NAME, settings)
+    slots = _slots(plan)
+    files = [Path(slot.specimen) / f"{slot.name}.{file_format}" for slot in slots]
+    path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
+    missing = [slot for slot in slots if not path_of[slot.name].is_file()]
+    for count, (recording, _) in enumerate(_measured(missing, plan.duration, seed, jobs=jobs), 1):
+        write_recording(recording, path_of[recording.recording_id])
         if progress:
-            progress(len(recordings), total)
-    truth = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "specimens": fleet, "recordings": runs}
+            progress(len(slots) - len(missing) + count, len(slots))
+    fleet = _fleet(slots, seed)
+    runs = {slot.name: _run_of(slot, fleet[slot.specimen], seed) for slot in slots}
+    truth = {
+        "rig_version": RIG_VERSION,
+        "seed": seed,
+        "size": asdict(plan),
+        "specimens": {name: {"mount": specimen.mount, "bearing": specimen.bearing} for name, specimen in fleet.items()},
+        "recordings": {name: _truth(run) for name, run in runs.items()},
+    }
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
-    return write_index(recordings, files, folder / "recordings.toml")
+    silent = np.zeros((len(load_pump("25scy14-1b").channels), 1))
+    described = [recording_of(slot.name, slot.label, slot.pressure, runs[slot.name], silent) for slot in slots]
+    return write_index(described, files, folder / "recordings.toml")

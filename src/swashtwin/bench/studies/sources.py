@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from swashtwin.bench.results.runs import fingerprint_of
 from swashtwin.bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
-from swashtwin.foundation import DataError, whole_folder
+from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recordings
 
 
@@ -52,13 +52,10 @@ class Fleets:
     """Called with recordings built and in all."""
 
     def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
-        """The fleet of that seed, which is built where it does not lie there yet."""
+        """The fleet of that seed, of which is built what does not lie there yet."""
         folder = Path(self.folder) / f"rig-{self.size}-{seed}"
         if not (folder / "recordings.toml").is_file():
-            if folder.exists() and any(folder.iterdir()):
-                raise DataError(f"{folder} holds part of a fleet; delete it, and the same command builds it again.")
-            with whole_folder(folder):
-                build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
+            build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
         recordings = list(load_recordings(folder))
         require_rig(folder, recordings, SIZES[self.size])
         return recordings, fingerprint_of(recordings)

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
-from swashtwin.foundation import InputError, MissingExtraError
+from swashtwin.foundation import InputError, MissingExtraError, parallel
 
 BACKENDS = ("joblib", "dask", "ray")
 """Backends of joblib that can run tasks."""
@@ -45,20 +45,19 @@ class Workers:
                 stack.enter_context(_dask(self.jobs, self.address))
             elif self.backend == "ray":
                 stack.enter_context(_ray(self.jobs, self.address))
-            else:
-                stack.enter_context(parallel_config(backend="loky", n_jobs=self.jobs))
             yield self
 
     def each(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """(index, result) of `function` for each tuple of arguments, as they come; only within `started`."""
         calls = [delayed(_call_with_index)(function, index, values) for index, values in enumerate(arguments)]
-        if self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
+        if self.backend == "joblib":
+            yield from parallel(self.jobs, return_as="generator_unordered")(calls)
+        elif self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
             size = max(1, effective_n_jobs(-1))
             for first in range(0, len(calls), size):
                 yield from Parallel()(calls[first : first + size])
         else:
-            pre_dispatch = "all" if self.backend == "dask" else "2*n_jobs"
-            yield from Parallel(return_as="generator_unordered", pre_dispatch=pre_dispatch)(calls)
+            yield from Parallel(return_as="generator_unordered", pre_dispatch="all")(calls)
 
 
 def _call_with_index(function: Callable[..., Any], index: int, values: tuple[Any, ...]) -> tuple[int, Any]:

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from swashtwin.calibration.objective.unknowns import Unknowns
 from swashtwin.calibration.uncertainty.posterior import QUANTILE
-from swashtwin.foundation import ArtifactError, InputError, MissingFileError, write_text
+from swashtwin.foundation import ArtifactError, InputError, MissingFileError, read_text, write_text
 
 FORMAT = "swashtwin population 1"
 SPREAD_WIDTH = 0.5
@@ -116,7 +116,7 @@ def load_population(path: Path | str) -> Population:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such population.")
     try:
-        return _population(json.loads(path.read_text(encoding="utf-8")))
+        return _population(json.loads(read_text(path)))
     except (KeyError, TypeError, ValueError, AttributeError) as cause:
         raise ArtifactError(f"{path}: not a population, or a damaged one: {cause!s}.") from cause
 

@@ -11,7 +11,6 @@ from swashtwin.cli.bench.results import tell_study, typed_command
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import Index, Jobs, Json, Seed, Window, as_folder
-from swashtwin.foundation import whole_folder
 
 if TYPE_CHECKING:
     from swashtwin.learning import WindowSet
@@ -48,13 +47,13 @@ def demo(
     from swashtwin.recordings import load_recordings
 
     folder = out / f"rig-{seed}"
+    hint = f"finished recordings in {folder} and finished runs are kept; the same command continues"
     if (folder / "recordings.toml").is_file():
         require_rig(folder, list(load_recordings(folder)), SIZES["small"])
         note(f"using the rig in {folder}")
     else:
-        with whole_folder(folder), progress("recording on the virtual rig") as bar:
+        with resumable(hint), progress("recording on the virtual rig") as bar:
             build_rig(folder, seed=seed, jobs=jobs, progress=bar)
-    hint = f"the rig in {folder} is complete, finished runs are kept, and the same command continues"
     with resumable(hint), progress("Case I") as bar:
         result = run_study(
             "case1",
@@ -78,7 +77,7 @@ def rig(
     """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
     from swashtwin.bench import RIG_VERSION, build_rig
 
-    with whole_folder(out), progress("recording") as bar:
+    with resumable("finished recordings are kept; the same command continues"), progress("recording") as bar:
         index_file = build_rig(out, seed=seed, size=size.value, file_format=file_format.value, progress=bar)
     result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": RIG_VERSION}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))

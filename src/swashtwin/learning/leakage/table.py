@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 
-from swashtwin.foundation import DataError, InputError, MissingFileError
+from swashtwin.foundation import DataError, InputError, MissingFileError, read_text
 from swashtwin.recordings import load_recordings
 
 ALIASES = {
@@ -81,10 +81,7 @@ def read_audit_rows(
             near = get_close_matches(fact, ALIASES, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(ALIASES)}."
             raise InputError(f"{fact!r} is no fact of a window; {hint}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as cause:
-        raise DataError(f"{path} is no text in UTF-8 ({cause.reason}); save the table as CSV UTF-8.") from cause
+    text = read_text(path)
     head = text.splitlines()[0] if text.strip() else ""
     reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count), restval="")
     names = [name.strip() for name in reader.fieldnames or ()]

@@ -1,0 +1,155 @@
+"""What a killed process leaves is removed, what a living one writes is not, and pieces are taken up."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from swashtwin.foundation import (
+    ArtifactError,
+    DataError,
+    InputError,
+    files,
+    open_pieces,
+    read_text,
+    replacing,
+    write_artifact,
+    write_text,
+)
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from swashtwin.foundation import replacing
+with replacing(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _new_process() -> None:
+    """Forget which folders were searched for leftovers, as a new process does not know either."""
+    files._remove_leftovers.cache_clear()
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> "subprocess.Popen[bytes]":
+    """Process that is in the middle of writing ``a.txt``."""
+    process = subprocess.Popen([sys.executable, "-c", WRITER, tmp_path / "a.txt"], stdout=subprocess.PIPE)
+    with process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+        process.kill()
+
+
+def test_the_next_start_removes_what_a_killed_process_left(tmp_path: Path, writer: "subprocess.Popen[bytes]") -> None:
+    write_text(tmp_path / "b.txt", "whole")
+    assert len(os.listdir(tmp_path)) == 3, "the file of a living process is left alone"
+    writer.kill()
+    writer.wait()
+    files._remove_leftovers.cache_clear()
+    write_text(tmp_path / "c.txt", "whole")
+    assert sorted(os.listdir(tmp_path)) == ["b.txt", "c.txt"]
+
+
+def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(tmp_path: Path) -> None:
+    (tmp_path / ".swashtwin-0123456789ab.part.h5").write_text("half")
+    others = {".swashtwin-settings", ".swashtwin-0123456789ab", ".a.h5"}
+    for name in others:
+        (tmp_path / name).write_text("mine")
+    write_text(tmp_path / "a.txt", "whole")
+    assert set(os.listdir(tmp_path)) == {"a.txt", *others}
+
+
+def test_a_file_is_replaced_on_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows: nothing locks, an open file cannot be removed, and a scanner may hold the target for a moment."""
+    monkeypatch.setattr(files, "fcntl", None)
+    monkeypatch.setattr(files, "_WAITS", (0.0, 0.0))
+    real, refusals = Path.replace, [PermissionError(13, "in use"), PermissionError(13, "in use")]
+
+    def busy(temporary: Path, target: Path) -> Path:
+        if refusals:
+            raise refusals.pop()
+        return real(temporary, target)
+
+    monkeypatch.setattr(Path, "replace", busy)
+    assert write_text(tmp_path / "a.txt", "new").read_text() == "new"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027, 0o077])
+def test_files_have_the_permissions_of_the_users_umask(tmp_path: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        write_text(tmp_path / "a.txt", "a")
+        write_artifact(tmp_path / "a.safetensors", "kind", 1, {}, {"x": torch.zeros(1)})
+        with replacing(tmp_path / "a.npz") as temporary:
+            np.savez_compressed(temporary, x=np.zeros(1))
+    finally:
+        os.umask(before)
+    names = ("a.txt", "a.safetensors", "a.npz")
+    assert {(tmp_path / name).stat().st_mode & 0o777 for name in names} == {0o666 & ~umask}
+
+
+def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_mark(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.txt", "ä\nb\udcfc\n")
+    assert path.read_bytes() == b"\xc3\xa4\nb\\udcfc\n"
+    path.write_bytes(b"\xef\xbb\xbf\xc3\xa4")
+    assert read_text(path) == "ä"
+    path.write_bytes("ä".encode("utf-16"))
+    with pytest.raises(DataError, match=r"is no UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"):
+        read_text(path)
+
+
+def test_pieces_are_taken_up_under_equal_settings_only(tmp_path: Path) -> None:
+    open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+    (tmp_path / "rig" / "piece").write_text("whole")
+    open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+    with pytest.raises(InputError, match="seed was 1, now 2"):
+        open_pieces(tmp_path / "rig", "rig.json", {"seed": 2})
+    with pytest.raises(InputError, match="not empty; choose a new folder"):
+        open_pieces(tmp_path, "rig.json", {"seed": 1})
+    (tmp_path / "rig" / "rig.json").write_text("{")
+    with pytest.raises(ArtifactError, match="damaged"):
+        open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+
+
+def test_a_folder_that_was_killed_while_its_manifest_was_written_is_taken_up(
+    tmp_path: Path, writer: "subprocess.Popen[bytes]"
+) -> None:
+    writer.kill()
+    writer.wait()
+    open_pieces(tmp_path, "rig.json", {"seed": 1})
+    assert os.listdir(tmp_path) == ["rig.json"]
+
+
+PARENT = """
+import os, sys, time
+from joblib import delayed
+from swashtwin.foundation import parallel
+
+def work(number):
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+
+if __name__ == "__main__":
+    parallel(2)(delayed(work)(number) for number in range(2))
+"""
+
+
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as parent:
+        assert parent.stdout is not None
+        for _ in range(2):
+            parent.stdout.readline()
+        parent.kill()
+        parent.communicate(timeout=20)  # until the last worker has closed the pipe

@@ -23,7 +23,7 @@ from swashtwin.recordings import (
     write_recording,
     write_store,
 )
-from swashtwin.recordings.formats import csv, registry
+from swashtwin.recordings.formats import registry
 from swashtwin.recordings.samples import Columns, Samples
 
 
@@ -151,31 +151,6 @@ def test_a_relative_path_holds_in_another_folder(tmp_path: Path, monkeypatch: py
     recordings = load_recordings(name)
     monkeypatch.chdir("/")
     np.testing.assert_array_equal(recordings[0].signal, make("a").signal)
-
-
-def test_a_text_table_is_parsed_once_for_its_facts_and_its_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    paths: list[Path] = []
-    read = csv.read
-
-    def counted(path: Path, options: Options) -> RawFile:
-        paths.append(path)
-        return read(path, options)
-
-    monkeypatch.setattr(csv, "read", counted)
-    path = write_recording(make("a"), tmp_path / "a.csv")
-    recordings = load_recordings([path])
-    for recording in (recordings[0], recordings[0], load_recording(path)):
-        np.testing.assert_array_equal(recording.signal, make("a").signal)
-    assert len(paths) == 1
-    path.write_text(path.read_text().replace("time [s],x", "time [s],u"))
-    assert load_recording(path).channels[0].startswith("u")
-    monkeypatch.setattr(registry, "_PARSED_BYTES", 0)
-    for _ in range(2):
-        path.write_text(path.read_text() + "\n")
-        load_recording(path)
-    assert len(paths) == 4
 
 
 # ---- a sequence

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, MissingExtraError
-from swashtwin.recordings import Options, Recording, load_recording, write_recording
+from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.recordings.formats import subprocess_reader
 
 SIGNAL = np.random.default_rng(0).standard_normal((2, 400))
@@ -84,22 +84,6 @@ def test_channels_of_two_rates_are_not_one_recording(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"several rates \(0/x: 25600 Hz, 1/x: 12800 Hz\)"):
         load_recording(path)
     assert load_recording(path, channels=["1/x"]).sample_rate == 12800.0
-
-
-def test_a_library_that_crashes_on_a_file_does_not_take_the_reader_with_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
-    load_recording(path)
-    for name, value, message in (
-        ("json.dumps", lambda _: "{", "the library that reads it crashed"),  # ends the other process
-        ("_PATIENCE", -1.0, "no end was found"),
-    ):
-        with monkeypatch.context() as patch:
-            patch.setattr(f"swashtwin.recordings.formats.subprocess_reader.{name}", value)
-            with pytest.raises(DataError, match=f"damaged: {message}"):
-                subprocess_reader.read_in_subprocess("mdf", path, Options())
-    assert load_recording(path).sample_rate == 1000.0
 
 
 def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

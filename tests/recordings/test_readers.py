@@ -2,7 +2,6 @@
 
 import errno
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -13,7 +12,7 @@ from scipy.io import savemat
 
 from swashtwin.foundation import InputError, MissingExtraError
 from swashtwin.recordings import Recording, load_recording, load_recordings, write_index, write_recording
-from swashtwin.recordings.formats import registry as formats
+from swashtwin.recordings.formats import registry, subprocess_reader
 from swashtwin.recordings.formats.raw import snapped_rate
 
 
@@ -111,13 +110,12 @@ def test_a_full_disk_leaves_the_old_file_and_no_debris(
 ) -> None:
     path = write_recording(recording, tmp_path / f"a.{suffix}")
     old = path.read_bytes()
-    module = import_module(f"swashtwin.recordings.formats.{formats._FORMATS['.' + suffix]}")
 
     def write_half(recording: Recording, target: Path) -> None:
         target.write_bytes(old[: len(old) // 2])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(module, "write", write_half)
+    monkeypatch.setattr(registry._writer("." + suffix), "write", write_half)
     with pytest.raises(OSError, match="No space"):
         write_recording(replace(recording, signal=recording.signal + 1), path)
     assert path.read_bytes() == old
@@ -132,9 +130,9 @@ def test_a_rate_that_wav_cannot_hold_is_refused(recording: Recording, tmp_path: 
 def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(recording, tmp_path / "a.tdms")
 
-    def refuse(name: str) -> None:
-        raise ImportError(name)
-
-    monkeypatch.setattr("swashtwin.recordings.formats.raw.import_module", refuse)
+    (tmp_path / "nptdms.py").write_text("raise ImportError('nptdms')")
+    monkeypatch.syspath_prepend(tmp_path)
+    subprocess_reader.stop()
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[readers\]"'):
         load_recording(path)
+    subprocess_reader.stop()

@@ -94,7 +94,7 @@ def test_a_foreign_hdf5_file_is_read_in_its_own_number_type(layout: str, tmp_pat
 def test_a_file_that_shrinks_while_it_is_open_is_noticed(tmp_path: Path) -> None:
     recording = load_recording(write_recording(make("a"), tmp_path / "a.wav"), unit="m/s^2")
     os.truncate(tmp_path / "a.wav", 2000)
-    with pytest.raises(DataError, match=r"is cut off|cannot be read"):
+    with pytest.raises(DataError, match="has changed since it was loaded"):
         recording.slice(4000, 5000)
 
 

@@ -27,6 +27,8 @@ from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
 from .files import spreadsheet_text as spreadsheet_text
 from .files import write_text as write_text
+from .memory import memory_limit as memory_limit
+from .memory import require_memory as require_memory
 from .multiple_testing import holm_correction as holm_correction
 from .printing import escape_controls as escape_controls
 from .processes import end_with as end_with
@@ -72,6 +74,7 @@ __all__ = [
     "hertz",
     "holm_correction",
     "is_unit",
+    "memory_limit",
     "mm",
     "one_thread",
     "open_pieces",
@@ -84,6 +87,7 @@ __all__ = [
     "refuse_misfits",
     "replacing",
     "require_disk_space",
+    "require_memory",
     "restore_optimizer",
     "rpm",
     "select_prefix",

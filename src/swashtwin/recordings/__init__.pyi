@@ -8,6 +8,7 @@ from .checks.inspection import inspect_recordings as inspect_recordings
 from .checks.usability import refuse_unfit as refuse_unfit
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
+from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
@@ -34,7 +35,6 @@ from .loading import recording_of as recording_of
 from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
-from .samples import BLOCK as BLOCK
 from .series import write_series as write_series
 from .splitting import best_test_rows as best_test_rows
 from .store import is_store as is_store

@@ -43,8 +43,8 @@ def facts_of(
     units = {raw.units[column] for column in columns if column in raw.units}
     if len(units) == 1 and "unit" not in defaults:
         facts["unit"] = (units.pop(), "the file")
-    if raw.recording is not None and raw.recording.label:
-        facts["label"] = (raw.recording.label, "the file")
+    if raw.facts.get("label"):
+        facts["label"] = (raw.facts["label"], "the file")
     facts.setdefault("channels", (", ".join(columns), "the file"))
     return facts
 

@@ -13,11 +13,13 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, UnitError, parse, sha256_of
 from swashtwin.pump import OperatingCondition
+from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.lossless import condition_in
 from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column, Columns, Samples, file_stamp, require_unchanged
+from swashtwin.recordings.samples import Columns, Samples
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 _RATE_TOLERANCE = 1e-3
@@ -59,10 +61,10 @@ def recording_of(path: Path, entry: Entry) -> Recording:
             f"{path}: {len(names)} name{'s' * (len(names) != 1)} for {len(view.names)} channels "
             f"({', '.join(view.names)}); on the command line --names stands once for each, in order."
         )
-    recorded = raw.recording
+    stated = raw.facts
     attributes = dict(raw.attributes) | dict(entry.attributes)
     condition = _condition(entry, str(path), attributes)
-    name = entry.id or (recorded.recording_id if recorded else stem_of(path))
+    name = entry.id or stated.get("recording_id") or stem_of(path)
     samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
     resampling = _resampling(entry, view.rate, str(path))
     if resampling is not None:
@@ -74,10 +76,10 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         recording_id=name,
         channels=names,
         unit=view.unit,
-        label=entry.label or (recorded.label if recorded else None),
-        condition=condition or (recorded.condition if recorded else None),
-        specimen=entry.specimen or (recorded.specimen if recorded else None),
-        synthetic=entry.synthetic or bool(recorded and recorded.synthetic),
+        label=entry.label or stated.get("label"),
+        condition=condition or condition_in(stated),
+        specimen=entry.specimen or stated.get("specimen"),
+        synthetic=entry.synthetic or bool(stated.get("synthetic")),
         attributes=attributes | {"file": entry.file} | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
     )
 

@@ -199,7 +199,7 @@ def _survey(
                 raise
             survey.skipped.append(str(cause))
             continue
-        labeled = raw.recording is not None and raw.recording.label is not None
+        labeled = raw.facts.get("label") is not None
         values = {key: value for key, value in fact.items() if key != "label" or not labeled}
         entry = Entry.from_mapping({"file": name, **defaults, **values}, str(path))
         columns = choose_columns(raw, entry, str(path))
@@ -254,7 +254,7 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
     missing = {
         "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
         "unit": not has_units and entry.unit is None and entry.calibration_factor is None,
-        "label": not entry.label and not (raw.recording and raw.recording.label),
+        "label": not entry.label and not raw.facts.get("label"),
         "speed": entry.discharge_pressure is not None and entry.speed is None,
     }
     return [key for key, is_missing in missing.items() if is_missing]

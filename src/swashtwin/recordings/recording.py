@@ -13,7 +13,8 @@ from jaxtyping import Float, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.samples import BLOCK, Samples
+from swashtwin.recordings.columns import BLOCK
+from swashtwin.recordings.samples import Samples
 
 
 class _Unchanged(Enum):

@@ -4,47 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError
-
-BLOCK = 1 << 18
-"""Samples of each channel that are in memory together: 2 MB in double precision."""
-
-
-def file_stamp(path: Path) -> tuple[int, int, int]:
-    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed one, has others.
-
-    Raises
-    ------
-    MissingFileError
-        No such file.
-    """
-    if not path.is_file():
-        raise MissingFileError(f"{path} does not exist, or is no file.")
-    stat = path.stat()
-    return stat.st_size, stat.st_mtime_ns, stat.st_ino
-
-
-def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
-    """Refuse a file whose `file_stamp` differs from the one that it had when it was loaded."""
-    if file_stamp(path) != stamp:
-        raise DataError(f"{path}: the file has changed since it was loaded; load it again.")
-
-
-@runtime_checkable
-class Column(Protocol):
-    """Samples of one channel in the number type of the file; an array is one, and so is what reads when sliced."""
-
-    def __len__(self) -> int:
-        """Number of samples."""
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        """The samples of a slice."""
+from swashtwin.foundation import DataError, InputError, SwashTwinError, require_memory
+from swashtwin.recordings.columns import BLOCK, Column, number_type
 
 
 @dataclass(frozen=True)
@@ -101,7 +67,8 @@ class Samples:
         shape = (len(columns.channels), len(columns.channels[0]))
         if columns.speed is not None and len(columns.speed) != shape[1]:
             raise DataError(f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples.")
-        kind = np.result_type(*(_read(name, column, 0, 1) for column in columns.channels))
+        with _refuse_damage(name, "the first sample cannot be read"):
+            kind = np.result_type(*(number_type(column) for column in columns.channels))
         return cls(name, shape, kind, columns.speed is not None, open_columns, columns)
 
     @classmethod
@@ -139,7 +106,15 @@ class Samples:
         start, stop = self._span(start, stop)
         if self._open_columns is None:
             return self.signal[:, start:stop]
-        return np.stack([_read(self.name, column, start, stop) for column in self._opened().channels])
+        channels = self._opened().channels
+        samples = np.empty((len(channels), stop - start), self.dtype)
+        for at in range(start, stop, BLOCK):  # columns beside each other are read together
+            part = samples[:, at - start : at - start + BLOCK]
+            for row, column in zip(part, channels, strict=True):
+                values = _read(self.name, column, at, at + len(row))
+                with _refuse_damage(self.name, "the number type changes within the file"):
+                    np.copyto(row, values, casting="same_kind")
+        return samples
 
     def signal_part(self, start: int, stop: int) -> Float[np.ndarray, "channel time"]:
         """Samples from `start` to before `stop`, in the recording's unit."""
@@ -181,6 +156,7 @@ class Samples:
     def _loaded(self) -> tuple[np.ndarray, np.ndarray | None]:
         if self._arrays is None:
             count = self.shape[1]
+            require_memory(self.name, 8 * self.shape[0] * count, reason="takes, with all its samples in memory,")
             self._hold(self.signal_part(0, count), self.speed_part(0, count))
             self._columns = None  # the file is closed
         assert self._arrays is not None
@@ -243,43 +219,3 @@ def _pick(open_columns: Callable[[], Columns], rows: tuple[int, ...]) -> Columns
     columns = open_columns()
     channels = tuple(columns.channels[row] for row in rows)
     return Columns(channels, tuple(columns.factors[row] for row in rows), columns.speed)
-
-
-class SideBySide:
-    """Columns that a file holds beside each other: a slice of all is read at once and kept for the others."""
-
-    def __init__(self, read: Callable[[int, int], np.ndarray], shape: tuple[int, int]) -> None:
-        self._read = read
-        self._shape = shape
-        self._last: tuple[int, int, np.ndarray] | None = None
-
-    def columns(self) -> "list[_SideColumn]":
-        """Each column by itself."""
-        return [_SideColumn(self, number) for number in range(self._shape[0])]
-
-    def __len__(self) -> int:
-        """Number of samples of each column."""
-        return self._shape[1]
-
-    def together(self, start: int, stop: int) -> np.ndarray:
-        """Samples of every column from `start` to before `stop`."""
-        if self._last is None or self._last[:2] != (start, stop):
-            self._last = None  # its memory is needed for the next
-            self._last = (start, stop, self._read(start, stop))
-        return self._last[2]
-
-
-class _SideColumn:
-    """One column of several that are read together."""
-
-    def __init__(self, source: SideBySide, number: int) -> None:
-        self._source = source
-        self._number = number
-
-    def __len__(self) -> int:
-        return len(self._source)
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, step = span.indices(len(self._source))
-        samples: np.ndarray = self._source.together(start, max(start, stop))[self._number]
-        return samples[::step]

@@ -41,7 +41,7 @@ def write_series(
     InputError
         The folder holds something else, or was made with other settings or by another version; or it has no room.
     """
-    from swashtwin.recordings.formats.hdf5 import read_header
+    from swashtwin.recordings.formats.lossless import read_header
 
     folder = Path(folder).resolve()
     open_pieces(folder, MANIFEST_NAME, settings)

@@ -1,27 +1,21 @@
 """A store: one HDF5 file of many recordings, in chunks, each with its facts as attributes."""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, InputError, replacing, require_disk_space
-from swashtwin.recordings.formats.hdf5 import (
-    CHUNK,
-    LAYOUT,
-    STORE_FORMAT,
-    STORE_KIND,
-    PatientFile,
-    columns_in,
-    recording_in,
-    require_format,
-    write_facts,
-)
-from swashtwin.recordings.formats.subprocess_reader import HDF5_SIGNATURE
+from swashtwin.recordings.columns import BLOCK
+from swashtwin.recordings.formats.hdf5_kinds import SIGNATURE, STORE_FORMAT, STORE_KIND
+from swashtwin.recordings.formats.lossless import read_headers
 from swashtwin.recordings.recording import Recording, require_distinct
-from swashtwin.recordings.samples import BLOCK, Columns, file_stamp, require_unchanged
+
+if TYPE_CHECKING:
+    import h5py
+
+    from swashtwin.recordings.formats.hdf5_writer import PatientFile
 
 _SUFFIXES = (".h5", ".hdf5")
 
@@ -51,6 +45,10 @@ def write_store(
     DataError
         There is no recording, or a file is damaged.
     """
+    import h5py
+
+    from swashtwin.recordings.formats.hdf5_writer import LAYOUT, PatientFile
+
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{path} must end in .h5 or .hdf5: a store is an HDF5 file.")
@@ -81,28 +79,12 @@ def stored_recordings(path: Path) -> list[Recording]:
     ArtifactError
         The file is damaged or of another version.
     """
-    path, stamp = path.absolute(), file_stamp(path)
     try:
-        with _open_store(path) as file:
-            require_format(path, file, STORE_FORMAT)
-            return [
-                recording_in(file[name], columns_in(file[name]), partial(_reopen, path, stamp, name)).unloaded()
-                for name in sorted(file)
-            ]
+        return read_headers(path)
     except ArtifactError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as cause:
-        reason = (str(cause).splitlines() or [""])[0][:160]
-        raise ArtifactError(f"{path} is damaged or cut off ({type(cause).__name__}: {reason}).") from cause
-
-
-def _open_store(path: Path) -> h5py.File:
-    return h5py.File(path, "r", rdcc_nbytes=0)  # slices are of whole chunks, and no chunk is read twice
-
-
-def _reopen(path: Path, stamp: tuple[int, int, int], name: str) -> Columns:
-    require_unchanged(path, stamp)
-    return columns_in(_open_store(path)[name])
+    except DataError as cause:
+        raise ArtifactError(str(cause)) from cause
 
 
 def is_store(path: Path) -> bool:
@@ -110,7 +92,7 @@ def is_store(path: Path) -> bool:
     if path.suffix.lower() not in _SUFFIXES or not path.is_file():
         return False
     with path.open("rb") as file:
-        if file.read(9)[:8] != HDF5_SIGNATURE:
+        if file.read(9)[:8] != SIGNATURE:
             return False
         file.seek(0)
         return STORE_KIND.encode() in file.read(1 << 16)
@@ -130,7 +112,9 @@ class _ByteCounter:
             self._progress(self._written // 1_000_000, self._total // 1_000_000)
 
 
-def _write(recording: Recording, group: h5py.Group, target: PatientFile, counter: _ByteCounter) -> None:
+def _write(recording: Recording, group: "h5py.Group", target: "PatientFile", counter: _ByteCounter) -> None:
+    from swashtwin.recordings.formats.hdf5_writer import CHUNK, write_facts
+
     count = recording.n_samples
     shape, chunk = (recording.n_channels, count), (recording.n_channels, min(CHUNK, count))
     signal = group.create_dataset("signal", shape, recording.sample_type, chunks=chunk, fletcher32=True)

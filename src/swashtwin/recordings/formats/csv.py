@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError, require_disk_space, spreadsheet_text
+from swashtwin.recordings.columns import SideBySide
 from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import time_name, timed_columns
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import SideBySide
 
 _BYTES = 1 << 24
 """Bytes of text that are in memory together, and the longest line."""

@@ -1,66 +1,91 @@
-"""HDF5: our own lossless format, and anybody else's vectors."""
+"""HDF5, read: our own lossless format, stores of it, and anybody else's vectors."""
 
 import json
-from collections.abc import Callable, Iterator
-from functools import partial
-from itertools import chain
+from collections.abc import Iterator
+from math import prod
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
 
-from swashtwin.foundation import ArtifactError, DataError
-from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit
-from swashtwin.recordings.formats.subprocess_reader import require_sound
-from swashtwin.recordings.recording import Recording, require_same_facts
-from swashtwin.recordings.samples import Column, Columns, Samples, SideBySide, file_stamp, require_unchanged
+from swashtwin.foundation import ArtifactError, DataError, require_memory
+from swashtwin.recordings.columns import Column, SideBySide
+from swashtwin.recordings.formats.hdf5_kinds import CONDITION, FORMAT, KIND, STORE_FORMAT, STORE_KIND
+from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, require_plausible_size
 
-_KIND = "swashtwin recording "
-_FORMAT = f"{_KIND}3"
-"""What a file of one recording calls itself."""
-LAYOUT = ("v110", "v110")
-"""A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless loop."""
-STORE_KIND = "swashtwin store "
-STORE_FORMAT = f"{STORE_KIND}2"
-"""What a file of many recordings calls itself."""
 _CACHE = 1 << 24
 """Bytes of a file's chunks that are kept: those of a slice of all channels."""
-CHUNK = 16384
-"""Samples of one block of the file, which has one checksum."""
-_CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
+_COLUMNS = 10_000
+"""Most vectors that a matrix has."""
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """A recording that `write` wrote, or every numeric vector of another HDF5 file."""
-    require_sound(path, "hdf5", options)
-    return read_here(path, options)
-
-
-def read_here(path: Path, options: Options) -> RawFile:
-    """As `read`, for a file that the library survives."""
-    stamp = file_stamp(path)
-    file = h5py.File(path, "r", rdcc_nbytes=_CACHE)
+    """A recording of our own format, or every numeric vector of another HDF5 file."""
+    file = _open(path, _CACHE)
     name = _text(file.attrs.get("format")) or ""
     if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
-    if not name.startswith(_KIND):
-        return _foreign(file)
-    require_format(path, file, _FORMAT)
-    columns = columns_in(file)
-    recording = recording_in(file, columns, partial(_reopen, path.absolute(), stamp))
-    named = dict(zip(recording.channels, columns.channels, strict=True))
-    units = dict.fromkeys(recording.channels, recording.unit)
-    return RawFile(named, recording.sample_rate, units, recording.attributes, recording, columns.speed)
+    if not name.startswith(KIND):
+        return _foreign(path, file)
+    require_format(path, file, FORMAT)
+    return _complete(path, file)
 
 
-def read_header(path: Path) -> Recording:
-    """Recording that `write` or `write_stream` wrote; its file is closed again."""
-    stamp = file_stamp(path)
-    with h5py.File(path, "r") as file:
-        require_format(path, file, _FORMAT)
-        return recording_in(file, columns_in(file), partial(_reopen, path.absolute(), stamp)).unloaded()
+def read_store(path: Path, options: Options) -> dict[str, RawFile]:
+    """Every recording of a store, by the name of its group."""
+    file = _open(path, 0)  # slices are of whole chunks, and no chunk is read twice
+    require_format(path, file, STORE_FORMAT)
+    return {name: _complete(path, file[name]) for name in sorted(file)}
+
+
+def _open(path: Path, cache: int) -> h5py.File:
+    file = h5py.File(path, "r", rdcc_nbytes=cache, locking=False)  # writers of this process are not kept out
+    require_links_within(path, file)
+    return file
+
+
+def require_links_within(path: Path, file: h5py.File) -> None:
+    """Refuse a file whose names lead to other files."""
+
+    def visit(name: str, link: Any) -> None:
+        if isinstance(link, h5py.ExternalLink):
+            raise DataError(
+                f"{path}: {name!r} is a link to another file ({link.filename}); put its data into this file, for "
+                "example with h5repack or h5copy."
+            )
+
+    file.visititems_links(visit)
+
+
+def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
+    """Refuse a data set whose samples are not all in this file, or do not fit in memory block by block.
+
+    Raises
+    ------
+    DataError
+        It is virtual or external, parts of it were never written, its chunks are too large, or what it unpacks to is
+        too much for the size of the file.
+    """
+    name, size = dataset.name, prod(dataset.shape) * dataset.dtype.itemsize
+    if dataset.is_virtual or dataset.external:
+        kind = "virtual" if dataset.is_virtual else "external"
+        raise DataError(
+            f"{path}: the data set {name} is {kind}: its samples are in other files; copy them into this file."
+        )
+    require_plausible_size(path, size, f"{name}, {dataset.shape}")
+    if dataset.chunks is None:
+        stored, expected, parts = dataset.id.get_storage_size(), size, "bytes"
+    else:
+        require_memory(path, prod(dataset.chunks) * dataset.dtype.itemsize, reason=f"has chunks of {name} that take")
+        grid = zip(dataset.shape, dataset.chunks, strict=True)
+        stored, expected = dataset.id.get_num_chunks(), prod(-(-length // chunk) for length, chunk in grid)
+        parts = "chunks"
+    if stored < expected:
+        raise DataError(
+            f"{path}: of the data set {name} only {stored} of {expected} {parts} were written; the rest would be read "
+            "as zeros that nobody measured."
+        )
 
 
 def require_format(path: Path, file: h5py.File, current: str) -> None:
@@ -81,180 +106,88 @@ def require_format(path: Path, file: h5py.File, current: str) -> None:
     raise ArtifactError(f"{path} has the format {name[:40]!r}, this swashtwin reads {current!r}; {advice}.")
 
 
-def _reopen(path: Path, stamp: tuple[int, int, int]) -> Columns:
-    require_unchanged(path, stamp)
-    return columns_in(h5py.File(path, "r", rdcc_nbytes=_CACHE))
-
-
-def write(recording: Recording, path: Path) -> None:
-    """Write the whole recording: samples in single precision where that loses nothing, the facts as attributes."""
-    # Made in memory: on a full disk the HDF5 library itself would leave its file open and complain past any handler.
-    with h5py.File(path, "w", libver=LAYOUT, driver="core", backing_store=False) as file:
-        for name, values in _vectors(recording).items():
-            single = values.astype(np.float32)
-            lossless = np.array_equal(single, values, equal_nan=True)
-            file.create_dataset(name, data=single if lossless else values, fletcher32=True)
-        write_facts(file, recording)
-        file.flush()
-        image = file.id.get_file_image()
-    path.write_bytes(image)
-
-
-def write_stream(blocks: Iterator[Recording], path: Path) -> None:
-    """Write blocks as one recording, in double precision; only one block is in memory at a time."""
-    first = next(blocks, None)
-    if first is None:
-        raise DataError("no block to make a recording of.")
-    with path.open("wb+", buffering=0) as stream:
-        target = PatientFile(stream)
-        with h5py.File(target, "w", libver=LAYOUT) as file:
-            for name, values in _vectors(first).items():
-                empty, shape = (*values.shape[:-1], 0), (*values.shape[:-1], CHUNK)
-                limit = (*values.shape[:-1], None)
-                file.create_dataset(name, empty, np.float64, chunks=shape, maxshape=limit, fletcher32=True)
-            for block in chain([first], blocks):
-                require_same_facts(first, block)
-                for name, values in _vectors(block).items():
-                    _append(file[name], values)
-                if target.error is not None:
-                    break
-            write_facts(file, first)
-        if target.error is not None:
-            raise target.error
-
-
-class PatientFile:
-    """File that keeps its first error and then lets all else be written nowhere.
-
-    On a full disk the HDF5 library would leave its file open and complain past any handler; so it never learns.
-    """
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self.error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        """Number of bytes of `data` (a memoryview, or what is like one), written or not."""
-        left = memoryview(data)
-        try:
-            while self.error is None and left.nbytes:
-                left = left[self._file.write(left) :]
-        except OSError as cause:
-            self.error = cause
-        return len(data)
-
-    def truncate(self, size: int) -> int:
-        """`size`, to which the file was cut or stretched."""
-        try:
-            if self.error is None:
-                self._file.truncate(size)
-        except OSError as cause:
-            self.error = cause
-        return size
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Offset [byte] from which the next bytes are read or written."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Offset [byte] in the file."""
-        return self._file.tell()
-
-    def read(self, size: int) -> bytes:
-        """The next bytes, at most `size`."""
-        return self._file.read(size)
-
-    def flush(self) -> None:
-        """Nothing: no byte waits."""
-
-
-def _append(dataset: h5py.Dataset, values: np.ndarray) -> None:
-    end = dataset.shape[-1]
-    dataset.resize(end + values.shape[-1], axis=values.ndim - 1)
-    dataset[..., end:] = values
-
-
-def _vectors(recording: Recording) -> dict[str, np.ndarray]:
-    return {"signal": recording.signal} | ({} if recording.speed is None else {"speed": recording.speed})
-
-
-def write_facts(file: h5py.Group, recording: Recording) -> None:
-    """Write the facts of a recording as attributes of a file or a group of it."""
+def _complete(path: Path, group: h5py.Group) -> RawFile:
+    """A recording of our own format, in a file or a group of it."""
+    signal, speed, stated = group["signal"], group.get("speed"), group.attrs
+    for dataset in (signal,) if speed is None else (signal, speed):
+        require_data_within(path, dataset)
+    channels, attributes = json.loads(stated["channels"]), json.loads(stated["attributes"])
+    factors = [float(factor) for factor in stated.get("factor", np.ones(len(channels)))]
+    lengths = {len(channels), len(factors), *signal.shape[:1]}
+    if not (_are_texts(channels) and isinstance(attributes, dict) and signal.ndim == 2 and len(lengths) == 1):
+        raise ArtifactError(f"{path} is damaged: its channels, factors or attributes are not what they should be.")
     facts: dict[str, Any] = {
-        "format": _FORMAT,
-        "sample_rate": float(recording.sample_rate),
-        "unit": recording.unit,
-        "channels": json.dumps(recording.channels),
-        "recording_id": recording.recording_id,
-        "synthetic": bool(recording.synthetic),
-        "attributes": json.dumps(dict(recording.attributes)),
+        "recording_id": str(_text(stated["recording_id"])),
+        "channels": channels,
+        "unit": str(_text(stated["unit"])),
+        "label": _text(stated.get("label")),
+        "specimen": _text(stated.get("specimen")),
+        "synthetic": bool(stated["synthetic"]),
+        "factors": factors,
     }
-    texts = {"label": recording.label, "specimen": recording.specimen}
-    facts |= {name: text for name, text in texts.items() if text is not None}
-    if recording.condition is not None:
-        facts |= {f"condition.{name}": float(getattr(recording.condition, name)) for name in _CONDITION}
-    for name, value in facts.items():  # texts of fixed length: the library checks no others
-        file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+    if "condition.speed" in stated:
+        facts["condition"] = {name: float(stated[f"condition.{name}"]) for name in CONDITION}
+    columns = SideBySide(lambda start, stop: signal[:, start:stop], signal.shape, signal.dtype).columns()
+    named = dict(zip(channels, columns, strict=True))
+    if len(named) < len(channels):  # the same name twice
+        named = {
+            f"{number} {name}": column for number, (name, column) in enumerate(zip(channels, columns, strict=True))
+        }
+    units = dict.fromkeys(named, facts["unit"])
+    return RawFile(named, float(stated["sample_rate"]), units, attributes, facts, speed)
 
 
-def columns_in(group: h5py.Group) -> Columns:
-    """The columns of the recording in a file or a group of it."""
-    signal, speed = group["signal"], group.get("speed")
-    factors = tuple(float(factor) for factor in group.attrs.get("factor", np.ones(signal.shape[0])))
-    channels = SideBySide(lambda start, stop: signal[:, start:stop], signal.shape).columns()
-    return Columns(tuple(channels), factors, speed)
-
-
-def recording_in(group: h5py.Group, columns: Columns, reopen: Callable[[], Columns]) -> Recording:
-    """The recording in a file or a group of it; its samples are read when they are asked for."""
-    facts = group.attrs
-    condition = None
-    if "condition.speed" in facts:
-        condition = OperatingCondition(**{name: float(facts[f"condition.{name}"]) for name in _CONDITION})
-    name = str(_text(facts["recording_id"]))
-    return Recording(
-        samples=Samples.from_columns(name, columns, reopen),
-        sample_rate=float(facts["sample_rate"]),
-        recording_id=name,
-        channels=tuple(json.loads(facts["channels"])),
-        unit=str(_text(facts["unit"])),
-        label=_text(facts.get("label")),
-        condition=condition,
-        specimen=_text(facts.get("specimen")),
-        synthetic=bool(facts["synthetic"]),
-        attributes=json.loads(facts["attributes"]),
-    )
+def _are_texts(values: Any) -> bool:
+    return isinstance(values, list) and all(isinstance(value, str) for value in values)
 
 
 def _text(value: Any) -> str | None:
     return value.decode() if isinstance(value, bytes) else value if isinstance(value, str) else None
 
 
-def _foreign(file: h5py.File) -> RawFile:
+def _foreign(path: Path, file: h5py.File) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    rates = _rates(file)
+    rates: dict[str, float] = {}
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or item.size < 2:
             return
-        rates.extend(_rates(item))
+        require_data_within(path, item)
         vectors = _vectors_in(item)
         unit = known_unit(_text(item.attrs.get("unit", file.attrs.get("unit"))))
+        rate = next((rate for holder in _holders(item) if (rate := _rate(path, holder)) is not None), None)
         for number, column in enumerate(vectors):
             key = name if len(vectors) == 1 else f"{name}/{number}"
             columns[key] = column
             if unit:
                 units[key] = unit
+            if rate is not None:
+                rates[key] = rate
 
     file.visititems(visit)
-    return RawFile(columns, rates[0] if rates else None, units)
+    return RawFile(columns, None, units, rates=rates)
 
 
-def _rates(item: h5py.Group | h5py.Dataset) -> list[float]:
-    """Sample rates [Hz] among the attributes, the usual names first."""
-    stated = {name.lower(): value for name, value in item.attrs.items()}
-    return [float(stated[name]) for name in RATE_NAMES if name in stated]
+def _holders(item: h5py.Dataset) -> Iterator[h5py.Group | h5py.Dataset]:
+    """A data set, and the groups that it is in, up to the file."""
+    yield item
+    group = item.parent
+    while group.name != "/":
+        yield group
+        group = group.parent
+    yield group
+
+
+def _rate(path: Path, item: h5py.Group | h5py.Dataset) -> float | None:
+    """Sample rate [Hz] among the attributes of a group or a data set, or None."""
+    stated = {name.lower(): name for name in item.attrs}
+    names = [stated[name] for name in RATE_NAMES if name in stated]
+    rates = {name: float(np.asarray(item.attrs[name]).reshape(())) for name in names}
+    if len(set(rates.values())) > 1:
+        listed = ", ".join(f"{name} = {rate:g} Hz" for name, rate in rates.items())
+        raise DataError(f"{path} states two sample rates for {item.name} ({listed}); remove the wrong one.")
+    return next(iter(rates.values()), None)
 
 
 def _vectors_in(item: h5py.Dataset) -> list[Column]:
@@ -266,6 +199,9 @@ def _vectors_in(item: h5py.Dataset) -> list[Column]:
         across, along = sides if item.shape[sides[0]] <= item.shape[sides[1]] else sides[::-1]
     else:
         return []
+    count = 1 if across is None else item.shape[across]
+    if count > _COLUMNS:
+        return []  # an image, or a table of something else
 
     def vectors(start: int, stop: int) -> np.ndarray:
         index: list[Any] = [0] * item.ndim
@@ -277,5 +213,4 @@ def _vectors_in(item: h5py.Dataset) -> list[Column]:
             return block[None]
         return block if across < along else block.T
 
-    count = 1 if across is None else item.shape[across]
-    return list(SideBySide(vectors, (count, item.shape[along])).columns())
+    return list(SideBySide(vectors, (count, item.shape[along]), item.dtype).columns())

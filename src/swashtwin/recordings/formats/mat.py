@@ -6,19 +6,12 @@ from typing import Any
 import numpy as np
 
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
-from swashtwin.recordings.formats.subprocess_reader import require_sound
 from swashtwin.recordings.formats.variables import sorted_variables
 from swashtwin.recordings.recording import Recording
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Vectors of a MATLAB file as columns, its single numbers and texts as attributes."""
-    require_sound(path, "mat", options)
-    return read_here(path, options)
-
-
-def read_here(path: Path, options: Options) -> RawFile:
-    """As `read`, for a file that the libraries survive."""
     content = load_extra("pymatreader").read_mat(path)
     return sorted_variables(_flattened(content))
 

@@ -5,17 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.formats.tables import read_time_column
 from swashtwin.recordings.recording import Recording
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Channels of numbers of every group, read in another process: asammdf crashes on some damaged files."""
-    return read_in_subprocess("mdf", path, options)
-
-
-def read_here(path: Path, options: Options) -> RawFile:
     """Channels of numbers of every group, whose master channel (the time) gives their rate.
 
     A name that stands in several groups is called ``GROUP/NAME``, with the group's number from 0.

@@ -5,25 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
-from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.formats.tables import split_unit, timed_columns
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a time column the rate.
 
-    A column of time stamps counts as the time [s] since its first. Another process reads the file first: damage
-    makes polars panic.
+    A column of time stamps counts as the time [s] since its first.
     """
-    read_in_subprocess("parquet", path, options, keep=False)
-    return read_here(path, options)
-
-
-def read_here(path: Path, options: Options) -> RawFile:
-    """As `read`, for a file that the library survives."""
     polars = load_extra("polars")
     table = polars.scan_parquet(path)
     height = table.select(polars.len()).collect().item()

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import MissingExtraError, UnitError, parse
-from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column
+from swashtwin.foundation import DataError, MissingExtraError, UnitError, memory_limit, parse
+from swashtwin.recordings.columns import Column
 
 RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
 """What files call their sample rate [Hz], in any case of letters."""
@@ -15,6 +15,10 @@ RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate"
 _SPELLINGS = {"g": "g_0", "G": "g_0", "gn": "g_0", "mg": "mg_0", "m/s2": "m/s^2", "m/s/s": "m/s^2", "mm/s2": "mm/s^2"}
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 """Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""
+
+
+_PACKING = 100
+"""How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead channel to more."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,9 @@ class RawFile:
     """Unit of each column for which the file names one."""
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Further facts in the file."""
-    recording: Recording | None = None
-    """Recording with the facts that the file states: id, label, condition, specimen, synthetic. None where it has no
-    place for these."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """What the file states of the fields of `Recording`: ``recording_id``, ``label``, ``specimen``, ``synthetic``, and
+    ``condition``, the keys of an `OperatingCondition` in SI units."""
     speeds: Column | None = None
     """Angular speed of the shaft at each sample [rad/s], where the file has it."""
     full_scale: bool = False
@@ -110,6 +114,22 @@ def known_unit(text: object) -> str | None:
     except UnitError:
         return None
     return unit
+
+
+def require_plausible_size(path: Path, size: float, name: str) -> None:
+    """Refuse content that is read in parts, where its `size` [byte] is beyond what measurements can be packed to.
+
+    Raises
+    ------
+    DataError
+        The content takes more than the memory limit, and `_PACKING` times the size of the file.
+    """
+    packed, limit = path.stat().st_size, memory_limit()
+    if size > limit and size > _PACKING * packed:
+        raise DataError(
+            f"{path} of {packed / 1e6:.3g} MB unpacks to {size / 1e9:.3g} GB ({name}), more than {_PACKING} times its "
+            f"size and than the limit of {limit / 1e9:.3g} GB; it is damaged, or holds no measurement."
+        )
 
 
 def snapped_rate(step: float, tolerance: float) -> float:

@@ -2,13 +2,16 @@
 
 import warnings
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, replacing
+from swashtwin.recordings.formats.lossless import read_header
 from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.recording import Recording
 
 _FORMATS = {
@@ -35,11 +38,6 @@ _FORMATS = {
 }
 _registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
-_IN_PARTS = (".wav", ".tdms", ".h5", ".hdf5", ".parquet")
-"""Suffixes of files that are read in parts. A file of any other format is parsed whole."""
-_PARSED_BYTES = 1 << 28
-"""Bytes of parsed files that are kept, so that a file is not parsed for its facts and again for its samples."""
-_parsed: dict[tuple[object, ...], RawFile] = {}
 _RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
@@ -107,18 +105,10 @@ def open_raw(path: Path, options: Options) -> RawFile:
     """
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
-    read, stat = _reader(path), path.stat()
-    if stat.st_size == 0:
+    read = _reader(path)
+    if path.stat().st_size == 0:
         raise DataError(f"{path} is empty (0 bytes).")
-    key = (read, path.resolve(), stat.st_ino, stat.st_size, stat.st_mtime_ns, options)
-    if key in _parsed:
-        return _parsed[key]
-    raw = _read(path, read, options)
-    if suffix_of(path) not in _IN_PARTS:
-        _parsed[key] = raw
-        while sum(8 * len(column) for parsed in _parsed.values() for column in parsed.columns.values()) > _PARSED_BYTES:
-            del _parsed[next(iter(_parsed))]  # the oldest
-    return raw
+    return _read(path, read, options)
 
 
 def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options) -> RawFile:
@@ -145,14 +135,17 @@ def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options
 def _reader(path: Path) -> Callable[[Path, Options], RawFile]:
     suffix = suffix_of(path)
     if suffix in _FORMATS:
-        read: Callable[[Path, Options], RawFile] = _module(suffix).read
-        return read
+        return partial(_read_in_subprocess, _FORMATS[suffix])
     if suffix not in _registered:
         for point in entry_points(group=_ENTRY_POINTS, name=suffix[1:]):
             register_format(suffix, point.load())
     if suffix not in _registered:
         raise DataError(f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are {', '.join(suffixes())}.")
     return _registered[suffix]
+
+
+def _read_in_subprocess(module: str, path: Path, options: Options) -> RawFile:
+    return read_in_subprocess(module, path, options)[""]
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
@@ -170,8 +163,8 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     """
     path = Path(path)
     suffix = _require_suffix(path, WRITABLE, "written")
-    with replacing(path) as partial:
-        _module(suffix).write(recording, partial)
+    with replacing(path) as partial_file:
+        _writer(suffix).write(recording, partial_file)
     return path
 
 
@@ -194,11 +187,10 @@ def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
         There is no block, or a block does not continue the first.
     """
     path = Path(path)
-    module = _module(_require_suffix(path, (".h5", ".hdf5"), "written block by block"))
-    with replacing(path) as partial:
-        module.write_stream(iter(blocks), partial)
-    recording: Recording = module.read_header(path)
-    return recording
+    writer = _writer(_require_suffix(path, (".h5", ".hdf5"), "written block by block"))
+    with replacing(path) as partial_file:
+        writer.write_stream(iter(blocks), partial_file)
+    return read_header(path)
 
 
 def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
@@ -209,5 +201,7 @@ def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
     return suffix
 
 
-def _module(suffix: str) -> Any:
-    return import_module(f"swashtwin.recordings.formats.{_FORMATS[suffix]}")
+def _writer(suffix: str) -> Any:
+    """Module that writes files of a suffix."""
+    module = _FORMATS[suffix]
+    return import_module(f"swashtwin.recordings.formats.{'hdf5_writer' if module == 'hdf5' else module}")

@@ -1,7 +1,7 @@
-"""Reading in another process, for libraries that a damaged file can crash or send into an endless loop.
+"""Files read by another process, because a damaged one can crash its library, or make it take all memory or time.
 
-The process is started when first needed and kept for the next file; it dies with this one. Run as a module it is that
-process: a line of JSON in, a line of JSON and the columns' bytes out, for each file.
+The process (`worker`) is started when first needed and kept for the next files. It ends with this one. Samples come
+through its pipe as they are, in parts: a file in shared memory would stay behind where both processes are killed.
 """
 
 import atexit
@@ -10,128 +10,284 @@ import os
 import subprocess
 import sys
 import threading
-import warnings
-from dataclasses import asdict
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from importlib import import_module
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import ArtifactError, DataError, MissingExtraError
+from swashtwin.foundation import (
+    ArtifactError,
+    DataError,
+    InputError,
+    MissingExtraError,
+    MissingFileError,
+    UnitError,
+    memory_limit,
+)
+from swashtwin.recordings.columns import BLOCK, file_stamp
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.samples import BLOCK
 
 _PATIENCE = 30.0
 """Seconds that any file may take to read."""
 _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""Bytes that every HDF5 file begins with, or holds at 512 or a doubling of it."""
-_lock = threading.Lock()
-_sound: set[tuple[object, ...]] = set()
-"""Files that were read in the other process without harm."""
-_process: "subprocess.Popen[bytes] | None" = None
+_TOGETHER = 1 << 24
+"""Samples of all columns of a file that are read together."""
+_KINDS = {
+    kind.__name__: kind
+    for kind in (ArtifactError, DataError, InputError, MissingExtraError, MissingFileError, UnitError)
+}
+"""Errors that the other process may report as they are."""
 
 
-def read_in_subprocess(module: str, path: Path, options: Options, *, keep: bool = True) -> RawFile:
-    """What ``swashtwin.recordings.formats.MODULE.read_here`` gives for a file, read in another process.
+def read_in_subprocess(module: str, path: Path, options: Options, function: str = "read") -> Mapping[str, RawFile]:
+    """What ``swashtwin.recordings.formats.MODULE.FUNCTION`` gives for a file, by name; a single one is called ``""``.
 
-    Parameters
-    ----------
-    keep : whether the columns come back; every sample is read in either case.
+    The columns read when they are sliced, in the other process too. They can be pickled, and hold no file open.
 
     Raises
     ------
     DataError
-        The file is damaged: the library refuses it, crashes on it, or reads it for longer than any whole file takes.
+        The file is damaged, or its library crashes on it, takes more memory than `memory_limit`, or finds no end.
     MissingExtraError
         The library is not installed.
     """
-    stat = path.stat()
-    file = (module, path.resolve(), stat.st_ino, stat.st_size, stat.st_mtime_ns)
-    if not keep and file in _sound:
-        return RawFile({})
-    request = {"module": module, "path": str(path.resolve()), "options": asdict(options), "keep": keep}
-    limit = _PATIENCE + stat.st_size / _BYTES_PER_SECOND
-    with _lock:
-        process = _running()
-        timer = threading.Timer(limit, process.kill)
-        timer.start()
+    stat = file_stamp(path)
+    source = _Source(module, function, str(path.resolve()), str(path), options, stat)
+    answer, _ = _process.ask(source, {})
+    return {name: _raw_file(source, name, content) for name, content in answer["recordings"].items()}
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A file, and how it is read."""
+
+    module: str
+    function: str
+    path: str
+    name: str
+    """Path as it was typed, for messages."""
+    options: Options
+    stamp: tuple[int, int, int]
+
+    def request(self) -> dict[str, Any]:
+        """What the other process needs to read it."""
+        return {
+            "module": self.module,
+            "function": self.function,
+            "path": self.path,
+            "options": asdict(self.options),
+            "stamp": self.stamp,
+        }
+
+    def seconds(self) -> float:
+        """Longest time [s] that one answer may take."""
+        return _PATIENCE + self.stamp[0] / _BYTES_PER_SECOND
+
+
+def _raw_file(source: _Source, part: str, content: dict[str, Any]) -> RawFile:
+    listed = content["columns"]
+    step = max(1024, min(BLOCK, _TOGETHER // max(1, len(listed))))
+    columns = {
+        name: _Column(source, part, number, length, np.dtype(dtype), step)
+        for number, (name, length, dtype) in enumerate(listed)
+    }
+    speeds = None
+    if content["speeds"] is not None:
+        length, dtype = content["speeds"]
+        speeds = _Column(source, part, None, length, np.dtype(dtype), step)
+    facts = {name: content[name] for name in ("sample_rate", "units", "attributes", "facts", "full_scale", "rates")}
+    return RawFile(columns, speeds=speeds, **facts)
+
+
+class _Column:
+    """Samples of one column, which the other process reads when they are sliced."""
+
+    def __init__(self, source: _Source, part: str, number: int | None, length: int, dtype: np.dtype, step: int) -> None:
+        self._source = source
+        self._part = part
+        self._number = number
+        self._length = length
+        self.dtype = dtype
+        self._step = step
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        start, stop, stride = span.indices(self._length)
+        samples = np.empty(max(0, stop - start), self.dtype)
+        for at in range(0, len(samples), self._step):
+            self._read(start + at, samples[at : at + self._step])
+        return samples[::stride]
+
+    def _read(self, start: int, samples: np.ndarray) -> None:
+        request = {"part": self._part, "column": self._number, "start": start, "stop": start + len(samples)}
+        _process.ask(self._source, request, samples)
+
+
+class _Process:
+    """The other process, started when needed, and anew after it has died."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._popen: subprocess.Popen[bytes] | None = None
+        self._files: set[str] = set()
+        """Files that the process was asked for."""
+        self._excess = False
+        """Whether the process was ended because of its memory."""
+
+    def ask(
+        self, source: _Source, request: dict[str, Any], samples: np.ndarray | None = None
+    ) -> tuple[dict[str, Any], np.ndarray | None]:
+        """The answer to a request; `samples` are filled by it."""
+        seconds = source.seconds()
+        line = json.dumps({"source": source.request(), "seconds": seconds, **request}).encode() + b"\n"
+        with self._lock:
+            others = bool(self._files - {source.path})
+            try:
+                answer = self._exchange(source, line, seconds, samples)
+            except _DiedError as cause:
+                if not (others and cause.retry):
+                    raise DataError(self._obituary(source, cause)) from cause
+                try:  # what an earlier file broke in that process must not be blamed on this one
+                    answer = self._exchange(source, line, seconds, samples)
+                except _DiedError as again:
+                    raise DataError(self._obituary(source, again)) from again
+        if "error" not in answer:
+            return answer, samples
+        message = answer["error"].replace(source.path, source.name)
+        if answer["kind"] == "MemoryError":
+            raise DataError(self._over_limit(source))
+        if answer["kind"] in _KINDS:
+            raise _KINDS[answer["kind"]](message)
+        suffix = "".join(Path(source.name).suffixes[-1:])
+        raise DataError(f"{source.name} is damaged, cut off, or no {suffix} file ({message[:160]}).")
+
+    def _exchange(self, source: _Source, line: bytes, seconds: float, samples: np.ndarray | None) -> dict[str, Any]:
+        process, began = self._running(), time.monotonic()
+        self._files.add(source.path)
+        assert process.stdin is not None
+        assert isinstance(process.stdout, BufferedReader)
         try:
-            answer, columns = _ask(process, request)
+            process.stdin.write(line)
+            process.stdin.flush()
+            answer: dict[str, Any] = json.loads(process.stdout.readline())
+            if "error" not in answer and samples is not None:
+                if (answer["count"], answer["dtype"]) != (len(samples), samples.dtype.str):
+                    raise DataError(f"{source.name}: the file has fewer samples than it states; was it changed?")
+                if process.stdout.readinto(samples.data.cast("B")) != samples.nbytes:
+                    raise EOFError
         except (OSError, ValueError, EOFError) as cause:
-            process.kill()
-            process.wait()
-            late = "no end was found" if not timer.is_alive() else "the library that reads it crashed"
-            raise DataError(f"{path} is damaged: {late}.") from cause
-        finally:
-            timer.cancel()
-    if "error" in answer:
-        kinds = {kind.__name__: kind for kind in (MissingExtraError, DataError, ArtifactError)}
-        message = answer["error"].replace(request["path"], str(path))
-        raise kinds.get(answer["kind"], OSError)(message)  # `open_raw` reports an OSError as damage
-    _sound.add(file)
-    return RawFile(columns, answer["sample_rate"], answer["units"], answer["attributes"], rates=answer["rates"])
+            if isinstance(cause, DataError):
+                self._end()
+                raise
+            late, excess = time.monotonic() - began >= seconds, self._excess
+            code = self._end()
+            raise _DiedError(code, late=late, excess=excess) from cause
+        except BaseException:  # an interrupt between a request and its answer
+            self._end()
+            raise
+        return answer
 
+    def _obituary(self, source: _Source, death: "_DiedError") -> str:
+        if death.excess:
+            return self._over_limit(source)
+        if death.late:
+            return f"{source.name} is damaged: no end was found in {source.seconds():.0f} s."
+        reason = f"signal {-death.code}" if death.code < 0 else f"exit code {death.code}"
+        return f"{source.name} is damaged: the library that reads it crashed ({reason})."
 
-def require_sound(path: Path, module: str, options: Options) -> None:
-    """Refuse an HDF5 file on which the library crashes or finds no end, read in another process first.
-
-    A file of the older layouts, which MATLAB and many others write, has no checksums of its structure, and a damaged
-    one can do either; a file of the newer layouts tells its own damage and is let through unread.
-    """
-    with path.open("rb") as file:
-        head = file.read(8192)
-    at = next((at for at in (0, 512, 1024, 2048, 4096) if head[at : at + 8] == HDF5_SIGNATURE), None)
-    if at is not None and head[at + 8 : at + 9] < b"\x02":
-        read_in_subprocess(module, path, options, keep=False)
-
-
-def _ask(process: "subprocess.Popen[bytes]", request: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.write(json.dumps(request).encode() + b"\n")
-    process.stdin.flush()
-    answer: dict[str, Any] = json.loads(process.stdout.readline())
-    columns = {}
-    for name, count in answer.get("columns", {}).items():
-        data = process.stdout.read(8 * count)
-        if len(data) != 8 * count:
-            raise EOFError
-        columns[name] = np.frombuffer(data, dtype=np.float64)
-    return answer, columns
-
-
-def _running() -> "subprocess.Popen[bytes]":
-    """The process, started anew where it is not alive."""
-    global _process
-    if _process is None or _process.poll() is not None:
-        stop()
-        _process = subprocess.Popen(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "swashtwin.recordings.formats.subprocess_reader",
-            ],  # -P: nothing is imported from the current folder
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    @staticmethod
+    def _over_limit(source: _Source) -> str:
+        return (
+            f"{source.name} of {source.stamp[0] / 1e9:.3g} GB takes more than the limit of "
+            f"{memory_limit() / 1e9:.3g} GB of memory to read; if the file is right, set SWASHTWIN_MEMORY_GB to more."
         )
-        atexit.register(stop)
-    return _process
+
+    def _running(self) -> "subprocess.Popen[bytes]":
+        if self._popen is None or self._popen.poll() is not None:
+            self._end()
+            self._excess = False
+            self._popen = subprocess.Popen(
+                # -P: nothing is imported from the current folder
+                [sys.executable, "-P", "-m", "swashtwin.recordings.formats.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+                    "OMP_NUM_THREADS": "1",
+                    "OPENBLAS_NUM_THREADS": "1",
+                },
+            )
+            if sys.platform != "linux":
+                threading.Thread(target=self._watch_memory, args=(self._popen,), daemon=True).start()
+        return self._popen
+
+    def _watch_memory(self, process: "subprocess.Popen[bytes]") -> None:
+        """End a process that takes more than the limit, where the system does not do that."""
+        psutil, limit = import_module("psutil"), memory_limit()
+        try:
+            watched = psutil.Process(process.pid)
+            base = watched.memory_info().rss
+            while process.poll() is None:
+                if watched.memory_info().rss > base + limit:
+                    self._excess = True
+                    process.kill()
+                time.sleep(0.1)
+        except psutil.NoSuchProcess:
+            return
+
+    def _end(self) -> int:
+        """Exit code of the process, which is ended where there is one."""
+        if self._popen is None:
+            return 0
+        process, self._popen = self._popen, None
+        self._files.clear()
+        try:
+            process.wait(0.2 if process.poll() is None else 0)  # it may be dying: its own exit code tells more
+        except subprocess.TimeoutExpired:
+            process.kill()
+        code = process.wait()
+        _close(process)
+        return code
+
+    def stop(self) -> None:
+        """Nothing; the process is ended where there is one."""
+        with self._lock:
+            if self._popen is not None:
+                self._popen.kill()
+            self._end()
+
+    def forget(self) -> None:
+        """Nothing; in a forked process, the other's process is left to it."""
+        self._lock = threading.Lock()
+        if self._popen is not None:
+            self._popen.returncode = 0  # it is no child of this process
+            _close(self._popen)
+        self._popen = None
+        self._files.clear()
 
 
-def stop() -> None:
-    """Nothing; the other process is ended where there is one."""
-    global _process
-    if _process is None:
-        return
-    process, _process = _process, None
-    process.kill()
-    process.wait()
+class _DiedError(Exception):
+    """The other process died before it answered."""
+
+    def __init__(self, code: int, *, late: bool, excess: bool) -> None:
+        super().__init__(code)
+        self.code = code
+        self.late = late
+        self.excess = excess
+        self.retry = not late and not excess
+
+
+def _close(process: "subprocess.Popen[bytes]") -> None:
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             try:
@@ -140,40 +296,12 @@ def stop() -> None:
                 continue  # it was full when the process died
 
 
-def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
-    warnings.simplefilter("ignore")
-    for line in requests:
-        request = json.loads(line)
-        columns: dict[str, np.ndarray] = {}
-        try:
-            module = import_module(f"swashtwin.recordings.formats.{request['module']}")
-            raw: RawFile = module.read_here(Path(request["path"]), Options(**request["options"]))
-            for column in raw.columns.values():
-                for start in range(0, len(column), BLOCK):
-                    column[start : start + BLOCK]
-            if request["keep"]:
-                columns = {name: np.ascontiguousarray(column[:], np.float64) for name, column in raw.columns.items()}
-            answer = {
-                "sample_rate": raw.sample_rate,
-                "rates": dict(raw.rates),
-                "units": dict(raw.units),
-                "attributes": dict(raw.attributes),
-                "columns": {name: len(column) for name, column in columns.items()},
-            }
-            text = json.dumps(answer)
-        except Exception as cause:  # what a damaged file makes a library raise has no bounds
-            message = (
-                str(cause) if isinstance(cause, (DataError, MissingExtraError)) else f"{type(cause).__name__}: {cause}"
-            )
-            text = json.dumps({"error": (message.splitlines() or [""])[0][:400], "kind": type(cause).__name__})
-            columns = {}
-        answers.write(text.encode() + b"\n")
-        for column in columns.values():
-            answers.write(column.tobytes())
-        answers.flush()
+_process = _Process()
+atexit.register(_process.stop)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_process.forget)
 
 
-if __name__ == "__main__":
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as pipe:
-        os.dup2(2, 1)  # whatever a library prints goes nowhere
-        _serve(sys.stdin.buffer, pipe)
+def stop() -> None:
+    """Nothing; the other process is ended where there is one."""
+    _process.stop()

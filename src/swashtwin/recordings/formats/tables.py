@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
+from swashtwin.recordings.columns import BLOCK, Column
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, snapped_rate
-from swashtwin.recordings.samples import BLOCK, Column
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _AFTER_WORD = re.compile(r"^(.*\S)(?:\s+/\s+|\s+in\s+)(\S+)$")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Column
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
 

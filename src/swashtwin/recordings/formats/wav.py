@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings.columns import SideBySide
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import SideBySide
 
 _UNPACKED = (1, 3, 0xFFFE)
 """Kinds of coding whose frames all have one size: integers, floats, and either with more said of them."""

@@ -1,0 +1,50 @@
+"""The memory that the content of one file may take."""
+
+import os
+
+from swashtwin.foundation.errors import DataError, InputError
+
+VARIABLE = "SWASHTWIN_MEMORY_GB"
+"""Environment variable that sets the limit."""
+_DEFAULT = 4.0
+"""Limit without the variable [GB]."""
+
+
+def memory_limit() -> int:
+    """Bytes that the content of one file may take in memory: 4 GB, or what ``SWASHTWIN_MEMORY_GB`` says.
+
+    Raises
+    ------
+    InputError
+        The variable holds no positive number.
+    """
+    text = os.environ.get(VARIABLE, "").strip() or str(_DEFAULT)
+    try:
+        gigabytes = float(text)
+    except ValueError:
+        gigabytes = 0.0
+    if not 0 < gigabytes < 1e6:
+        raise InputError(f"{VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8.")
+    return int(gigabytes * 1e9)
+
+
+def require_memory(name: object, size: float, *, reason: str = "is read whole and takes") -> None:
+    """Refuse content of `size` bytes that would take more memory than `memory_limit`, before any is taken.
+
+    Parameters
+    ----------
+    name : file or recording, the subject of the message.
+    size : bytes that its header, or a request, asks for.
+    reason : predicate of the message, before the number.
+
+    Raises
+    ------
+    DataError
+        It would; the message holds both numbers and the variable that raises the limit.
+    """
+    limit = memory_limit()
+    if size > limit:
+        raise DataError(
+            f"{name} {reason} {size / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; "
+            f"if the file is right, set {VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
+        )

@@ -1,0 +1,198 @@
+"""The process that reads files: it may die, never this one; it serves one file after the other and ends with this."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from recording_files import some_recording
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings import Options, RawFile, Recording, load_recording, write_recording
+from swashtwin.recordings.formats import csv, subprocess_reader, worker
+
+DEADLY = """
+import os, sys, time
+import numpy as np
+
+class SoundFile:
+    channels, frames, samplerate, subtype = 1, 5, 10, "DOUBLE"
+    def __init__(self, path):
+        text = open(path).read()
+        if text == "crash":
+            os.abort()
+        if text == "hang":
+            while True: pass
+        if text == "bomb":
+            np.ones(int(3e9))
+        if text == "poison":
+            sys.poisoned = True
+        if text == "victim" and hasattr(sys, "poisoned"):
+            os.abort()
+    def seek(self, start):
+        self.start = start
+    def read(self, count, dtype, always_2d):
+        return np.arange(5.0)[self.start : self.start + count, None]
+"""
+"""A library that dies of some files."""
+
+
+@pytest.fixture
+def read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Recording]]:
+    """Reads a file of some text by that library."""
+    (tmp_path / "soundfile.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(tmp_path)
+    subprocess_reader.stop()
+
+    def read_text(text: str) -> Recording:
+        path = tmp_path / f"{text}.wav"
+        path.write_text(text)
+        return load_recording(path, unit="1")
+
+    yield read_text
+    subprocess_reader.stop()
+
+
+def worker_id() -> int:
+    assert subprocess_reader._process._popen is not None
+    return subprocess_reader._process._popen.pid
+
+
+def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
+    read: Callable[[str], Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(DataError, match=r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"):
+        read("crash")
+    np.testing.assert_array_equal(read("fine").slice(1, 3).signal[0], [1.0, 2.0])
+    first = worker_id()
+    monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "1")
+    subprocess_reader.stop()
+    with pytest.raises(DataError, match=r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"):
+        read("bomb")
+    second = worker_id()
+    assert read("fine").sample_rate == 10.0
+    assert first != second == worker_id()  # refused by the system, and the process goes on
+    monkeypatch.setattr(subprocess_reader, "_PATIENCE", 0.6)
+    with pytest.raises(DataError, match=r"hang\.wav is damaged: no end was found in 1 s"):
+        read("hang")
+
+
+def test_what_an_earlier_file_broke_is_not_blamed_on_a_later_one(read: Callable[[str], Recording]) -> None:
+    read("poison")
+    assert read("victim").sample_rate == 10.0
+
+
+def test_a_changed_byte_in_a_matlab_file_ends_another_process_only(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "a.mat", {"x": np.arange(40.0).reshape(2, 20), "fs": 25600.0, "s": {"a": np.arange(3.0)}})
+    content = bytearray((tmp_path / "a.mat").read_bytes())
+    crashes = 0
+    for at in (552, 553, 616):
+        (tmp_path / "a.mat").write_bytes(content[:at] + b"\xff" + content[at + 1 :])
+        try:
+            load_recording(tmp_path / "a.mat", unit="1")
+        except DataError as error:
+            crashes += "a.mat is damaged: the library that reads it crashed" in str(error)
+    assert crashes >= 1
+
+
+def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(tmp_path: Path) -> None:
+    recording = some_recording()
+    paths = [write_recording(recording, tmp_path / f"a.{suffix}") for suffix in ("h5", "npz", "csv", "wav")]
+    loaded = [load_recording(path, unit="m/s^2") for path in paths]
+    before = worker_id()
+    for each in loaded:
+        np.testing.assert_array_equal(each.slice(3, 9).signal, each.signal[:, 3:9])
+    assert worker_id() == before
+    (fresh,) = [load_recording(paths[1])]
+    os.kill(before, signal.SIGKILL)
+    np.testing.assert_array_equal(fresh.signal, recording.signal)
+    assert worker_id() != before
+
+
+def test_columns_are_pickled_without_their_samples(tmp_path: Path) -> None:
+    recording = load_recording(write_recording(some_recording(), tmp_path / "a.h5"))
+    content = pickle.dumps(recording)
+    assert len(content) < 4000
+    np.testing.assert_array_equal(pickle.loads(content).signal, recording.signal)
+
+
+ORPHAN = """
+import os, signal, sys
+from swashtwin.recordings import load_recording
+from swashtwin.recordings.formats import subprocess_reader
+load_recording(sys.argv[1])
+child = os.fork()
+if child == 0:
+    assert load_recording(sys.argv[1]).signal.shape[0] == 2  # by a process of its own
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+print(subprocess_reader._process._popen.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_the_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
+    path = write_recording(some_recording(), tmp_path / "a.npz")
+    run = subprocess.run([sys.executable, "-c", ORPHAN, str(path)], capture_output=True, text=True, check=False)
+    assert run.returncode == -signal.SIGKILL, run.stderr
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline:
+        try:
+            os.kill(int(run.stdout), 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the process outlives its parent")
+
+
+def test_a_file_is_parsed_once_for_its_facts_and_its_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths: list[Path] = []
+    parse = csv.read
+
+    def counted(path: Path, options: Options) -> RawFile:
+        paths.append(path)
+        return parse(path, options)
+
+    monkeypatch.setattr(csv, "read", counted)
+    monkeypatch.setattr(worker, "_limit_memory", lambda: None)
+    files = worker._Files()
+    sources = []
+    for name in ("a", "b"):
+        path = write_recording(some_recording(), tmp_path / f"{name}.csv")
+        sources.append({"module": "csv", "function": "read", "path": str(path), "options": {}, "stamp": [0, 0, 0]})
+    for _ in range(2):
+        assert files.content(sources[0]) is files.content(sources[0])
+        files.content(sources[1])
+    assert len(paths) == 2
+    monkeypatch.setattr(worker, "_BYTES", 0)
+    files.content({**sources[1], "stamp": [1, 0, 0]})
+    files.content(sources[0])
+    assert len(paths) == 4
+
+
+def test_where_no_limit_can_be_set_the_memory_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Growing:
+        def __init__(self, pid: int) -> None:
+            self.rss = 0
+
+        def memory_info(self) -> "Growing":
+            self.rss += 3_000_000_000
+            return self
+
+    library = SimpleNamespace(Process=Growing, NoSuchProcess=ProcessLookupError)
+    monkeypatch.setattr(subprocess_reader, "import_module", lambda name: library)
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    reader = subprocess_reader._Process()
+    reader._watch_memory(process)
+    assert reader._excess
+    assert process.wait(10) != 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Recording, inspect_recording, load_recording, write_recording
+from swashtwin.recordings import Options, Recording, inspect_recording, load_recording, write_recording
 from swashtwin.recordings.formats import csv
 
 TABLES = {
@@ -215,11 +215,11 @@ def test_a_bomb_and_an_endless_line_are_refused(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(csv, "_LONGEST_TEXT", 1 << 16)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
-        load_recording(tmp_path / "a.csv.gz", sample_rate=1, unit="1")
+        csv.read(tmp_path / "a.csv.gz", Options())
     monkeypatch.setattr(csv, "_BYTES", 1 << 10)
     (tmp_path / "a.csv").write_text("1" * (1 << 13))
     with pytest.raises(DataError, match="has a line of more than"):
-        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
+        csv.read(tmp_path / "a.csv", Options())
 
 
 def test_a_name_like_a_formula_is_no_formula_in_the_file(tmp_path: Path) -> None:

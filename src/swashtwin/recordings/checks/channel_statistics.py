@@ -5,8 +5,8 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
+from swashtwin.recordings.columns import BLOCK
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import BLOCK
 
 _NEAR = 0.01
 """Distance from an extreme, relative to the range, that counts as near it."""

@@ -116,7 +116,7 @@ def test_a_table_that_cannot_be_read_ends_in_one_line_that_says_what_would_be_ri
 def test_a_missing_or_binary_file_ends_in_one_line(tmp_path):
     assert "does not exist" in one_line(run("data", "audit", tmp_path / "none.csv", code=3))
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00recording")
-    assert "no text in UTF-8" in one_line(run("data", "audit", tmp_path / "x.csv", code=3))
+    assert "is no UTF-8 text" in one_line(run("data", "audit", tmp_path / "x.csv", code=3))
 
 
 @given(

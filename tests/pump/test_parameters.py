@@ -237,7 +237,7 @@ def test_a_section_of_another_kind_is_refused(pump: Pump, tmp_path: Path, change
 
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(b"\x89PNG\r\n\xff\xfe")
-    with pytest.raises(DataError, match=r"mine\.toml: not a text file in UTF-8"):
+    with pytest.raises(DataError, match=r"mine\.toml is no UTF-8 text"):
         load_pump(tmp_path / "mine.toml")
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,9 +10,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from commandline import run, run_json
 
-from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
-from swashtwin.foundation import ArtifactError, DataError, MissingFileError, MPa, read_artifact, rpm, write_artifact
+from swashtwin.diagnosis import diagnose, explain, load_classifier, save_classifier
+from swashtwin.foundation import (
+    ArtifactError,
+    DataError,
+    InputError,
+    MissingFileError,
+    MPa,
+    read_artifact,
+    rpm,
+    write_artifact,
+)
 from swashtwin.learning import (
     NETWORKS,
     BiTCN,
@@ -27,6 +39,7 @@ from swashtwin.learning import (
 from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
+from swashtwin.report import write_report
 
 CLASSES = ("normal", "piston")
 
@@ -159,8 +172,6 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
         ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
         ({"unit": "g"}, "against g; state what a sample is: --calibration-factor"),
         ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
-        ({"signal": np.random.default_rng(0).normal(size=(1, 79))}, "too few for one window"),
-        ({"signal": np.full((1, 480), np.nan)}, "new"),
     ],
 )
 def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(classifier, change, words):
@@ -187,3 +198,62 @@ def test_a_diagnosis_imports_no_library_that_it_does_not_need(saved, tmp_path):
     answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert "piston" in answer
     assert answer.endswith("imported: []\n")
+
+
+def spiked(size: float) -> Recording:
+    """A faulty pump with one sample that is far too large."""
+    signal = recording("spiked", "piston").signal.copy()
+    signal[0, 200] = size
+    return recording("spiked", "piston").replace(signal=signal)
+
+
+def test_a_recording_too_short_for_a_window_has_no_verdict(classifier):
+    assert "too few for one window" in diagnose(classifier, recording("new", "normal", samples=79)).no_verdict
+
+
+@pytest.mark.parametrize("size", [1e20, 1e39, np.nan])
+def test_one_sample_that_is_no_number_or_far_too_large_leaves_no_verdict(classifier, size):
+    """Such a sample made every score NaN, and the likeliest of NaN was the first class: normal."""
+    verdict = diagnose(classifier, spiked(size))
+    assert verdict.label is None
+    assert verdict.to_dict()["no_verdict"] == verdict.no_verdict
+    assert ("1e+20 m/s^2" if size == 1e20 else "1e+39" if size == 1e39 else "missing or infinite") in verdict.no_verdict
+    assert "no verdict" in repr(verdict)
+    with pytest.raises(InputError, match="no verdict to explain"):
+        explain(classifier, spiked(size), verdict)
+
+
+def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved_nor_loaded(classifier, tmp_path):
+    network = copy.deepcopy(classifier.network)
+    with torch.no_grad():
+        next(network.parameters()).fill_(math.nan)
+    damaged = replace(classifier, network=network)
+    assert "the model is damaged" in diagnose(damaged, recording("new", "normal")).no_verdict
+    test = cut_windows([recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES)
+    scores = evaluate(damaged, test)
+    assert (scores.accuracy, scores.recording_accuracy, scores.false_alarm_rate, scores.missed_fault_rate) == (
+        0,
+        0,
+        1,
+        1,
+    )
+    assert scores.reasons["accuracy"] == "12 of 12 windows have no verdict and count as errors"
+    assert scores.confusion.tolist() == [[0, 0, 6], [0, 0, 6]]
+    assert "no verdict" in write_report(scores, folder=tmp_path / "page").read_text()
+    with pytest.raises(DataError, match="no verdict on 12 of 12"):
+        damaged.predict(test)
+    with pytest.raises(ArtifactError, match="NaN or infinity"):
+        save_classifier(damaged, tmp_path / "model.safetensors")
+
+
+def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved, tmp_path):
+    for name, item in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
+        write_recording(item, tmp_path / f"{name}.h5")
+    words = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
+    good, bad = run_json(*words, "--report", tmp_path / "page", code=4)["diagnoses"]
+    assert (good["label"], bad["label"], bad["probabilities"]) == ("piston", None, {})
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "Recording spiked: no verdict" in page
+    text = run(*words, code=4).output
+    assert "no verdict on spiked: the model's answer to 1 of 6 windows is no finite number" in text
+    run(*words[:3])

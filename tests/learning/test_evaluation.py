@@ -109,9 +109,9 @@ def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
     assert math.isnan(only_normal.missed_fault_rate)
     assert only_normal.reasons["missed_fault_rate"] == "no faulty test window"
     assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
-    assert only_normal.reasons["accuracy_interval"] == "one test recording only"
     unnamed = evaluate(Oracle(sure([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b")))
-    assert unnamed.reasons["false_alarm_rate"] == "no class is called normal or healthy"
+    assert unnamed.reasons["false_alarm_rate"] == "no healthy class, so no false-alarm rate"
+    assert unnamed.reasons["missed_fault_rate"] == "no healthy class, so no missed-fault rate"
 
 
 def test_a_class_called_healthy_has_a_false_alarm_rate():
@@ -167,6 +167,8 @@ def test_the_interval_rests_on_recordings_and_not_on_windows():
     by_recording = accuracy_interval(right, np.repeat(np.arange(4), 50))
     by_window = accuracy_interval(right, np.arange(200))
     assert by_recording == (0.25, 1.0)
+    low, high = accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))
+    assert (round(low, 3), high) == (0.839, 1.0), "20 recordings without an error may come from a share of 84 %"
     assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
     assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
 

@@ -155,7 +155,7 @@ def with_bar(items: Sequence[T], title: str) -> Iterator[T]:
 
 
 def _word(value: object) -> str:
-    if value is None:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else escape_controls(str(value))
 

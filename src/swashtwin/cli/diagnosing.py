@@ -1,6 +1,5 @@
 """Commands that end a user's work: diagnose, report."""
 
-from itertools import zip_longest
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
-from swashtwin.cli.exits import require_files, require_target
+from swashtwin.cli.exits import NO_VERDICT, require_files, require_target
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -50,7 +49,10 @@ def diagnose(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Name the class of each recording, and what a reader should know before trusting it."""
+    """Name the class of each recording, and what a reader should know before trusting it.
+
+    The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
+    """
     import swashtwin.diagnosis as diagnosis
 
     if report is not None and report.suffix == ".html":
@@ -68,37 +70,47 @@ def diagnose(
     ]
     page, evidence = None, []
     if report is not None:
-        pairs = list(zip(recordings[:EXPLAINED], verdicts, strict=False))
+        pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
         evidence = [
             diagnosis.explain(classifier, recording, verdict, pistons=pistons)
             for recording, verdict in with_bar(pairs, "collecting evidence")
         ]
-        items = [item for pair in zip_longest(verdicts, evidence) for item in pair if item is not None]
-        page = _write_page(items, report)
+        page = _write_page(verdicts, evidence, report)
 
     def show() -> None:
         _show_verdicts(verdicts)
+        _note_reasons(verdicts)
         if report is not None and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
-        for verdict in verdicts:
-            for text in verdict.notes:
-                note(f"note: {verdict.recording_id}: {text}")
         if page is not None:
             say(str(page))
 
     result = {"model": model, "diagnoses": [verdict.to_dict() for verdict in verdicts], "report": page}
     tell({**result, "evidence": [item.to_dict() for item in evidence]}, as_json, show)
+    if any(verdict.label is None for verdict in verdicts):
+        raise typer.Exit(NO_VERDICT)
 
 
-def _write_page(items: "Sequence[Diagnosis | Evidence]", target: Path) -> Path:
+def _write_page(verdicts: "Sequence[Diagnosis]", evidence: "Sequence[Evidence]", target: Path) -> Path:
     """Path of the page: `target` itself where it is an HTML file, which needs no other."""
     from swashtwin.foundation import write_text
     from swashtwin.report import write_report
 
+    by_id = {item.recording_id: item for item in evidence}
+    pairs = [(verdict, by_id.get(verdict.recording_id)) for verdict in verdicts]
+    items = [item for pair in pairs for item in pair if item is not None]
     if target.suffix != ".html":
         return write_report(*items, folder=target)
     with TemporaryDirectory() as folder:
         return write_text(target, write_report(*items, folder=folder).read_text(encoding="utf-8"))
+
+
+def _note_reasons(verdicts: "Sequence[Diagnosis]") -> None:
+    for verdict in verdicts:
+        if verdict.no_verdict is not None:
+            note(f"no verdict on {verdict.recording_id}: {verdict.no_verdict}")
+        for text in verdict.notes:
+            note(f"note: {verdict.recording_id}: {text}")
 
 
 def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
@@ -106,10 +118,12 @@ def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
     for verdict in verdicts:
         trust = verdict.trust
         could_be = "" if trust is None else "unknown" if trust.unknown else ", ".join(trust.prediction_set)
-        rows.append(
-            (verdict.recording_id, verdict.label, max(verdict.probabilities.values()), verdict.agreement, could_be)
-        )
-    calibrated = all(verdict.trust is not None for verdict in verdicts)
+        if verdict.label is None:
+            rows.append((verdict.recording_id, "no verdict", None, None, ""))
+        else:
+            highest = max(verdict.probabilities.values())
+            rows.append((verdict.recording_id, verdict.label, highest, verdict.agreement, could_be))
+    calibrated = all(verdict.trust is not None or verdict.label is None for verdict in verdicts)
     header = ("recording", "class", "probability", "windows that agree", "could be")
     columns = len(header) if calibrated else len(header) - 1
     table(f"{len(rows)} recordings", header[:columns], [row[:columns] for row in rows])

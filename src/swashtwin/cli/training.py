@@ -97,6 +97,7 @@ def train(
     if checkpoint is not None and checkpoint.exists() and not resume:
         raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
     recordings = load_recordings(source)
+    _require_two_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     groups = recording_groups(recordings, group)
     windows = cut_windows(
         recordings,
@@ -159,6 +160,17 @@ def _recipe(
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window, **shape)
     return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}), shape
+
+
+def _require_two_classes(labels: set[str | None], source: Path) -> None:
+    from swashtwin.foundation import DataError
+
+    classes = sorted(name for name in labels if name is not None)
+    if len(classes) == 1:
+        raise DataError(
+            f"{source}: every recording is of the class {classes[0]!r}; a classifier needs two classes at least: "
+            "record a fault, or add synthetic windows of one with --add."
+        )
 
 
 def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
@@ -258,9 +270,10 @@ def _show_scores(scores: "Scores") -> None:
     title = f"{scores.n_windows} windows of {scores.n_recordings} recordings, level {scores.level or 'not stated'}"
     table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
-    say(f"95 % interval of the accuracy, by bootstrap over the recordings: {low:.3f} to {high:.3f}")
+    say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
     counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
-    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes), counts)
+    without = ("no verdict",) if scores.confusion.shape[1] > len(scores.classes) else ()
+    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes, *without), counts)
 
 
 def export(

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis.attribution import line_shares, mean_gradients
 from swashtwin.diagnosis.next_checks import Check, next_checks
+from swashtwin.diagnosis.trust import Trust
 from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import FittedClassifier, cut_windows
@@ -168,8 +169,10 @@ def explain(
     Raises
     ------
     InputError
-        The diagnosis is of another recording, or there is one class only.
+        The diagnosis is of another recording or without a verdict, or there is one class only.
     """
+    if diagnosis.label is None:
+        raise InputError(f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}")
     if diagnosis.recording_id != recording.recording_id or set(diagnosis.probabilities) != set(classifier.classes):
         raise InputError(f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one.")
     if len(classifier.classes) < 2:
@@ -212,15 +215,14 @@ def explain(
         rms=np.sqrt(_band_sums(_powers(samples), bands, classifier.sample_rate, x.shape[1])),
         pistons=pistons,
         nearest=_nearest(classifier, features),
-        checks=_checks(diagnosis),
+        checks=_checks(diagnosis.label, diagnosis.trust),
     )
 
 
-def _checks(diagnosis: Diagnosis) -> tuple[Check, ...]:
+def _checks(label: str, trust: Trust | None) -> tuple[Check, ...]:
     """Those of the class named, and of the next where that one cannot be ruled out."""
-    trust = diagnosis.trust
     if trust is None:
-        return next_checks(diagnosis.label)
+        return next_checks(label)
     return next_checks(*trust.prediction_set[:2], unknown=trust.unknown)
 
 

@@ -34,6 +34,7 @@ from swashtwin.learning import (
     learn_confidence,
     pooled_probabilities,
     require_enough,
+    require_verdicts,
     split_by_recording,
     without_overlap,
 )
@@ -175,12 +176,21 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
-        """Probability of each class, for each recording, or for each window of a window set or an array."""
+        """Probability of each class, for each recording, or for each window of a window set or an array.
+
+        Raises
+        ------
+        DataError
+            A recording or a window has no verdict, since a number of its answer is not finite; `diagnose` gives the
+            reason and leaves the others their verdict.
+        """
         check_is_fitted(self, "fitted_")
         if (recordings := as_recordings(X)) is not None:
             return np.stack([self._recording_probability(recording) for recording in recordings])
         windows = X if isinstance(X, WindowSet) else self._array_windows(X)
-        return np.asarray(self.fitted_.predict_proba(windows))
+        probability = np.asarray(self.fitted_.predict_proba(windows))
+        require_verdicts(probability, windows.recording_id)
+        return probability
 
     def predict(self, X: Any) -> np.ndarray:
         """Likeliest class of each recording, or of each window of a window set or an array."""
@@ -367,4 +377,5 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     def _recording_probability(self, recording: Recording) -> np.ndarray:
         classifier, parts = fit_to_recording(self.fitted_, recording)
         pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
+        require_verdicts(pooled[None], np.array([recording.recording_id]))
         return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)

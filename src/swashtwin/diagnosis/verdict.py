@@ -10,7 +10,14 @@ import numpy as np
 
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import DiagnosingClassifier, WindowLayout, WindowSet, pooled_probabilities, window_batches
+from swashtwin.learning import (
+    DiagnosingClassifier,
+    WindowLayout,
+    WindowSet,
+    likeliest_class,
+    pooled_probabilities,
+    window_batches,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording
 
@@ -26,23 +33,28 @@ class Diagnosis:
 
     recording_id: str
     """The recording that was diagnosed."""
-    label: str
-    """Likeliest class of the whole recording."""
+    label: str | None
+    """Likeliest class of the whole recording; None where there is no verdict."""
     probabilities: Mapping[str, float]
     """Probability of each class, from the mean log-probability over the windows, at the temperature that validation
-    recordings gave. Without `trust` it is a score between classes rather than a calibrated chance, since the windows of
-    one recording are not independent."""
-    window_labels: tuple[str, ...]
-    """Likeliest class of each window, in order of time."""
+    recordings gave; empty where there is no verdict. Without `trust` it is a score between classes rather than a
+    calibrated chance, since the windows of one recording are not independent."""
+    window_labels: tuple[str | None, ...]
+    """Likeliest class of each window, in order of time; None where a number of it is not finite."""
     agreement: float
-    """Share of the windows that say the same as `label`."""
+    """Share of the windows that say the same as `label`; 0 where there is no verdict."""
     notes: tuple[str, ...]
     """What a reader should know before trusting it, such as a condition that was never trained."""
     trust: Trust | None = None
     """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier's
     confidence was not calibrated (`learn_confidence`, ``swashtwin train --validation-fraction``)."""
+    no_verdict: str | None = None
+    """Why there is no verdict: the recording cannot be used, or a number of the answer is not finite; None where there
+    is one."""
 
     def __repr__(self) -> str:
+        if self.no_verdict is not None:
+            return f"<Diagnosis of {self.recording_id}: no verdict ({self.no_verdict})>"
         classes = sorted(self.probabilities, key=lambda name: -self.probabilities[name])
         probabilities = ", ".join(f"{name} {self.probabilities[name]:.3f}" for name in classes)
         notes = f", {len(self.notes)} note(s)" if self.notes else ""
@@ -64,13 +76,16 @@ class Diagnosis:
             "agreement": self.agreement,
             "notes": list(self.notes),
             "trust": None if self.trust is None else self.trust.to_dict(),
+            "no_verdict": self.no_verdict,
         }
 
 
 def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
 
-    A recording that was loaded from its file is never whole in memory.
+    A recording that was loaded from its file is never whole in memory. One that cannot be used (NaN, a dead channel,
+    too short, a damaged file) or whose answer is no finite number, such as one with a sample of 1e20, has no verdict:
+    `Diagnosis.no_verdict` says why.
 
     Parameters
     ----------
@@ -79,7 +94,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     Raises
     ------
     DataError
-        The recording has another sample rate, other channels or another unit, is too short for one window, or is unfit.
+        The recording has another sample rate, other channels or another unit.
     InputError
         An error rate that the classifier's validation recordings are too few for, or that it knows none of.
     """
@@ -88,23 +103,49 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
             f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it with "
             "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
-    scaled_classifier, parts = fit_to_recording(classifier, recording)
-    answers = [scaled_classifier.answer(windows) for windows in parts()]
+    _require_layout(classifier, recording)
+    try:
+        scaled_classifier, parts = fit_to_recording(classifier, recording)
+        answers = [scaled_classifier.answer(windows) for windows in parts()]
+        notes = tuple(_notes(classifier, recording))
+    except DataError as cause:
+        return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause))
     probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
+    likeliest = likeliest_class(probability)
+    window_labels = tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist())
+    judged = classifier.confidence is not None
+    has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if judged else True)
+    if not has_verdict.all():
+        reason = _not_finite(recording, classifier.layout.length, has_verdict)
+        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
     pooled = pooled_probabilities(probability)
     trust = trust_in(classifier, pooled, features, error_rate)
     if classifier.confidence is not None:
         pooled = classifier.confidence.temperature_scaled(pooled)
+    if not np.isfinite(pooled).all() or (trust is not None and not math.isfinite(trust.ood_score)):
+        reason = "the numbers that the model's confidence rests on are not finite; train it again."
+        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
     label = classifier.classes[int(pooled.argmax())]
-    window_labels = tuple(classifier.classes[index] for index in probability.argmax(axis=1))
     return Diagnosis(
         recording_id=recording.recording_id,
         label=label,
         probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
         window_labels=window_labels,
         agreement=float(np.mean([name == label for name in window_labels])),
-        notes=tuple(_notes(classifier, recording)),
+        notes=notes,
         trust=trust,
+    )
+
+
+def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> str:
+    """Why windows have no finite answer: where the first is, and how large its samples are."""
+    first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
+    peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
+    which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
+    return (
+        f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} s, "
+        f"where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the file, "
+        "else the model is damaged: train it again."
     )
 
 
@@ -119,12 +160,7 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
     DataError
         The recording does not fit the classifier.
     """
-    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.layout.length)
-    if difference := classifier.layout.difference(layout):
-        raise DataError(
-            f"{recording.recording_id} does not fit the classifier (what it was trained on against this recording): "
-            f"{difference}; {_advice(difference)}."
-        )
+    _require_layout(classifier, recording)
     parts = partial(
         window_batches,
         recording.relabeled(None),
@@ -134,6 +170,15 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
         batch=_TOGETHER,
     )
     return classifier.scaled_for(parts), parts
+
+
+def _require_layout(classifier: DiagnosingClassifier, recording: Recording) -> None:
+    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.layout.length)
+    if difference := classifier.layout.difference(layout):
+        raise DataError(
+            f"{recording.recording_id} does not fit the classifier (what it was trained on against this recording): "
+            f"{difference}; {_advice(difference)}."
+        )
 
 
 def _advice(difference: str) -> str:

@@ -14,6 +14,7 @@ from .evaluation.confidence import score_confidence as score_confidence
 from .evaluation.levels import LEVELS as LEVELS
 from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
+from .evaluation.pooling import likeliest_class as likeliest_class
 from .evaluation.pooling import pooled_probabilities as pooled_probabilities
 from .evaluation.protocols import Classifier as Classifier
 from .evaluation.protocols import DiagnosingClassifier as DiagnosingClassifier
@@ -38,6 +39,7 @@ from .networks.registry import register_network as register_network
 from .networks.settings import default_settings as default_settings
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .training.classifier import FittedClassifier as FittedClassifier
+from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
 from .training.confidence import require_enough as require_enough
 from .training.loop import fit as fit
@@ -109,6 +111,7 @@ __all__ = [
     "has_network",
     "hold_out",
     "learn_confidence",
+    "likeliest_class",
     "load_windows",
     "pooled_probabilities",
     "read_audit_rows",
@@ -116,6 +119,7 @@ __all__ = [
     "recording_answers",
     "register_network",
     "require_enough",
+    "require_verdicts",
     "rows_of",
     "save_windows",
     "score_confidence",

@@ -19,7 +19,8 @@ def confusion_drawing(
 
     Parameters
     ----------
-    matrices : windows by actual (row) and predicted class (column), by (row of the grid, column of the grid).
+    matrices : windows by actual (row) and predicted class (column), by (row of the grid, column of the grid). A column
+        beyond the classes counts the windows without a verdict.
     """
     down, across = list(dict.fromkeys(key[0] for key in matrices)), list(dict.fromkeys(key[1] for key in matrices))
     figure, axes = panels(len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True)
@@ -27,18 +28,21 @@ def confusion_drawing(
         panel = axes[down.index(row), across.index(column)]
         _draw_matrix(panel, np.asarray(confusion))
         panel.set_title(", ".join(part for part in (row, column) if part))
+    n_columns = max(np.shape(confusion)[1] for confusion in matrices.values())
+    predictions = [*classes, *["no verdict"] * (n_columns - len(classes))]
+    columns = [words(label) for label in predictions]
     ticks, names = range(len(classes)), [words(label) for label in classes]
-    axes[0, 0].set(xticks=ticks, yticks=ticks, yticklabels=names)
+    axes[0, 0].set(xticks=range(n_columns), yticks=ticks, yticklabels=names)
     for panel in axes[:, 0]:
         panel.set_ylabel("actual class")
     for panel in axes[-1]:
         panel.set_xlabel("predicted class")
-        panel.set_xticks(ticks, names, rotation=45, ha="right", rotation_mode="anchor")
+        panel.set_xticks(range(len(columns)), columns, rotation=45, ha="right", rotation_mode="anchor")
     rows = [
         {"row": row, "column": column, "actual": actual, "predicted": predicted, "windows": confusion[i][j]}
         for (row, column), confusion in matrices.items()
         for i, actual in enumerate(classes)
-        for j, predicted in enumerate(classes)
+        for j, predicted in enumerate(predictions[: np.shape(confusion)[1]])
     ]
     title = "Confusion matrix" if len(matrices) == 1 else "Confusion matrices"
     return render_drawing(name, figure, tabulate(rows), title=title, caption=caption)
@@ -49,7 +53,7 @@ def _draw_matrix(panel: Axes, confusion: Int[np.ndarray, "actual predicted"]) ->
     count = confusion.sum(axis=1, keepdims=True)
     share = confusion / np.maximum(count, 1)
     edges = np.arange(len(confusion) + 1) - 0.5
-    panel.pcolormesh(edges, edges, share, cmap="Blues", vmin=0, vmax=1.1)
+    panel.pcolormesh(np.arange(confusion.shape[1] + 1) - 0.5, edges, share, cmap="Blues", vmin=0, vmax=1.1)
     panel.set(aspect="equal", ylim=(edges[-1], edges[0]))
     panel.grid(False)
     for i, row in enumerate(confusion):

@@ -24,6 +24,8 @@ _NOT_CHECKED_BY_TRUST = (
 
 def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
+    if diagnosis.label is None:
+        return _no_verdict_part(diagnosis)
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     trust = diagnosis.trust
     kind = "score" if trust is None else "probability"
@@ -47,6 +49,14 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         sections=(Section(SectionOrder.VERDICT, f"Diagnosis of {diagnosis.recording_id}", blocks),),
         results={"diagnoses": [diagnosis.to_dict()]},
     )
+
+
+def _no_verdict_part(diagnosis: Diagnosis) -> Part:
+    title = f"Diagnosis of {diagnosis.recording_id}"
+    reason = f"Recording {diagnosis.recording_id}: no verdict. {diagnosis.no_verdict}"
+    blocks = (Bullets("Why there is no verdict", (diagnosis.no_verdict or "",)), Bullets("Notes", diagnosis.notes))
+    section = Section(SectionOrder.VERDICT, title, blocks)
+    return Part(title, (reason,), "", (section,), {"diagnoses": [diagnosis.to_dict()]})
 
 
 @figure_style()
@@ -85,13 +95,14 @@ def window_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     colors = class_colors(classes)
     figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
     panel = axes[0, 0]
-    heights = [classes.index(name) for name in diagnosis.window_labels]
-    panel.scatter(number, heights, c=[colors[name] for name in diagnosis.window_labels], marker="s", s=22)
+    labels = [name or "" for name in diagnosis.window_labels]
+    heights = [classes.index(name) for name in labels]
+    panel.scatter(number, heights, c=[colors[name] for name in labels], marker="s", s=22)
     panel.set(
         yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlabel="window, in order of time"
     )
     panel.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7))
     panel.xaxis.get_major_locator().set_params(integer=True)
     caption = "The likeliest class of each window alone."
-    columns: dict[str, list] = {"window": number, "class": list(diagnosis.window_labels)}
+    columns: dict[str, list] = {"window": number, "class": labels}
     return render_drawing(f"{key}_windows", figure, columns, title="Class of each window", caption=caption)

@@ -12,6 +12,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning.estimators.registry import BASELINES, N_TREES
 from swashtwin.learning.features import FeatureTable, extract_features
+from swashtwin.learning.training.classifier import require_verdicts
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import TrainingReference, build_reference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet, distinct_values
@@ -52,11 +53,15 @@ class FittedBaseline:
         return self
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
-        """Probability of each class for each window; rows sum to 1."""
+        """Probability of each class for each window; rows sum to 1, or are NaN where a feature is not finite."""
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was fitted on other windows: {difference}.")
-        probability: np.ndarray = self.estimator.predict_proba(self.features(windows).values)
-        return probability
+        values = self.features(windows).values
+        finite: np.ndarray = (np.abs(values) < np.finfo(np.float32).max).all(
+            axis=1
+        )  # trees compare in single precision
+        probability: np.ndarray = self.estimator.predict_proba(np.where(finite[:, None], values, 0.0))
+        return np.where(finite[:, None], probability, np.nan)
 
     def answer(
         self, windows: WindowSet
@@ -65,8 +70,10 @@ class FittedBaseline:
         return self.predict_proba(windows), extract_features(windows).values
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
-        """Name of the likeliest class of each window."""
-        return np.array(self.classes, dtype=np.str_)[self.predict_proba(windows).argmax(axis=1)]
+        """Name of the likeliest class of each window; a `DataError` where one has no verdict."""
+        probability = self.predict_proba(windows)
+        require_verdicts(probability, windows.recording_id)
+        return np.array(self.classes, dtype=np.str_)[probability.argmax(axis=1)]
 
 
 def fit_baseline(
@@ -157,6 +164,7 @@ def _fitted(
 
 def _require_every_class(windows: WindowSet) -> None:
     windows.require_labels("training")
+    windows.require_two_classes()
     counts = np.bincount(windows.target, minlength=len(windows.classes))
     if not (counts.size and counts.all()):
         missing = windows.classes[int(counts.argmin())] if counts.size else "any"

@@ -37,6 +37,18 @@ class RecordingAnswers:
     ood_score: Float64[np.ndarray, " recording"]
     """Out-of-distribution score of each; NaN where the classifier has no training reference."""
 
+    def with_verdict(self) -> "RecordingAnswers":
+        """The answers to recordings that have a verdict, since all numbers of it are finite."""
+        finite = np.isfinite(self.probability).all(axis=1) & np.isfinite(self.ood_score)
+        names = tuple(name for name, is_finite in zip(self.recording_id, finite, strict=True) if is_finite)
+        return RecordingAnswers(names, self.target[finite], self.probability[finite], self.ood_score[finite])
+
+    def require_finite(self) -> None:
+        """Raise a `DataError` that names a recording without a verdict, if there is one."""
+        without = sorted({*self.recording_id} - {*self.with_verdict().recording_id})
+        if without:
+            raise DataError(f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out.")
+
 
 def recording_answers(classifier: SureClassifier, windows: WindowSet) -> RecordingAnswers:
     """The classifier's answer to each recording among `windows`."""
@@ -76,6 +88,7 @@ def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float 
     validation.require_labels("validation")
     _require_fitting(classifier, validation)
     answers = recording_answers(classifier, validation)
+    answers.require_finite()
     scores = nonconformity_scores(answers.probability)[np.arange(answers.target.size), answers.target]
     confidence = Confidence(
         temperature=_temperature(answers),
@@ -168,6 +181,8 @@ def score_confidence(
 ) -> ConfidenceScores:
     """How well the classifier's confidence holds on recordings that had no part in it.
 
+    Recordings without a verdict are left out; `evaluate` counts them as errors.
+
     Parameters
     ----------
     classifier : one whose confidence is calibrated (`learn_confidence`).
@@ -194,7 +209,10 @@ def score_confidence(
         seen = set() if windows is None else set(classifier.manifest) & set(windows.recording_id.tolist())
         if seen:
             raise LeakError(f"recording {min(seen)} had a part in the classifier (its manifest); test on others.")
-    answers, rate = recording_answers(classifier, test), confidence.error_rate if error_rate is None else error_rate
+    rate = confidence.error_rate if error_rate is None else error_rate
+    answers = recording_answers(classifier, test).with_verdict()
+    if not answers.recording_id:
+        raise DataError("no test recording has a verdict; is the model damaged, or every recording?")
     rows, scaled = np.arange(answers.target.size), confidence.temperature_scaled(answers.probability)
     right = answers.probability.argmax(axis=1) == answers.target
     in_set = confidence.prediction_set(answers.probability, rate)
@@ -218,6 +236,7 @@ def score_confidence(
 
 
 def _auroc(trained: RecordingAnswers, foreign: RecordingAnswers) -> float:
+    foreign = foreign.with_verdict()
     is_foreign = np.repeat([False, True], [trained.ood_score.size, foreign.ood_score.size])
     return float(roc_auc_score(is_foreign, np.concatenate([trained.ood_score, foreign.ood_score])))
 

@@ -12,7 +12,7 @@ from sklearn.metrics import confusion_matrix, f1_score
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.levels import LEVELS
-from swashtwin.learning.evaluation.pooling import pooled_probabilities
+from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
 from swashtwin.learning.evaluation.protocols import Classifier
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
@@ -47,7 +47,8 @@ class Scores:
     accuracy: float
     """Share of the windows classified right."""
     accuracy_interval: tuple[float, float]
-    """95 % interval of the accuracy, by bootstrap over the recordings."""
+    """95 % interval of the accuracy, by bootstrap over the recordings, and no narrower than Wilson's interval for as
+    many independent trials as there are recordings: few recordings without an error do not prove that there is none."""
     recording_accuracy: float
     """Share of the recordings classified right, each by the mean log-probability of its windows."""
     macro_recall: float
@@ -59,9 +60,9 @@ class Scores:
     g_mean_laplace: float
     """G_ε, the same with Laplace recalls (tp + 0.5) / (n + 1)."""
     false_alarm_rate: float
-    """Share of the normal windows called faulty."""
+    """Share of the normal windows called faulty, or without a verdict."""
     missed_fault_rate: float
-    """Share of the faulty windows called normal."""
+    """Share of the faulty windows called normal, or without a verdict."""
     macro_auroc: float
     """Mean area under the curve of each class against the rest."""
     calibration_error: float
@@ -69,7 +70,8 @@ class Scores:
     recall: Mapping[str, float]
     """Recall of each class; NaN where it has no test window."""
     confusion: Int[np.ndarray, "actual predicted"]
-    """Windows of each class (row) that were given each class (column)."""
+    """Windows of each class (row) that were given each class (column); where some have no verdict, a last column
+    counts these."""
     cells: tuple[CellScore, ...]
     """Recall by class and discharge pressure."""
     reasons: Mapping[str, str]
@@ -113,6 +115,9 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     level : level of generalization of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
     seed : seed of the bootstrap.
 
+    A window without a verdict, because a number of the classifier is not finite, counts as an error; `Scores.reasons`
+    says how many.
+
     Raises
     ------
     LeakError
@@ -126,10 +131,11 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     probability = np.asarray(classifier.predict_proba(test), dtype=np.float64)
     classes = classifier.classes
     target = np.array([classes.index(name) for name in test.classes], dtype=np.int64)[test.target]
-    predicted = probability.argmax(axis=1)
+    predicted = likeliest_class(probability)
+    finite = np.where(predicted[:, None] < 0, 0.0, probability)
     right = predicted == target
     recording, group = np.unique(test.recording_id, return_inverse=True)
-    confusion = confusion_matrix(target, predicted, labels=np.arange(len(classes)))
+    confusion = _confusion(target, predicted, len(classes))
     normal = next((index for index, name in enumerate(classes) if is_healthy(name)), None)
     present = np.unique(target)
     recall = metrics.recalls(confusion)
@@ -140,8 +146,8 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         "g_mean_laplace": metrics.g_mean_laplace(confusion),
         "false_alarm_rate": math.nan if normal is None else metrics.false_alarm_rate(confusion, normal),
         "missed_fault_rate": math.nan if normal is None else metrics.missed_fault_rate(confusion, normal),
-        "macro_auroc": metrics.macro_auroc(target, probability),
-        "calibration_error": metrics.expected_calibration_error(right, probability.max(axis=1)),
+        "macro_auroc": metrics.macro_auroc(target, finite),
+        "calibration_error": metrics.expected_calibration_error(right, finite.max(axis=1)),
     }
     interval = metrics.accuracy_interval(right, group, seed=seed)
     return Scores(
@@ -155,7 +161,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         recall=dict(zip(classes, recall.tolist(), strict=True)),
         confusion=confusion,
         cells=_cells(test, right),
-        reasons=_reasons(classes, confusion, values, interval),
+        reasons=_reasons(classes, confusion, values),
         **values,
     )
 
@@ -179,6 +185,14 @@ def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) 
         )
 
 
+def _confusion(
+    target: Int[np.ndarray, " window"], predicted: Int[np.ndarray, " window"], n_classes: int
+) -> Int[np.ndarray, "actual predicted"]:
+    confusion: np.ndarray = confusion_matrix(target, predicted, labels=np.arange(n_classes))
+    without = np.bincount(target[predicted < 0], minlength=n_classes)
+    return np.column_stack([confusion, without]) if without.any() else confusion
+
+
 def _recording_accuracy(
     target: Int[np.ndarray, " window"],
     probability: Float[np.ndarray, "window class"],
@@ -187,7 +201,7 @@ def _recording_accuracy(
     hits = []
     for index in range(int(group.max()) + 1):
         members = group == index
-        hits.append(int(pooled_probabilities(probability[members]).argmax()) == int(target[members][0]))
+        hits.append(int(likeliest_class(pooled_probabilities(probability[members]))) == int(target[members][0]))
     return float(np.mean(hits))
 
 
@@ -204,7 +218,6 @@ def _reasons(
     classes: tuple[str, ...],
     confusion: Int[np.ndarray, "actual predicted"],
     values: dict[str, float],
-    interval: tuple[float, float],
 ) -> dict[str, str]:
     absent = [name for name, count in zip(classes, confusion.sum(axis=1), strict=True) if not count]
     reasons = {}
@@ -216,11 +229,13 @@ def _reasons(
         if math.isnan(values[name]):
             kind = "normal" if name == "false_alarm_rate" else "faulty"
             has_normal = any(is_healthy(label) for label in classes)
-            reasons[name] = f"no {kind} test window" if has_normal else "no class is called normal or healthy"
+            rate = name.replace("_", "-").removesuffix("-rate") + " rate"
+            reasons[name] = f"no {kind} test window" if has_normal else f"no healthy class, so no {rate}"
     if math.isnan(values["macro_auroc"]):
         reasons["macro_auroc"] = "every test window is of one class"
-    if math.isnan(interval[0]):
-        reasons["accuracy_interval"] = "one test recording only"
+    without = int(confusion[:, len(classes) :].sum())
+    if without:
+        reasons["accuracy"] = f"{without} of {int(confusion.sum())} windows have no verdict and count as errors"
     return reasons
 
 

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float, Shaped
 from torch import Tensor
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.features import extract_features
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.confidence import Confidence
@@ -71,16 +71,27 @@ class FittedClassifier:
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1.
 
+        NaN where the square of a scaled sample, a feature or a score of the window is no finite number: it has no
+        verdict.
+
         Raises
         ------
         InputError
             The windows differ from those of the training in rate, channels, unit or length.
         """
-        return self._through(windows, lambda batch: torch.softmax(self.network(batch).double(), dim=-1))
+        return self._through(windows, self._probabilities)
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
-        """Name of the likeliest class of each window."""
-        return np.array(self.classes, dtype=np.str_)[self.predict_proba(windows).argmax(axis=1)]
+        """Name of the likeliest class of each window.
+
+        Raises
+        ------
+        DataError
+            A window has no verdict.
+        """
+        probability = self.predict_proba(windows)
+        require_verdicts(probability, windows.recording_id)
+        return np.array(self.classes, dtype=np.str_)[probability.argmax(axis=1)]
 
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
         """What the last layer sees of each window, such as t-SNE is drawn from."""
@@ -96,6 +107,15 @@ class FittedClassifier:
         """
         return self.predict_proba(windows), extract_features(windows).values
 
+    def _probabilities(self, batch: Tensor) -> Tensor:
+        represented = self.network.represent(batch)
+        features = self.network.encode(represented)
+        probability = torch.softmax(self.network.head(features).double(), dim=-1)
+        finite = [
+            part.flatten(1).isfinite().all(dim=1) for part in (batch.square(), represented, features, probability)
+        ]
+        return probability.masked_fill(~torch.stack(finite).all(dim=0)[:, None], torch.nan)
+
     def _through(self, windows: WindowSet, step: Callable[[Tensor], Tensor]) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
@@ -104,3 +124,13 @@ class FittedClassifier:
         with torch.no_grad():
             parts = [step(batch.to(device)).cpu().numpy() for batch in signal.split(_BATCH)]
         return np.concatenate(parts)
+
+
+def require_verdicts(probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]) -> None:
+    """Raise a `DataError` that names the first answer with a probability that is no finite number, if there is one."""
+    finite = np.isfinite(probability).all(axis=1)
+    if not finite.all():
+        raise DataError(
+            f"{names[~finite][0]}: no verdict on {np.count_nonzero(~finite)} of {len(finite)}, since the classifier's "
+            "numbers are not finite; is a sample far too large, or a weight of the model damaged?"
+        )

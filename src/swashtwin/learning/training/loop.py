@@ -135,6 +135,7 @@ def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet
     length = network.settings.get("length", windows.length)
     if length != windows.length:
         raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
+    windows.require_two_classes()
     counts = np.bincount(windows.target, minlength=len(windows.classes))
     if not counts.all():
         raise DataError(

@@ -189,6 +189,14 @@ class WindowSet:
                 "recording.relabeled(...), or only diagnose it."
             )
 
+    def require_two_classes(self) -> None:
+        """Raise a `DataError` where there is one class only: whatever was learned would always give that answer."""
+        if len(self.classes) < 2:
+            raise DataError(
+                f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
+                "classes at least: record a fault, or add synthetic windows of one."
+            )
+
     def fingerprint(self) -> str:
         """SHA-256 over every sample and every fact of the set, hexadecimal."""
         digest = hashlib.sha256(repr((self.classes, self.layout)).encode())

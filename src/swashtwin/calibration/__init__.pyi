@@ -23,6 +23,7 @@ from .objective.agreement import agreement_of_lines as agreement_of_lines
 from .objective.agreement import mean_agreement as mean_agreement
 from .objective.measurement import GRAVITY as GRAVITY
 from .objective.measurement import measure as measure
+from .objective.recording_checks import shown_speed as shown_speed
 from .objective.spectrum_objective import Objective as Objective
 from .objective.spectrum_objective import objective_of as objective_of
 from .objective.unknowns import VALUES as VALUES
@@ -108,6 +109,7 @@ __all__ = [
     "register_severity",
     "sample_posterior",
     "search_of",
+    "shown_speed",
     "twin_from_dict",
     "twin_to_dict",
 ]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import progress, say, tell
+from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import require_files, require_target
 from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, Window, fault_from
 
@@ -26,6 +26,7 @@ def synthesize(
     count: Annotated[int, typer.Option(min=1, help="Number of windows.")],
     out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
     fault: OptionalFault = None,
+    speed: Annotated[str | None, typer.Option(help='Another speed for the twin, such as "1500 rpm".')] = None,
     pressure: Annotated[
         str | None, typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".')
     ] = None,
@@ -52,7 +53,7 @@ def synthesize(
     from swashtwin.foundation import parse
     from swashtwin.learning import cut_windows, save_windows
     from swashtwin.recordings import load_recordings
-    from swashtwin.synthesis import simulate_windows
+    from swashtwin.synthesis import require_same_machine, simulate_windows
     from swashtwin.synthesis import synthesize as simulate
 
     require_target(out)
@@ -61,19 +62,23 @@ def synthesize(
     twin = result.nominal if nominal else result.twin
     if fault is not None:
         twin = twin.with_fault(fault_from(fault))
-    condition = None
+    changes = {}
+    if speed is not None:
+        changes["speed"] = parse(speed, "rad/s", name="--speed")
     if pressure is not None:
-        condition = twin.condition.replaced(discharge_pressure=parse(pressure, "Pa", name="--pressure"))
+        changes["discharge_pressure"] = parse(pressure, "Pa", name="--pressure")
+    condition = twin.condition.replaced(**changes) if changes else None
+    conditions = [fit.condition for fit in result.fits] if condition is None else [condition]
     recordings = load_recordings(like)
     classes = sorted({recording.label for recording in recordings if recording.label is not None} | {twin.label})
     measured = cut_windows(recordings, length=window, classes=classes)
+    notes = require_same_machine(twin, conditions, recordings, speed=speed is None, pressure=pressure is None)
     is_drawn = draws and not nominal
     options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": background.value}
     with progress("synthesizing"):
         if is_drawn:
             windows = simulate(result, twin.fault, condition=condition, **options)
         else:
-            conditions = [fit.condition for fit in result.fits] if condition is None else [condition]
             twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
             windows = simulate_windows([twin.at(point) for point in conditions], **options)
             windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *result.recording_ids})))
@@ -81,9 +86,12 @@ def synthesize(
     answer = {
         "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,
         "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
+        "notes": notes,
     }  # fmt: skip
 
     def show() -> None:
+        for text in notes:
+            note(f"note: {text}")
         say(f"{out}: {len(windows)} windows of {twin.label}")
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 

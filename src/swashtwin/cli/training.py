@@ -81,6 +81,7 @@ def train(
         learn_confidence,
         load_windows,
         require_enough,
+        require_shared_speed,
         split_by_recording,
         without_overlap,
     )
@@ -122,6 +123,7 @@ def train(
         require_enough(len(set(validation.recording_id.tolist())), error_rate)
     _refuse_seen(held_out.recording_id.tolist(), manifest)
     for synthetic in added:
+        require_shared_speed(windows, synthetic)
         training = training + synthetic
     check_disjoint(training, held_out)
     hint = f"{checkpoint} holds the last whole epoch: the same command with --resume continues" if checkpoint else ""

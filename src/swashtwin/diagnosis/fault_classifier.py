@@ -34,6 +34,7 @@ from swashtwin.learning import (
     learn_confidence,
     pooled_probabilities,
     require_enough,
+    require_shared_speed,
     require_verdicts,
     split_by_recording,
     without_overlap,
@@ -160,6 +161,8 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
                 keep_in_training=[name for windows in further for name in windows.manifest],
             )
             require_enough(np.unique(validation.recording_id).size, self.error_rate)
+        for windows in further:
+            require_shared_speed(measured, windows)
         windows = with_synthetic(measured, further)
         fitted: FittedClassifier | FittedBaseline
         if self.network in BASELINES:

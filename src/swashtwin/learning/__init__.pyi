@@ -56,6 +56,8 @@ from .windows.folding import Fold as Fold
 from .windows.folding import group_folds as group_folds
 from .windows.folding import without_overlap as without_overlap
 from .windows.grouping import window_groups as window_groups
+from .windows.operating_point import refuse_other_values as refuse_other_values
+from .windows.operating_point import require_shared_speed as require_shared_speed
 from .windows.saving import load_windows as load_windows
 from .windows.saving import save_windows as save_windows
 from .windows.splitting import check_disjoint as check_disjoint
@@ -117,8 +119,10 @@ __all__ = [
     "read_audit_rows",
     "recalls",
     "recording_answers",
+    "refuse_other_values",
     "register_network",
     "require_enough",
+    "require_shared_speed",
     "require_verdicts",
     "rows_of",
     "save_windows",

@@ -18,6 +18,7 @@ from .interpolation import SMOTE as SMOTE
 from .interpolation import NoNeighborsError as NoNeighborsError
 from .interpolation import oversampler as oversampler
 from .log_spectra import SpectralForm as SpectralForm
+from .machine_check import require_same_machine as require_same_machine
 from .periodic_extension import cut_extensions as cut_extensions
 from .periodic_extension import extension_length as extension_length
 from .periodic_extension import periodic_extensions as periodic_extensions
@@ -58,6 +59,7 @@ __all__ = [
     "periodic_extensions",
     "register_filler",
     "require_count",
+    "require_same_machine",
     "simulate_windows",
     "sources_of",
     "spectral_distance",

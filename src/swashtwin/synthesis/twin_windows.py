@@ -20,6 +20,7 @@ from swashtwin.recordings import Recording
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
 from swashtwin.synthesis.filler import build_windows, require_count
+from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
 _CHUNK = 64
@@ -49,7 +50,8 @@ def synthesize(
     like : measured training windows, or the training recordings; they give layout, classes and noise, and must not be
         test data.
     seed : addresses every draw.
-    condition : operating condition of the windows; by default the source's. Windows of a calibration at several
+    condition : operating condition of the windows; by default the source's, which must then be one that the recordings
+        state, as far as they state one (`require_same_machine`). Windows of a calibration at several
         operating points take turns among these.
     variation : what differs from window to window.
     background : what the windows are laid over, see `simulate_windows`.
@@ -58,7 +60,7 @@ def synthesize(
     Raises
     ------
     InputError
-        The channels differ, or there is nothing to take noise from.
+        The channels differ, there is nothing to take noise from, or the twin is of another pump or operating point.
 
     Examples
     --------
@@ -69,15 +71,19 @@ def synthesize(
     if not isinstance(twin, Twin):
         raise InputError(f"the source is a {type(source).__name__}; it must be a calibration or a twin.")
     twin = twin.with_fault(fault)
+    conditions = [twin.condition] if condition is None else [condition]
+    if condition is None and isinstance(source, Calibration):
+        conditions = [fit.condition for fit in source.fits]
+    is_free = condition is not None
     if not isinstance(like, WindowSet):
         recordings = list(like)
         labels = sorted({recording.label for recording in recordings if recording.label is not None})
         classes = sorted({*labels, _class_among(labels, twin)})
         like = cut_windows(recordings, length=window, classes=classes)
+        require_same_machine(twin, conditions, recordings, speed=not is_free, pressure=not is_free)
+    else:
+        require_same_machine(twin, conditions, like, speed=not is_free, pressure=not is_free)
     twin = replace(twin, bandwidth=min(twin.bandwidth, like.sample_rate / 2.56))
-    conditions = [twin.condition] if condition is None else [condition]
-    if condition is None and isinstance(source, Calibration):
-        conditions = [fit.condition for fit in source.fits]
     posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
     windows = simulate_windows(
         [twin.at(condition) for condition in conditions],

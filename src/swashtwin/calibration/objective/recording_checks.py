@@ -127,9 +127,14 @@ class ShownSpeed:
     """The same of the clearest comb."""
 
     @property
+    def is_clear(self) -> bool:
+        """Whether the lines show a speed at all."""
+        return self.shown_contrast > CLEAR
+
+    @property
     def contradicts(self) -> bool:
         """Whether the lines clearly show another speed than the stated one."""
-        return self.shown_contrast > CLEAR and self.stated_contrast < SHARE * self.shown_contrast
+        return self.is_clear and self.stated_contrast < SHARE * self.shown_contrast
 
 
 def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> ShownSpeed:

@@ -68,7 +68,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         ),
         ({"calibration_factor": "much", "sample_rate": 1000}, UnitError, "number with its unit"),
         ({"calibration_factor": ["1 g"], "sample_rate": 1000}, DataError, "1 calibration factors for 2 channels"),
-        ({"calibration_factor": ["1 g", "1 Pa"], "sample_rate": 1000}, DataError, "different units"),
+        ({"calibration_factor": "1 g", "sample_rate": 1000}, DataError, "'a' holds fractions"),
         ({"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"}, DataError, "ratio of whole numbers"),
         ({"unit": "g", "sample_rate": 1000, "sha256": "0" * 64}, DataError, "not the file that was indexed"),
         ({"unit": "g", "sample_rate": 1000, "time_column": "z"}, DataError, "no column 'z' for time_column"),
@@ -91,12 +91,23 @@ def test_a_rate_that_contradicts_the_file_names_both(recording: Recording, tmp_p
     assert load_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
 
 
-def test_a_unit_that_contradicts_the_file_names_both_and_can_be_overruled(recording: Recording, tmp_path: Path) -> None:
+def test_a_unit_that_contradicts_the_file_names_both(recording: Recording, tmp_path: Path) -> None:
     path = write_recording(recording, tmp_path / "a.h5")
     with pytest.raises(DataError, match=r"in m/s\^2, the index says g"):
         load_recording(path, unit="g")
-    overruled = load_recording(path, calibration_factor="1 g")
-    np.testing.assert_allclose(overruled.signal, recording.signal * 9.80665)
+
+
+def test_a_calibration_factor_scales_integers_without_a_scale_only(recording: Recording, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n-3,4\n")
+    scaled = load_recording(tmp_path / "a.csv", sample_rate=1000, calibration_factor="0.5 g")
+    np.testing.assert_allclose(scaled.signal, np.array([[1, -3], [2, 4]]) * 0.5 * 9.80665)
+    with pytest.raises(DataError, match="different units"):
+        load_recording(tmp_path / "a.csv", sample_rate=1000, calibration_factor=["1 g", "1 Pa"])
+    np.savez(tmp_path / "a.npz", x=np.arange(9), unit="g", fs=1000.0)
+    for path in (write_recording(recording, tmp_path / "a.h5"), tmp_path / "a.npz"):
+        with pytest.raises(DataError, match=r"is in (m/s\^2|g); a calibration factor is for integers") as caught:
+            load_recording(path, calibration_factor="1 g")
+        assert "\n" not in str(caught.value)
 
 
 def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:

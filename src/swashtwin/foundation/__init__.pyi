@@ -27,6 +27,7 @@ from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
 from .files import spreadsheet_text as spreadsheet_text
 from .files import write_text as write_text
+from .memory import MEMORY_VARIABLE as MEMORY_VARIABLE
 from .memory import memory_limit as memory_limit
 from .memory import require_memory as require_memory
 from .multiple_testing import holm_correction as holm_correction
@@ -50,6 +51,7 @@ from .units import um as um
 from .version import VERSION as VERSION
 
 __all__ = [
+    "MEMORY_VARIABLE",
     "TEXT",
     "VERSION",
     "ArtifactError",

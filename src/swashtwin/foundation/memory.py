@@ -4,7 +4,7 @@ import os
 
 from swashtwin.foundation.errors import DataError, InputError
 
-VARIABLE = "SWASHTWIN_MEMORY_GB"
+MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
 """Environment variable that sets the limit."""
 _DEFAULT = 4.0
 """Limit without the variable [GB]."""
@@ -18,13 +18,13 @@ def memory_limit() -> int:
     InputError
         The variable holds no positive number.
     """
-    text = os.environ.get(VARIABLE, "").strip() or str(_DEFAULT)
+    text = os.environ.get(MEMORY_VARIABLE, "").strip() or str(_DEFAULT)
     try:
         gigabytes = float(text)
     except ValueError:
         gigabytes = 0.0
     if not 0 < gigabytes < 1e6:
-        raise InputError(f"{VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8.")
+        raise InputError(f"{MEMORY_VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8.")
     return int(gigabytes * 1e9)
 
 
@@ -46,5 +46,5 @@ def require_memory(name: object, size: float, *, reason: str = "is read whole an
     if size > limit:
         raise DataError(
             f"{name} {reason} {size / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; "
-            f"if the file is right, set {VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
+            f"if the file is right, set {MEMORY_VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
         )

@@ -50,8 +50,8 @@ class Entry:
     sample_rate: str | None = None
     """Samples per second, such as ``"25.6 kHz"``, where the file does not say it."""
     calibration_factor: str | tuple[str, ...] | None = None
-    """Quantity that one unit of the file stands for, such as ``"0.1 g"`` (full scale of an integer WAV), or one each
-    channel; it overrides what the file says of its unit."""
+    """Quantity that one unit of integers without a scale stands for, such as ``"0.1 g"`` (full scale of an integer
+    WAV), or one each channel. Other samples have their `unit`."""
     resample: str | None = None
     """Rate to resample to with `scipy.signal.resample_poly`, such as ``"12 kHz"``."""
     separator: str | None = None

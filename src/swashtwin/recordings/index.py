@@ -196,8 +196,7 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     attributes = {key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")}
     if suffix_of(file) not in _LOSSLESS:
         entry |= {"names": list(recording.channels), "sample_rate": rate_text(recording.sample_rate)}
-        scale_key = "calibration_factor" if suffix_of(file) == ".wav" else "unit"
-        entry[scale_key] = f"1 {recording.unit}" if scale_key == "calibration_factor" else recording.unit
+        entry["unit"] = recording.unit
         entry |= {key: attributes.pop(key) for key in QUANTITIES if key in attributes}
         if attributes:
             entry["attributes"] = attributes

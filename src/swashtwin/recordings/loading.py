@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, UnitError, parse, sha256_of
+from swashtwin.foundation import DataError, InputError, UnitError, parse, require_memory, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
@@ -23,6 +23,8 @@ from swashtwin.recordings.samples import Columns, Samples
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 _RATE_TOLERANCE = 1e-3
+_FIRST = 4096
+"""Samples that show whether a channel holds integers."""
 _FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -128,6 +130,7 @@ def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
             listed = ", ".join(f"{number} {name!r}" for number, name in enumerate(raw.columns))
             raise DataError(f"{where} has no channel {channel!r}; it has {listed}.")
         chosen |= {name: raw.columns[name] for name in names}
+    rate_in_file(raw, list(chosen), where)
     lengths = {name: len(column) for name, column in chosen.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
@@ -164,10 +167,13 @@ def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | Non
     """Sample rate [Hz] that the file itself states for the chosen columns, or None."""
     if not raw.rates:
         return raw.sample_rate
-    names = {raw.rates.get(name): name for name in chosen}
+    names = {raw.rates.get(name, raw.sample_rate): name for name in reversed(chosen)}
     if len(names) > 1:
-        listed = ", ".join(f"{name}: {f'{rate:g} Hz' if rate else 'none'}" for rate, name in names.items())
-        raise DataError(f"{where} holds channels of several rates ({listed}); name those of one: channels = [...].")
+        listed = ", ".join(f"{name}: {f'{rate:g} Hz' if rate else 'none'}" for rate, name in reversed(names.items()))
+        raise DataError(
+            f"{where} holds channels of several rates ({listed}), and a recording has one; name those of one rate: "
+            "channels = [...]."
+        )
     return next(iter(names))
 
 
@@ -182,6 +188,8 @@ def scale(raw: RawFile, entry: Entry, chosen: Sequence[str], where: str) -> tupl
     """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself otherwise."""
     if entry.calibration_factor is not None:
         pairs = _calibration(entry, len(chosen), where)
+        for name in chosen:
+            _require_no_scale(raw, name, where)
     else:
         if raw.full_scale and entry.unit != "1":
             raise DataError(
@@ -212,10 +220,28 @@ def _unit(in_file: str | None, in_index: str | None, name: str, where: str) -> s
     factors = acceleration_factor(in_index), acceleration_factor(in_file)
     if factors[0] != factors[1] or (factors[0] is None and in_index != in_file):
         raise DataError(
-            f"{where} says {name!r} is in {in_file}, the index says {in_index}; "
-            f'remove unit, or overrule the file with calibration_factor = "1 {in_index}".'
+            f"{where} says {name!r} is in {in_file}, the index says {in_index}; remove unit, or correct the file."
         )
     return in_index
+
+
+def _require_no_scale(raw: RawFile, name: str, where: str) -> None:
+    """Refuse a calibration factor for a channel that is no integers without a scale."""
+    column = raw.columns[name]
+    if name in raw.units or "unit" in raw.facts:
+        unit = raw.units.get(name, raw.facts.get("unit"))
+        raise DataError(
+            f"{where} says {name!r} is in {unit}; a calibration factor is for integers without a scale. "
+            "Leave out calibration_factor, or correct the unit in the file."
+        )
+    if raw.full_scale:
+        return
+    first = np.asarray(column[0 : min(len(column), _FIRST)], dtype=np.float64)
+    if not (np.isnan(first) | (first == np.round(first))).all():
+        raise DataError(
+            f"{where}: {name!r} holds fractions, and a calibration factor is for integers without a scale; state what "
+            'its numbers are in with unit = "g", "m/s^2", "V" (or "1" where nobody knows) instead.'
+        )
 
 
 def _calibration(entry: Entry, count: int, where: str) -> list[tuple[float, str]]:
@@ -284,6 +310,8 @@ def _resampling(entry: Entry, rate: float, where: str) -> _Resampling | None:
 def _resample(samples: Samples, resampling: _Resampling, name: str) -> Samples:
     """The samples at another rate; the whole file is read when they are first asked for."""
     count = ceil(samples.shape[1] * resampling.up / resampling.down)
+    size = 8 * samples.shape[0] * (count + samples.shape[1])
+    require_memory(name, size, reason=f"resampled to {resampling.rate:g} Hz takes")
     open_columns = partial(_resample_columns, samples.unopened(), resampling)
     return Samples(name, (samples.shape[0], count), np.dtype(np.float64), samples.has_speed, open_columns)
 

@@ -48,14 +48,11 @@ def _open(path: Path, cache: int) -> h5py.File:
 def require_links_within(path: Path, file: h5py.File) -> None:
     """Refuse a file whose names lead to other files."""
 
-    def visit(name: str, link: Any) -> None:
-        if isinstance(link, h5py.ExternalLink):
-            raise DataError(
-                f"{path}: {name!r} is a link to another file ({link.filename}); put its data into this file, for "
-                "example with h5repack or h5copy."
-            )
+    def outside(name: str, link: Any) -> str | None:
+        return f"{name!r} is a link to another file ({link.filename})" if isinstance(link, h5py.ExternalLink) else None
 
-    file.visititems_links(visit)
+    if words := file.visititems_links(outside):
+        raise DataError(f"{path}: {words}; put its data into this file, for example with h5copy.")
 
 
 def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
@@ -67,6 +64,8 @@ def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
         It is virtual or external, parts of it were never written, its chunks are too large, or what it unpacks to is
         too much for the size of the file.
     """
+    if not dataset.size:
+        return
     name, size = dataset.name, prod(dataset.shape) * dataset.dtype.itemsize
     if dataset.is_virtual or dataset.external:
         kind = "virtual" if dataset.is_virtual else "external"

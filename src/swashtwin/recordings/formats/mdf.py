@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swashtwin.foundation import require_memory
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
 from swashtwin.recordings.formats.tables import read_time_column
 from swashtwin.recordings.recording import Recording
@@ -21,6 +22,7 @@ def read(path: Path, options: Options) -> RawFile:
     gaps: dict[str, str] = {}
     with path.open("rb") as stream, asammdf.MDF(stream) as file:
         names = [channel.name for group in file.groups for channel in group.channels]
+        require_memory(path, sum(8 * group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
         for number, group in enumerate(file.groups):
             master = file.masters_db.get(number)
             for position, channel in enumerate(group.channels):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.recordings.columns import Column
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
 from swashtwin.recordings.formats.tables import split_unit, timed_columns
 from swashtwin.recordings.recording import Recording
 
@@ -19,6 +19,7 @@ def read(path: Path, options: Options) -> RawFile:
     polars = load_extra("polars")
     table = polars.scan_parquet(path)
     height = table.select(polars.len()).collect().item()
+    require_plausible_size(path, 8 * height * len(table.collect_schema()), f"{height} rows")
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     for heading, kind in table.collect_schema().items():

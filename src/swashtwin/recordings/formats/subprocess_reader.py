@@ -147,7 +147,12 @@ class _Process:
     ) -> tuple[dict[str, Any], np.ndarray | None]:
         """The answer to a request; `samples` are filled by it."""
         seconds = source.seconds()
-        line = json.dumps({"source": source.request(), "seconds": seconds, **request}).encode() + b"\n"
+        line = (
+            json.dumps(
+                {"source": source.request(), "seconds": seconds, "memory": repr(memory_limit() / 1e9), **request}
+            ).encode()
+            + b"\n"
+        )
         with self._lock:
             others = bool(self._files - {source.path})
             try:

@@ -25,7 +25,7 @@ def read(path: Path, options: Options) -> RawFile:
         file = nptdms.TdmsFile.open(stream)
         if file.file_status.incomplete_final_segment:
             raise DataError(f"{path} is cut off: its last segment is incomplete.")
-        raw = _columns(file)
+        raw = _columns(path, file)
     except BaseException:
         stream.close()
         raise
@@ -33,15 +33,17 @@ def read(path: Path, options: Options) -> RawFile:
     return raw
 
 
-def _columns(file: Any) -> RawFile:
+def _columns(path: Path, file: Any) -> RawFile:
     groups = file.groups()
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
+    size = 0
     for group in groups:
         for channel in group.channels():
             if len(channel) < 2 or channel.dtype.kind not in "fiu":
                 continue
+            size += len(channel) * channel.dtype.itemsize
             name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
             columns[name] = _Channel(file, channel)
             unit = next(filter(None, (known_unit(channel.properties.get(key, "")) for key in _UNIT_PROPERTIES)), None)
@@ -49,6 +51,8 @@ def _columns(file: Any) -> RawFile:
                 units[name] = unit
             if step := float(channel.properties.get("wf_increment", 0.0)):
                 rates[name] = snapped_rate(step, 1e-9)
+    if size > path.stat().st_size:
+        raise DataError(f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}.")
     facts = {name: str(value) for name, value in file.properties.items()}
     return RawFile(columns, None, units, facts, rates=rates)
 

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, require_memory
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 
 _TIME_RESPONSE = 1
 _DELIMITER = re.compile(rb"^    -1\s*$", re.MULTILINE)
+_PARSED = 3
+"""Bytes in memory for each byte of the file while it is parsed."""
 _STEP_DIGITS = 5e-6
 """Largest relative error of a step written with six digits."""
 _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
@@ -18,6 +20,7 @@ _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 def read(path: Path, options: Options) -> RawFile:
     """Time responses of a universal file; their step has six digits, so the rate is snapped to a sensible one."""
+    require_memory(path, _PARSED * path.stat().st_size)
     if len(_DELIMITER.findall(path.read_bytes())) % 2:
         raise DataError(f"{path} is cut off: its last data set has no end.")
     content = load_extra("pyuff").UFF(str(path)).read_sets()
@@ -27,7 +30,7 @@ def read(path: Path, options: Options) -> RawFile:
         raise DataError(f"{path} holds no time response (data set 58, function type 1).")
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
-    steps = set()
+    rates: dict[str, float] = {}
     for number, response in enumerate(responses):
         name = _name(response, number, columns)
         columns[name] = np.asarray(response["data"], dtype=np.float64)
@@ -38,12 +41,12 @@ def read(path: Path, options: Options) -> RawFile:
         unit = known_unit(response.get("ordinate_axis_units_lab", ""))
         if unit:
             units[name] = unit
-        steps.add(float(response["abscissa_inc"]))
-    if len(steps) > 1 or not min(steps) > 0:
-        raise DataError(f"{path} holds time steps of {sorted(steps)} s; one recording has one positive step.")
-    step = steps.pop()
-    mantissa = float(f"{step:e}".split("e")[0])
-    return RawFile(columns, snapped_rate(step, _STEP_DIGITS / mantissa), units)
+        step = float(response["abscissa_inc"])
+        if not step > 0:
+            raise DataError(f"{path}: {name} has time steps of {step:g} s; a recording has a positive step.")
+        mantissa = float(f"{step:e}".split("e")[0])
+        rates[name] = snapped_rate(step, _STEP_DIGITS / mantissa)
+    return RawFile(columns, None, units, rates=rates)
 
 
 def _name(response: dict[str, Any], number: int, columns: dict[str, np.ndarray]) -> str:

@@ -1,26 +1,93 @@
 """The variables of a workspace file (MATLAB, NPZ) as columns and facts."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.formats.raw import RATE_NAMES, RawFile, known_unit
 
+_UNIT_NAMES = ("unit", "units")
+_PARTS = re.compile(r"[./]")
+_INDEX = re.compile(r"\(.*\)$")
 
-def sorted_variables(variables: Iterable[tuple[str, Any]]) -> RawFile:
+
+def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFile:
     """Vectors as columns; single numbers and texts as attributes, of which some name the rate and the unit.
 
-    A matrix yields one column for each of its longer side's vectors, called ``H(:,1)`` as MATLAB writes it.
+    A matrix yields one column for each of its longer side's vectors, called ``H(:,1)`` as MATLAB writes it. A rate or a
+    unit holds for the vectors of its structure (``a.fs`` for ``a.x``) and of those within; one with the name of a
+    vector (``x_fs``, ``fs_x``) for that vector only. The only
+    rate in a file holds for all its vectors.
+
+    Raises
+    ------
+    DataError
+        Two different rates or units are stated for the same vectors.
     """
     columns: dict[str, np.ndarray] = {}
     facts: dict[str, str] = {}
     for name, value in variables:
         _sort_in(name, value, columns, facts)
-    rates = [float(text) for name, text in facts.items() if name.rsplit(".")[-1].lower() in RATE_NAMES]
-    unit = known_unit(facts.pop("unit", ""))
-    units = dict.fromkeys(columns, unit) if unit else {}
-    return RawFile(columns, rates[0] if rates else None, units, facts)
+    stated_rates = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
+    stated_units = {name: unit for name, text in facts.items() if (unit := _unit(name, text)) is not None}
+    rates: dict[str, float] = {}
+    units: dict[str, str] = {}
+    for name in columns:
+        if (rate := _stated_for(path, name, stated_rates, RATE_NAMES, "sample rates")) is not None:
+            rates[name] = rate
+        if (unit := _stated_for(path, name, stated_units, _UNIT_NAMES, "units")) is not None:
+            units[name] = unit
+    facts.pop("unit", None)
+    general = {rate for name, rate in stated_rates.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
+    if len(general) == 1:
+        rates = {**dict.fromkeys(columns, general.pop()), **rates}
+    return RawFile(columns, None, units, facts, rates=rates)
+
+
+def _rate(name: str, text: str) -> float | None:
+    if not any(key in name.lower() for key in RATE_NAMES):
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return parse(text, "Hz")
+    except UnitError:
+        return None
+
+
+def _unit(name: str, text: str) -> str | None:
+    return known_unit(text) if any(key in name.lower() for key in _UNIT_NAMES) else None
+
+
+def _stated_for(path: Path, column: str, stated: Mapping[str, Any], keys: tuple[str, ...], what: str) -> Any:
+    """The value that holds for a column: of the names that fit it, those of the nearest structure."""
+    for names in _names_for(column, keys):
+        values = {name: value for name, value in stated.items() if name.lower() in names}
+        if len(set(values.values())) > 1:
+            listed = ", ".join(f"{name} = {value}" for name, value in values.items())
+            raise DataError(f"{path} states two {what} for {column} ({listed}); remove the wrong one from the file.")
+        if values:
+            return next(iter(values.values()))
+    return None
+
+
+def _names_for(column: str, keys: tuple[str, ...]) -> Iterator[set[str]]:
+    """Names in small letters under which a value for a column may stand, the nearest first."""
+    name = _INDEX.sub("", column).lower()
+    *_, last = _PARTS.split(name)
+    scope = name[: len(name) - len(last)]
+    yield {f"{scope}{text}" for key in keys for text in (f"{last}_{key}", f"{key}_{last}")}
+    yield {scope + key for key in keys}
+    while scope:
+        *_, last = _PARTS.split(scope[:-1])
+        scope = scope[: len(scope) - 1 - len(last)]
+        yield {scope + key for key in keys}
 
 
 def _sort_in(name: str, value: Any, columns: dict[str, np.ndarray], facts: dict[str, str]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings.columns import SideBySide
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
 from swashtwin.recordings.recording import Recording
 
 _UNPACKED = (1, 3, 0xFFFE)
@@ -25,6 +25,7 @@ def read(path: Path, options: Options) -> RawFile:
     if head[:4] == b"RIFF" and stated < _UNKNOWN_SIZE and stated > path.stat().st_size:
         raise DataError(f"{path} is cut off: its header states {stated} bytes, it has {path.stat().st_size}.")
     sound = load_extra("soundfile").SoundFile(str(path))
+    require_plausible_size(path, 2 * sound.frames * sound.channels, f"{sound.frames} samples")
 
     def frames(start: int, stop: int) -> np.ndarray:
         sound.seek(start)

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from swashtwin.foundation import DataError, SwashTwinError, memory_limit
+from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, memory_limit
 from swashtwin.recordings.columns import Column, number_type, require_unchanged
 from swashtwin.recordings.formats.raw import Options, RawFile
 
@@ -33,6 +33,8 @@ _SPOOLED = 1 << 24
 """Most bytes of a file in memory whose columns read when they are sliced."""
 _COLUMNS = 10_000
 """Most columns that a file of measurements has."""
+_LIBRARIES = 1 << 29
+"""Bytes that the libraries themselves may take."""
 _MESSAGE = 400
 """Longest message, in characters."""
 
@@ -127,7 +129,7 @@ def _limit_memory() -> None:
 
     pages = int(Path("/proc/self/statm").read_text().split()[5])
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (pages * resource.getpagesize() + memory_limit(), hard))
+    resource.setrlimit(resource.RLIMIT_DATA, (pages * resource.getpagesize() + memory_limit() + _LIBRARIES, hard))
 
 
 def _failure(cause: Exception) -> dict[str, str]:
@@ -146,6 +148,7 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         for line in requests:
             request = json.loads(line)
+            os.environ[MEMORY_VARIABLE] = request["memory"]
             faulthandler.dump_traceback_later(request["seconds"], exit=True, file=nowhere)
             samples: np.ndarray | None = None
             try:

@@ -1,0 +1,92 @@
+"""Files of several rates or units: each channel has its own, and nothing is taken from a neighbor."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from recording_files import write_uff
+from scipy.io import savemat
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings import load_recording
+
+X, Y = np.arange(20.0), np.arange(20.0) + 0.5
+
+
+def hdf5_data_sets(folder: Path) -> Path:
+    with h5py.File(folder / "a.h5", "w") as file:
+        for name, values, rate in (("x", X, 25600.0), ("y", Y, 12800.0)):
+            file[name] = values
+            file[name].attrs.update({"fs": rate, "unit": "g"})
+    return folder / "a.h5"
+
+
+def hdf5_groups(folder: Path) -> Path:
+    with h5py.File(folder / "a.h5", "w") as file:
+        file.attrs.update({"fs": 12800.0, "unit": "g"})
+        file["fast/x"], file["slow/y"] = X, Y
+        file["fast"].attrs["fs"] = 25600.0
+    return folder / "a.h5"
+
+
+def matlab_structures(folder: Path) -> Path:
+    content = {"a": {"x": X, "fs": 25600.0, "unit": "g"}, "b": {"y": Y, "fs": 12800.0, "unit": "g"}}
+    savemat(folder / "a.mat", content)
+    return folder / "a.mat"
+
+
+def archive_keys(folder: Path) -> Path:
+    np.savez(folder / "a.npz", x=X, y=Y, x_fs=25600.0, fs_y=12800.0, unit="g")
+    return folder / "a.npz"
+
+
+def universal_file(folder: Path) -> Path:
+    texts = []
+    for values, rate in ((X, 25600.0), (Y, 12800.0)):
+        write_uff(folder / "a.uff", values[None], 1 / rate, "g")
+        texts.append((folder / "a.uff").read_text())
+    (folder / "a.uff").write_text(texts[0] + texts[1].replace("point 0", "point 1"))
+    return folder / "a.uff"
+
+
+@pytest.mark.parametrize("write", [hdf5_data_sets, hdf5_groups, matlab_structures, archive_keys, universal_file])
+def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
+    write: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    path = write(tmp_path)
+    with pytest.raises(DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*channels = \[") as caught:
+        load_recording(path)
+    assert "\n" not in str(caught.value)
+    for channel, rate, values in ((0, 25600.0, X), (1, 12800.0, Y)):
+        loaded = load_recording(path, channels=[channel])
+        assert loaded.sample_rate == rate
+        np.testing.assert_allclose(loaded.signal[0], values * 9.80665)
+    with pytest.raises(DataError, match="12800 Hz, the index says 25600 Hz"):
+        load_recording(path, channels=[1], sample_rate="25.6 kHz")
+
+
+def test_two_rates_for_the_same_vector_are_refused_by_name(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", x=X, fs=25600.0, sample_rate=12800.0)
+    with pytest.raises(DataError, match=r"two sample rates for x \(fs = 25600\.0, sample_rate = 12800\.0\)"):
+        load_recording(tmp_path / "a.npz", unit="g")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"] = X
+        file["x"].attrs.update({"fs": 25600.0, "samplerate": 12800.0})
+    with pytest.raises(DataError, match=r"two sample rates for /x \(fs = 25600 Hz, samplerate = 12800 Hz\)"):
+        load_recording(tmp_path / "a.h5", unit="g")
+
+
+def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}})
+    with pytest.raises(DataError, match="different units"):
+        load_recording(tmp_path / "a.mat")
+    assert load_recording(tmp_path / "a.mat", channels=["b.y"]).unit == "Pa"
+    with pytest.raises(DataError, match=r"'b\.y' is in Pa, the index says g"):
+        load_recording(tmp_path / "a.mat", channels=["b.y"], unit="g")
+
+
+def test_a_rate_in_words_is_understood(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", x=X, fs="25.6 kHz", unit="g")
+    assert load_recording(tmp_path / "a.npz").sample_rate == 25600.0

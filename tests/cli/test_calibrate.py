@@ -173,7 +173,7 @@ def interrupted(rig: Path, out: Path, *words: str) -> subprocess.CompletedProces
 
 def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_values(rig: Path, tmp_path: Path) -> None:
     out = tmp_path / "long.json"
-    words = ("--preset", "paper", "--set", "epochs=80", "--set", "learning_rate=0.001")
+    words = ("--preset", "paper", "--set", "epochs=50", "--set", "learning_rate=0.001")
     process = interrupted(rig, out, *words)
     assert process.returncode == 130, process.stderr
     assert process.stdout == ""
@@ -186,7 +186,7 @@ def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_value
     resumed = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--resume", "--out", out)
     whole = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "whole.json")
     assert resumed["estimates"] == whole["estimates"]
-    assert resumed["simulations"] == whole["simulations"] == 80
+    assert resumed["simulations"] == whole["simulations"] == 50
     histories = [json.loads(path.read_text())["history"] for path in (out, tmp_path / "whole.json")]
     assert histories[0] == histories[1]
     assert not list(tmp_path.glob("*.checkpoint"))

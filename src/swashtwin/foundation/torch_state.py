@@ -39,6 +39,11 @@ class TorchStream(TorchDispatchMode):
         self._seed = seed
         self._generators: dict[str, torch.Generator] = {}
 
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        """No: to skip it torch would import its compiler, which takes longer than a whole diagnosis."""
+        return False
+
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
     ) -> Any:

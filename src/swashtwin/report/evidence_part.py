@@ -97,7 +97,8 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
         panel, peaks = axes[channel, 0], evidence.peaks[channel]
         panel.fill_between(time, -peaks, peaks, step="mid", color=LIGHT, linewidth=0)
         beside, adds = panel.twinx(), evidence.moments[channel]
-        beside.bar(time, adds, width=evidence.moment, color=np.where(adds >= 0, CALIBRATED, _AGAINST))
+        for side, color in ((np.maximum(adds, 0), CALIBRATED), (np.minimum(adds, 0), _AGAINST)):
+            beside.fill_between(time, side, step="mid", color=color, linewidth=0)
         beside.set_ylim(-1.1 * limit, 1.1 * limit)
         beside.set_yticks([])
         beside.grid(visible=False)

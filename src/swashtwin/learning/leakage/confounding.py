@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Float64, Int, Int64
+from scipy.special import rel_entr
 from sklearn.metrics import balanced_accuracy_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 from sklearn.tree import DecisionTreeClassifier
@@ -205,18 +206,20 @@ def _p_value(
     permuted: Int[np.ndarray, "dealing recording"],
 ) -> float:
     """Share of dealings, this one among them, whose mutual information with the bins is as great."""
-    n_classes, cells = int(target.max()) + 1, (int(target.max()) + 1) * (int(bins.max()) + 1)
-    observed = _information(np.bincount(bins * n_classes + target, minlength=cells), n_classes)
-    chance = [_information(np.bincount(bins * n_classes + row, minlength=cells), n_classes) for row in permuted]
+    observed, *chance = _information(bins, np.concatenate([target[None], permuted]))
     return float((1 + np.count_nonzero(np.array(chance) >= observed - 1e-12)) / (1 + len(chance)))
 
 
-def _information(counts: Int[np.ndarray, " cell"], n_classes: int) -> float:
-    """Mutual information of bins and classes [nat]."""
-    share = counts.reshape(-1, n_classes) / counts.sum()
-    independent = np.outer(share.sum(axis=1), share.sum(axis=0))
-    positive = share > 0
-    return float(np.sum(share[positive] * np.log(share[positive] / independent[positive])))
+def _information(
+    bins: Int[np.ndarray, " recording"], classes: Int[np.ndarray, "dealing recording"]
+) -> Float64[np.ndarray, " dealing"]:
+    """Mutual information of bins and classes [nat] in each dealing."""
+    n_bins, n_classes = int(bins.max()) + 1, int(classes.max()) + 1
+    cell = (np.arange(len(classes))[:, None] * n_bins + bins) * n_classes + classes
+    counts = np.bincount(cell.ravel(), minlength=len(classes) * n_bins * n_classes)
+    share = counts.reshape(-1, n_bins, n_classes) / len(bins)
+    independent = share.sum(axis=2, keepdims=True) * share.sum(axis=1, keepdims=True)
+    return np.asarray(rel_entr(share, independent).sum(axis=(1, 2)))
 
 
 def _result(

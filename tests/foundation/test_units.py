@@ -73,6 +73,20 @@ def test_text_and_code_convert_alike(x: float) -> None:
         ("1.5e6 N*m/rad", "N*m/rad", 1.5e6),
         ("180 N·m/deg", "N*m/rad", 180 * 180 / math.pi),
         ("0.6 L", "m^3", 0.0006),
+        ("25 Hz", "rad/s", 50 * math.pi),
+        ("1500 1/min", "rad/s", 50 * math.pi),
+        ("1500 U/min", "rad/s", 50 * math.pi),
+        ("1500 RPM", "rad/s", 50 * math.pi),
+        ("1500 min⁻¹", "rad/s", 50 * math.pi),
+        ("15 Mpa", "Pa", 15e6),
+        ("120BAR", "Pa", 12e6),
+        ("120 kpa", "Pa", 120e3),
+        ("2000 PSI", "Pa", 2000 * 6894.757293168361),
+        ("20 khz", "Hz", 20e3),
+        ("2 g", "m/s^2", 19.6133),
+        ("2 m/s2", "m/s^2", 2.0),
+        ("2 mm/s²", "m/s^2", 0.002),
+        ("2 g", "kg", 0.002),
     ],
 )
 def test_a_quantity_is_one_number_and_its_unit(text: str, unit: str, expected: float) -> None:
@@ -88,8 +102,8 @@ def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
 @pytest.mark.parametrize(
     ("text", "unit", "message"),
     [
-        ("14 Hz", "rad/s", 'is a frequency; write it as "840 rpm"'),
-        ("900 1/min", "rad/s", 'is a frequency; write it as "900 rpm"'),
+        ("14 1/s", "rad/s", 'is a frequency; write it as "840 rpm"'),
+        ("15 mPa", "Pa", 'is in thousandths of a pascal; was "15 MPa" meant?'),
         ("860 rpm", "Hz", 'is an angular speed; write it as "14.3333 Hz"'),
         ("90 rad/s", "Hz", 'is an angular speed; write it as "14.3239 Hz"'),
         ("1 N*m", "N*m/rad", "no quantity in N*m/rad"),

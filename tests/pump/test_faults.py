@@ -156,6 +156,9 @@ def test_half_the_slippers_length_leaves_a_quarter_of_the_depth() -> None:
     assert replace(PAPERS, length=mm(11)).effective_depth(mm(22)) == pytest.approx(mm(0.15))
 
 
-def test_normal_healthy_and_ok_are_healthy_in_any_case() -> None:
-    assert all(is_healthy(label) for label in ("normal", "healthy", "ok", "Healthy", " OK "))
-    assert not any(is_healthy(label) for label in (None, "", "piston", "abnormal", "unhealthy"))
+def test_what_people_call_a_sound_machine_is_healthy_in_any_spelling() -> None:
+    labels = ("normal", "healthy", "ok", "Healthy", " OK ", "gut", "Good", "baseline", "GESUND", "in Ordnung", "i.O.")
+    labels += ("fault-free", "no_fault", "unbescha\u0308digt", "ｏｋ")
+    assert all(is_healthy(label) for label in labels)
+    assert not any(is_healthy(label) for label in (None, "", "piston", "abnormal", "unhealthy", "not ok", "n.i.O."))
+    assert canonical_label("Gut") == "normal"

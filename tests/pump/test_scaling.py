@@ -140,7 +140,7 @@ def test_a_displacement_is_read_as_plates_write_it(text: str) -> None:
         ({"pistons": 2}, InputError, r"piston_count \(2\) must lie in 3...19; most pumps have 7 or 9"),
         ({"swash_angle": "50 deg"}, InputError, r"swash_angle \(50 deg\) must lie within 0...45 deg"),
         ({"pressure": "280"}, UnitError, "pressure = '280' has no unit"),
-        ({"speed": "25 Hz"}, UnitError, 'write it as "1500 rpm"'),
+        ({"speed": "25 1/s"}, UnitError, 'write it as "1500 rpm"'),
     ],
 )
 def test_an_impossible_nameplate_is_refused_in_a_line(

@@ -135,6 +135,33 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         (f'format = 1\nclasses = ["normal"]\n[[recording]]\nfile = "a.csv"\nlabel = "xyz"\n{FACTS}', "classes = "),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\nnames = [1, 2]\n{FACTS}', "names = .* must be a list of texts"),
+        ("format = 1\nclasses = [1, 2]\n[[recording]]\nfile = 'a.csv'", "classes = .1, 2. must be a list of texts"),
+        ("format = 1\nx = " + "[" * 5000, "is not valid TOML"),
+        ("format = " + "9" * 5_000_000, "is not valid TOML"),
+        *(
+            (f'format = 1\n[[recording]]\nfile = "a.csv"\n{fact}\n{FACTS}', message)
+            for fact, message in {
+                "channels = []": r"channels = \[\] must be a list",
+                "channels = [true]": r"channels = \[True\] must be a list",
+                "channels = [-1]": "whole numbers from 0",
+                "names = []": "names = .* must be a list of texts",
+                "header_lines = -1": "header_lines = -1 must be a whole number from 0",
+                "header_lines = true": "header_lines = True must be",
+                "header_lines = " + "9" * 4000: "header_lines = 9{60}... must be",
+                "time_column = 1.5": "time_column = 1.5 must be a name or",
+                'separator = ""': "separator = '' must be one character",
+                'decimal = "x"': "decimal = 'x' must be",
+                'label = ""': "label = '' must be text",
+                "label = 2020-01-01": "label = .* must be text",
+                "calibration_factor = 3": "calibration_factor = 3 must be text",
+                "calibration_factor = [1]": "calibration_factor = .* must be text",
+                "attributes = {a = {b = 1}}": "attributes = .* must be a table of texts",
+                "attributes = 3": "attributes = 3 must be a table",
+                "speed = nan": "speed is the bare number nan",
+                'speed = "0 rpm"': "speed = '0 rpm' must be above zero",
+                'speed = "1e999 rpm"': "is not finite",
+            }.items()
+        ),
     ],
 )  # fmt: skip
 def test_a_wrong_index_is_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
@@ -362,7 +389,7 @@ def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_pat
     [
         ({"sample_rate": "25600"}, "sample_rate = '25600' has no unit"),
         ({"unit": "gg"}, "unit = 'gg' is no unit"),
-        ({"discharge_pressure": "15 Mpa"}, "discharge_pressure = '15 Mpa'"),
+        ({"discharge_pressure": "15 MNa"}, "discharge_pressure = '15 MNa'"),
     ],
 )
 def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_made(
@@ -372,3 +399,25 @@ def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_ma
     facts = {"sample_rate": "10 Hz", "unit": "g", **fact}
     with pytest.raises(UnitError, match=message):
         propose_index(tmp_path, **facts)
+
+
+def test_labels_are_one_class_in_any_unicode_form_and_hold_no_control_characters(tmp_path: Path) -> None:
+    path = save(
+        tmp_path,
+        f"""
+        format = 1
+        classes = ["Gerausch", "unbesch\u00e4digt"]
+        [[recording]]
+        file = "a.csv"
+        label = " unbescha\u0308digt "
+        {FACTS}
+        [[recording]]
+        file = "b.csv"
+        label = "Ger\\u001b\\u202eausch"
+        names = ["x\\u0007", "y"]
+        {FACTS}
+        """,
+    )
+    first, second = load_recordings(path)
+    assert (first.label, second.label, second.channels) == ("unbesch\u00e4digt", "Gerausch", ("x", "y"))
+    assert len(load_recordings(path).where(label="unbescha\u0308digt")) == 1

@@ -25,7 +25,6 @@ from .files import read_text as read_text
 from .files import replacing as replacing
 from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
-from .files import spreadsheet_text as spreadsheet_text
 from .files import write_text as write_text
 from .memory import MEMORY_VARIABLE as MEMORY_VARIABLE
 from .memory import memory_limit as memory_limit
@@ -36,6 +35,9 @@ from .processes import end_with as end_with
 from .processes import parallel as parallel
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
+from .texts import csv_text as csv_text
+from .texts import plain_text as plain_text
+from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
 from .torch_state import one_thread as one_thread
 from .units import MPa as MPa
@@ -69,6 +71,7 @@ __all__ = [
     "bar",
     "celsius",
     "compiled",
+    "csv_text",
     "deg",
     "derive_seed",
     "end_with",
@@ -83,6 +86,7 @@ __all__ = [
     "optimizer_tensors",
     "parallel",
     "parse",
+    "plain_text",
     "read_artifact",
     "read_run",
     "read_text",

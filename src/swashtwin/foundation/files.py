@@ -141,17 +141,6 @@ def write_text(path: Path, text: str) -> Path:
     return Path(path)
 
 
-def spreadsheet_text(text: str) -> str:
-    """`text` as a cell of a CSV file that no spreadsheet takes for a formula.
-
-    Examples
-    --------
-    >>> spreadsheet_text("=1+1"), spreadsheet_text("normal")
-    ("'=1+1", 'normal')
-    """
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
-
-
 def read_text(path: Path) -> str:
     """Text of a file in UTF-8, with or without a byte order mark.
 

@@ -73,11 +73,19 @@ _COMMON = {
     "m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3),
     "Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3),
     "rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30),
-    "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5),
+    "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5), "mbar": ("Pa", 1e2),
     "N": ("N", 1.0), "V": ("V", 1.0), "K": ("K", 1.0), "1": ("1", 1.0),
 }  # fmt: skip
 """SI unit and factor of the units in daily use. Every other unit is looked up with pint, which takes half a second to
 build its registry."""
+_TURNS = dict.fromkeys(("rpm", "r/min", "rev/min", "1/min", "/min", "min^-1", "min-1", "U/min", "Upm"), math.pi / 30)
+_TURNS |= dict.fromkeys(("Hz", "rev/s", "r/s", "rps"), 2 * math.pi)
+"""Angular speed [rad/s] of one unit of a shaft's speed. Hertz are its turns per second; 1/s may be rad/s as well."""
+_CASELESS = ("Pa", "hPa", "kPa", "MPa", "bar", "psi", "Hz", "kHz", "rpm", "U/min", "degC")
+"""Units that are understood in any case of letters; millipascal (mPa) is not meant by any of them."""
+_SPELLINGS = {"g": "g_0", "gn": "g_0", "G": "g_0", "mg": "mg_0", "m/s/s": "m/s^2"}
+"""Units of acceleration by their usual names, which mean a mass elsewhere."""
+_POWERS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "**": "^"}
 
 
 @cache
@@ -122,6 +130,19 @@ def _misfit(number: float, source: "Unit", unit: str) -> str:
     return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
 
 
+def _spelled(text: str, target: str = "") -> str:
+    """A unit as `_COMMON` or pint write it: ``m/s^2`` of ``m/s2``, ``MPa`` of ``Mpa``, in m/s^2 ``g_0`` of ``g``."""
+    for sign, power in _POWERS.items():
+        text = text.replace(sign, power)
+    if target == "m/s^2" and text in _SPELLINGS:
+        return _SPELLINGS[text]
+    if text in _COMMON or text in _TURNS:
+        return text
+    if text != "mPa" and (names := [name for name in _CASELESS if name.casefold() == text.casefold()]):
+        return names[0]
+    return re.sub(r"(?<=[A-Za-z])([23])(?![\w^])", r"^\1", text)
+
+
 _USUAL = {"rad/s": "rpm", "Pa": "MPa"}
 """What people write where SI has another unit: a bare 860 is a speed in revolutions per minute."""
 
@@ -134,14 +155,17 @@ def is_unit(text: str) -> bool:
     >>> is_unit("m/s^2"), is_unit("gg")
     (True, False)
     """
+    text = _spelled(text)
     return text in _COMMON or _unit(text) is not None
 
 
 def parse(text: object, unit: str, *, name: str = "value") -> float:
     """SI number of a quantity written with its unit.
 
-    Radians and turns count as a dimension: ``"14 Hz"`` is no angular speed, ``"860 rpm"`` no frequency, and ``"1 N*m"``
-    no stiffness in N m/rad. So a factor of 2 pi is never put in or left out silently.
+    Radians and turns count as a dimension: ``"860 rpm"`` is no frequency, ``"14 1/s"`` no angular speed, and
+    ``"1 N*m"`` no stiffness in N m/rad. So a factor of 2 pi is never put in or left out silently. Only the speed of a
+    shaft may be written in ``Hz`` or ``1/min``, which are turns. ``g`` is the acceleration of gravity where an
+    acceleration is due. Slips of the case are understood where they are none of another unit: ``"15 Mpa"``.
 
     Parameters
     ----------
@@ -156,18 +180,23 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
 
     Examples
     --------
-    >>> parse("14 Hz", "rad/s", name="speed")
+    >>> parse("15 Mpa", "Pa"), round(parse("25 Hz", "rad/s"), 6)
+    (15000000.0, 157.079633)
+    >>> parse("860 rpm", "Hz", name="sample_rate")
     Traceback (most recent call last):
     ...
-    swashtwin.foundation.errors.UnitError: speed = '14 Hz' is a frequency; write it as "840 rpm".
+    swashtwin.foundation.errors.UnitError: sample_rate = '860 rpm' is an angular speed; write it as "14.3333 Hz".
     """
     suffix = "" if unit == "1" else f" {unit}"
     if not isinstance(text, str):
         raise UnitError(f'{name} is the bare number {text!r}; write it with its unit, for example "{text}{suffix}".')
     match = _QUANTITY.fullmatch(text)
-    if match is not None and match[2] and (value := _common_value(float(match[1]), match[2], unit)) is not None:
+    symbol = _spelled(match[2], unit) if match else ""
+    if match is not None and symbol and (value := _common_value(float(match[1]), symbol, unit)) is not None:
         return value
-    source, target = _unit(match[2]) if match else None, _unit(suffix.strip())
+    if unit == "Pa" and symbol == "mPa":
+        raise UnitError(f'{name} = {text!r} is in thousandths of a pascal; was "{match and match[1]} MPa" meant?')
+    source, target = _unit(symbol) if match else None, _unit(suffix.strip())
     if match is None or source is None or target is None:
         raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
     if suffix and not match[2]:
@@ -183,7 +212,9 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
 
 
 def _common_value(number: float, source: str, target: str) -> float | None:
-    """Value in `target` of a number in `source`, or None where `_COMMON` does not say it."""
+    """Value in `target` of a number in `source`, or None where neither `_COMMON` nor `_TURNS` says it."""
+    if target == "rad/s" and source in _TURNS and math.isfinite(number):
+        return float(f"{number * _TURNS[source]:.15g}")
     if source not in _COMMON or target not in _COMMON:
         return None
     (dimension, factor), (other, divisor) = _COMMON[source], _COMMON[target]

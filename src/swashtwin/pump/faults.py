@@ -9,20 +9,26 @@ our own derivation, `docs/physics.md`, and the anchors cited there; the swash pl
 
 import difflib
 import math
+import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
 
-from swashtwin.foundation import InputError, deg, mm, um
+from swashtwin.foundation import InputError, deg, mm, plain_text, um
 
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 """The paper's five classes, in its order."""
 
+_HEALTHY = (
+    "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
+    "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt",
+)  # fmt: skip
+"""What people call the class of a machine that nothing is wrong with."""
 ALIASES = {
-    "healthy": "normal",
-    "ok": "normal",
+    **dict.fromkeys(_HEALTHY, CLASSES[0]),
     "swashplate": "swash_plate",
     "swash": "swash_plate",
     "cylinder": "cylinder_block",
@@ -49,8 +55,9 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     >>> canonical_label("Plunger fault")
     'piston'
     """
-    word = text.strip().lower().removesuffix("fault").removesuffix("_").strip().replace(" ", "_").replace("-", "_")
-    word = word.removesuffix("_")
+    if is_healthy(text) and CLASSES[0] in classes:
+        return CLASSES[0]
+    word = _word(text).removesuffix("fault").removesuffix("_")
     if word in classes:
         return word
     if ALIASES.get(word) in classes:
@@ -62,20 +69,28 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
 
 
 def is_healthy(label: str | None) -> bool:
-    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"`` or ``"ok"``, in capitals or not.
+    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"``, ``"ok"``, ``"gut"`` and their like.
 
     Examples
     --------
-    >>> is_healthy("Healthy"), is_healthy("piston"), is_healthy(None)
+    >>> is_healthy("In Ordnung"), is_healthy("piston"), is_healthy(None)
     (True, False, False)
     """
-    word = "" if label is None else label.strip().lower()
+    word = "" if label is None else _word(label)
     return ALIASES.get(word, word) == CLASSES[0]
+
+
+def _word(label: str) -> str:
+    """A label in small letters and one Unicode form, an underscore for each gap, point and hyphen."""
+    text = unicodedata.normalize("NFKC", label).casefold()
+    return re.sub(r"[\s._-]+", "_", text).strip("_")
 
 
 def is_same_class(first: str | None, second: str | None) -> bool:
     """Whether two labels are equal, or both healthy."""
-    return first == second or (is_healthy(first) and is_healthy(second))
+    if first is None or second is None:
+        return first == second
+    return plain_text(first) == plain_text(second) or (is_healthy(first) and is_healthy(second))
 
 
 _F = TypeVar("_F", bound="Fault")

@@ -1,7 +1,8 @@
 """One entry of an index: the facts of one file."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from datetime import date, time
 from difflib import get_close_matches
 from typing import Any
 
@@ -73,37 +74,64 @@ class Entry:
     def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":
         """Entry of one table of an index, refused with `where` in the message where a key or a value cannot be."""
         keys = {field.name for field in fields(cls)}
-        for key in values:
+        for key, value in values.items():
             if key not in keys:
                 near = get_close_matches(key, keys, n=1)
                 hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(sorted(keys))}."
-                raise DataError(f"{where}: unknown key {key!r}; {hint}")
-        cleaned = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-        texts = ("file", "id", "label", "specimen", "unit", "separator", "decimal", "sha256")
-        expected: dict[str, Any] = dict.fromkeys(texts, str)
-        expected |= {"channels": tuple, "names": tuple, "header_lines": int, "synthetic": bool, "attributes": Mapping}
-        for key, kind in expected.items():
-            if cleaned.get(key) is not None and not isinstance(cleaned[key], kind):
-                raise DataError(f"{where}: {key} = {cleaned[key]!r} must be {_KINDS[kind]}.")
-        for key, unit in QUANTITIES.items():
-            value = cleaned.get(key)
-            if value is not None and not isinstance(value, str):
-                raise UnitError(
-                    f'{where}: {key} is the bare number {value!r}; write it with its unit: "{value} {unit}".'
-                )
-        if not all(isinstance(item, str) for item in cleaned.get("names") or ()):
-            raise DataError(f"{where}: names = {values['names']!r} must be a list of texts.")
-        if not all(isinstance(item, (str, int)) for item in cleaned.get("channels") or ()):
-            raise DataError(f"{where}: channels = {values['channels']!r} must be a list of texts or whole numbers.")
-        if not cleaned.get("file"):
+                raise DataError(f"{where}: unknown key {_short(key)}; {hint}")
+            if key in QUANTITIES:
+                if value is not None and not isinstance(value, str):
+                    raise UnitError(
+                        f"{where}: {key} is the bare number {_short(value)}; write it with its unit: "
+                        f'"{_short(value)} {QUANTITIES[key]}".'
+                    )
+                continue
+            is_valid, words = _RULES[key]
+            if value is not None and not is_valid(value):
+                raise DataError(f"{where}: {key} = {_short(value)} must be {words}.")
+        if not values.get("file"):
             raise DataError(f'{where}: an entry needs file = "...".')
+        cleaned = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+        cleaned["attributes"] = {name: str(value) for name, value in (values.get("attributes") or {}).items()}
         return cls(**dict[str, Any](cleaned))
 
 
-_KINDS: dict[Any, str] = {
-    str: 'text, such as "normal"',
-    tuple: 'a list, such as ["a", "b"]',
-    int: "a whole number",
-    bool: "true or false",
-    Mapping: "a table of texts",
+def _short(value: object) -> str:
+    """A value as messages show it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 31
+
+
+def _all(value: object, *tests: Callable[[object], bool]) -> bool:
+    """Whether `value` is a list with something in it, and one of the tests passes for each item."""
+    return isinstance(value, (list, tuple)) and bool(value) and all(any(test(item) for test in tests) for item in value)
+
+
+_TEXT = (_is_text, 'text, such as "normal"')
+_RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
+    **dict.fromkeys(("file", "id", "label", "specimen", "unit", "sha256"), _TEXT),
+    "channels": (lambda value: _all(value, _is_text, _is_count), "a list of texts or whole numbers from 0, not empty"),
+    "names": (lambda value: _all(value, _is_text), "a list of texts, not empty"),
+    "calibration_factor": (lambda value: _is_text(value) or _all(value, _is_text), 'text such as "0.1 g", or a list'),
+    "separator": (lambda value: isinstance(value, str) and len(value) == 1, "one character"),
+    "decimal": (lambda value: value in (".", ","), '"." or ","'),
+    "header_lines": (_is_count, "a whole number from 0"),
+    "time_column": (lambda value: _is_text(value) or _is_count(value), "a name or a whole number from 0"),
+    "synthetic": (lambda value: isinstance(value, bool), "true or false"),
+    "attributes": (
+        lambda value: (
+            isinstance(value, Mapping)
+            and all(isinstance(item, (str, int, float, date, time)) for item in value.values())
+        ),
+        "a table of texts",
+    ),
 }
+"""For each key that is no quantity what its value may be, and that in words."""

@@ -8,7 +8,17 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, read_text, sha256_of, write_text
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    MissingFileError,
+    UnitError,
+    parse,
+    plain_text,
+    read_text,
+    sha256_of,
+    write_text,
+)
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import recording_of
@@ -31,10 +41,11 @@ def indexed_recordings(path: Path) -> list[Recording]:
     table = _load(index)
     recordings = []
     files: dict[str, str] = {}
+    classes = _classes(table)
     for entry in _entries(table, index):
-        _check_class(entry.label, table.get("classes"), index, entry.file)
+        _check_class(entry.label, classes, index, entry.file)
         recording = recording_of(index.parent / str(table.get("root", "")) / entry.file, entry).unloaded()
-        _check_class(recording.label, table.get("classes"), index, entry.file)
+        _check_class(recording.label, classes, index, entry.file)
         name = recording.recording_id
         if name in files:
             raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
@@ -92,7 +103,7 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
         `recordings` are not those of `index`, or one of `ids` is not among them.
     """
     source, path = index_path(Path(index)), Path(path)
-    table = tomllib.loads(read_text(source))
+    table = _load(source)
     if len(table["recording"]) != len(recordings):
         raise InputError(f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings.")
     ids = {str(name) for name in ids}
@@ -124,8 +135,11 @@ def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
     if is_store(Path(path)):
         return None
-    classes = _load(index_path(Path(path))).get("classes")
-    return None if classes is None else tuple(str(name) for name in classes)
+    return _classes(_load(index_path(Path(path))))
+
+
+def _classes(table: dict[str, Any]) -> tuple[str, ...] | None:
+    return None if "classes" not in table else tuple(plain_text(name) for name in table["classes"])
 
 
 def index_path(path: Path) -> Path:
@@ -142,8 +156,8 @@ def index_path(path: Path) -> Path:
 def _load(index: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(read_text(index))
-    except tomllib.TOMLDecodeError as cause:
-        raise DataError(f"{index} is not valid TOML: {cause}") from cause
+    except (ValueError, RecursionError) as cause:  # a number of too many digits, or tables within tables
+        raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}") from cause
     unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
     if unknown:
         raise DataError(
@@ -155,6 +169,8 @@ def _load(index: Path) -> dict[str, Any]:
     for key, kind in kinds.items():
         if key in table and not isinstance(table[key], kind):
             raise DataError(f"{index}: {key} = {table[key]!r} must be a {kind.__name__}.")
+    if not all(isinstance(name, str) and plain_text(name) for name in table.get("classes", [])):
+        raise DataError(f"{index}: classes = {table['classes']!r} must be a list of texts.")
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")
     return table
@@ -169,11 +185,11 @@ def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
     return entries
 
 
-def _check_class(label: str | None, classes: list[str] | None, index: Path, file: str) -> None:
-    if classes is None or label is None or label in classes:
+def _check_class(label: str | None, classes: Sequence[str] | None, index: Path, file: str) -> None:
+    if classes is None or label is None or plain_text(label) in classes:
         return
     near = get_close_matches(label, classes, n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]!r}?" if near else f"classes = {classes}."
+    hint = f"did you mean {near[0]!r}?" if near else f"classes = {list(classes)}."
     raise DataError(f"{index}: {file} has the unknown class {label!r}; {hint}")
 
 
@@ -197,12 +213,21 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     if suffix_of(file) not in _LOSSLESS:
         entry |= {"names": list(recording.channels), "sample_rate": rate_text(recording.sample_rate)}
         entry["unit"] = recording.unit
-        entry |= {key: attributes.pop(key) for key in QUANTITIES if key in attributes}
+        stated = [key for key in QUANTITIES if _is_positive(attributes.get(key), QUANTITIES[key])]
+        entry |= {key: attributes.pop(key) for key in stated}
         if attributes:
             entry["attributes"] = attributes
     if absolute.is_file():
         entry["sha256"] = sha256_of(absolute)
     return entry
+
+
+def _is_positive(text: object, unit: str) -> bool:
+    """Whether an attribute is a quantity that an entry may state."""
+    try:
+        return parse(text, unit) > 0
+    except UnitError:
+        return False
 
 
 def rate_text(rate: float) -> str:

@@ -268,6 +268,8 @@ def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> Operatin
         if text is None:
             continue
         values[name] = parse(text, QUANTITIES[name], name=f"{where}: {name}")
+    if values.get("speed", 1.0) <= 0:
+        raise DataError(f"{where}: speed = {entry.speed!r} must be above zero.")
     if "speed" in values and "discharge_pressure" in values:
         try:
             return OperatingCondition(**values)

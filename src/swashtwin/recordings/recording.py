@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plain_text
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import BLOCK
 from swashtwin.recordings.samples import Samples
@@ -57,7 +57,7 @@ class Recording:
     recording_id: str
     """Unique name within a data set."""
     channels: tuple[str, ...]
-    """Name of each channel, in the order of `signal`."""
+    """Name of each channel, in the order of `signal`; names and labels are in one Unicode form (`plain_text`)."""
     unit: str
     """Unit of every channel; readers convert acceleration to m/s^2 and leave other units alone."""
     label: str | None
@@ -100,11 +100,11 @@ class Recording:
         facts = {
             "sample_rate": sample_rate,
             "recording_id": recording_id,
-            "channels": channels,
+            "channels": tuple(plain_text(name) for name in channels),
             "unit": unit,
-            "label": label,
+            "label": None if label is None else plain_text(label) or None,
             "condition": condition,
-            "specimen": specimen,
+            "specimen": None if specimen is None else plain_text(specimen) or None,
             "synthetic": synthetic,
             "attributes": {} if attributes is None else attributes,
             "samples": samples,

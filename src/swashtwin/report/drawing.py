@@ -1,6 +1,5 @@
 """Figures together with the data they show."""
 
-import csv
 import io
 import math
 import re
@@ -16,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from swashtwin.foundation import escape_controls
+from swashtwin.foundation import csv_text, escape_controls
 from swashtwin.report.style import WIDTH
 
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -40,11 +39,9 @@ class Drawing:
     @property
     def csv(self) -> str:
         """The data as text, every number with all its digits."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows(zip(*(map(_plain, column) for column in self.columns.values()), strict=True))
-        return text.getvalue()
+        return csv_text(
+            tuple(self.columns), zip(*(map(_plain, column) for column in self.columns.values()), strict=True)
+        )
 
     @property
     def inline(self) -> str:

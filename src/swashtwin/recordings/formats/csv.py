@@ -68,7 +68,8 @@ class _Table:
         self._path = path
         self._chunks = _chunks(path)
         self._first = next(self._chunks, b"")
-        head = self._first.split(b"\n", HEAD + 40)[: HEAD + 40]
+        most = HEAD + 40 + (options.header_lines or 0)
+        head = self._first.split(b"\n", most)[:most]
         lines = [_decode(line) for line in head]
         self._dialect = dialect_of(path, lines, options)
         self._separator = self._dialect.separator.encode()

@@ -6,13 +6,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, MissingExtraError, UnitError, memory_limit, parse
+from swashtwin.foundation import DataError, MissingExtraError, UnitError, is_unit, memory_limit, parse
 from swashtwin.recordings.columns import Column
 
 RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
 """What files call their sample rate [Hz], in any case of letters."""
 
-_SPELLINGS = {"g": "g_0", "G": "g_0", "gn": "g_0", "mg": "mg_0", "m/s2": "m/s^2", "m/s/s": "m/s^2", "mm/s2": "mm/s^2"}
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 """Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""
 
@@ -89,18 +88,15 @@ def acceleration_factor(unit: str) -> float | None:
     """
     if unit in _USUAL_FACTORS:
         return _USUAL_FACTORS[unit]
-    spelled = _SPELLINGS.get(unit.strip(), unit.strip())
-    if spelled == "1":
+    if unit.strip() == "1":
         return None
     try:
-        parse(f"1 {spelled}", spelled)
+        return parse(f"1 {unit}", "m/s^2")
     except UnitError as cause:
-        raise UnitError(
-            f'unit = "{unit}" is not known; write such as "g", "m/s^2", "Pa", or "1" for no scale.'
-        ) from cause
-    try:
-        return parse(f"1 {spelled}", "m/s^2")
-    except UnitError:
+        if not is_unit(unit.strip()):
+            raise UnitError(
+                f'unit = "{unit}" is not known; write such as "g", "m/s^2", "Pa", or "1" for no scale.'
+            ) from cause
         return None
 
 

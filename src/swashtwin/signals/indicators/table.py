@@ -1,7 +1,5 @@
 """A table of indicators: one row per recording and channel."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, csv_text
 from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals.indicators.registry import BANDS, FAMILIES, Band, Indicator, Measured
 from swashtwin.signals.orders.shaft_angle import ShaftAngle
 
-KEYS = ("recording", "channel", "class", "specimen", "date", "speed [rad/s]", "pressure [Pa]")
+KEYS = ("recording", "channel", "class", "specimen", "date", "speed [rpm]", "pressure [MPa]")
 """Columns that say which row is which."""
 
 
@@ -37,6 +35,11 @@ class Row:
     """Angular speed of the shaft [rad/s]; NaN where nobody knows."""
     pressure: float = math.nan
     """Absolute discharge pressure [Pa]; NaN where nobody knows."""
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """Speed [rev/min] and pressure [MPa], as tables for people state them."""
+        return float(f"{self.speed * 30 / math.pi:.12g}"), float(f"{self.pressure * 1e-6:.12g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +72,12 @@ class IndicatorTable:
     @property
     def csv(self) -> str:
         """The table as text, units in the header, every number with all its digits, NaN as an empty cell."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
         units = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in self.columns]
-        writer.writerow([*KEYS, *units])
+        rows = []
         for row, values in zip(self.rows, self.values.tolist(), strict=True):
-            facts = [row.recording_id, row.channel, row.label, row.specimen, row.date, row.speed, row.pressure]
-            writer.writerow(["" if value is None or value != value else value for value in [*facts, *values]])
-        return text.getvalue()
+            facts = [row.recording_id, row.channel, row.label, row.specimen, row.date, *row.point]
+            rows.append(["" if value is None or value != value else value for value in [*facts, *values]])
+        return csv_text([*KEYS, *units], rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The table as JSON can hold it: columns with unit and meaning, rows with a value by name."""

@@ -1,0 +1,41 @@
+"""Texts that people wrote: one form of each, and none that a terminal or a spreadsheet obeys."""
+
+import csv
+import io
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff]+")
+"""Control characters, line ends, and marks that turn the direction of writing or take no room."""
+
+
+def plain_text(text: str) -> str:
+    """`text` in one Unicode form (NFC), without control characters and without blanks around it.
+
+    Examples
+    --------
+    >>> plain_text(" a\\x1b[31m "), plain_text("u\\u0308") == plain_text("\\xfc")
+    ('a[31m', True)
+    """
+    return _CONTROLS.sub("", unicodedata.normalize("NFC", text)).strip()
+
+
+def spreadsheet_text(text: str) -> str:
+    """`text` as a cell of a CSV file that no spreadsheet takes for a formula.
+
+    Examples
+    --------
+    >>> spreadsheet_text("=1+1"), spreadsheet_text("normal")
+    ("'=1+1", 'normal')
+    """
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table as text with commas: every number with all its digits, no text that a spreadsheet takes for a formula."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for row in (header, *rows):
+        writer.writerow([spreadsheet_text(cell) if isinstance(cell, str) else cell for cell in row])
+    return text.getvalue()

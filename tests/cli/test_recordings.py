@@ -128,7 +128,8 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
-    assert [line.split()[1] for line in commands] == ["index", "inspect", "data", "train", "evaluate", "diagnose"]
+    user_work = ["index", "inspect", "data", "train", "evaluate", "diagnose"]
+    assert [line.split()[1] for line in commands] == [*user_work, "twin", "twin", "twin"]
     for line in commands:
         run(*shlex.split(line)[1:])
 

@@ -78,8 +78,9 @@ def _option(match: re.Match[str]) -> str:
     return f"--{name} {value}".rstrip()
 
 
-_SINGLE_FILE = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
-_SINGLE_FILE |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
+SINGLE_FILE_OPTIONS = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
+SINGLE_FILE_OPTIONS |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
+SINGLE_FILE_OPTIONS |= {"discharge_pressure": "--pressure", "resample": "--resample"}
 """Options that state for a single file what keys of an index state for many."""
 
 
@@ -96,5 +97,5 @@ def single_file_options() -> Iterator[None]:
 
 
 def _as_option(match: re.Match[str]) -> str:
-    option = _SINGLE_FILE.get(match[1])
+    option = SINGLE_FILE_OPTIONS.get(match[1])
     return match[0] if option is None else f"{option} "

@@ -12,19 +12,26 @@ from swashtwin.cli.console import note, note_left_out, progress, say, table, tel
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
 from swashtwin.cli.options import (
+    CalibrationFactor,
+    Channels,
     FaultText,
     Index,
     Json,
+    Names,
     Preset,
     PresetName,
     PumpName,
     ReportFolder,
+    Resample,
+    SampleRate,
     Seed,
     Settings,
     Solver,
     SolverName,
+    Source,
     Specimen,
     Step,
+    Unit,
     band_from,
     defaults_of,
     fault_from,
@@ -33,6 +40,7 @@ from swashtwin.cli.options import (
     read_settings,
     solver_from,
 )
+from swashtwin.cli.sources import is_collection, load_sources
 
 if TYPE_CHECKING:
     from swashtwin.calibration import (
@@ -46,7 +54,7 @@ if TYPE_CHECKING:
     )
     from swashtwin.physics import SteadySolver, Twin
     from swashtwin.pump import Pump
-    from swashtwin.recordings import Recording
+    from swashtwin.recordings import Recording, Recordings
 
 
 class Method(StrEnum):
@@ -87,13 +95,19 @@ Bounds = Annotated[float | None, typer.Option(help="Search each value within thi
 
 
 def calibrate(
-    source: Index,
+    source: Source,
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
     speed: Speeds = None,
     pressure: Pressures = None,
     temperature: OptionalTemperature = None,
     specimen: Specimen = None,
+    sample_rate: SampleRate = None,
+    unit: Unit = None,
+    calibration_factor: CalibrationFactor = None,
+    channels: Channels = None,
+    names: Names = None,
+    resample: Resample = None,
     method: Annotated[
         Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
     ] = None,
@@ -133,7 +147,6 @@ def calibrate(
     from swashtwin import presets
     from swashtwin.calibration import GaussNewton, load_population
     from swashtwin.pump import load_pump
-    from swashtwin.recordings import load_recordings
 
     require_target(out, ".json")
     require_files([prior])
@@ -145,7 +158,16 @@ def calibrate(
     edges = None if band is None else band_from(band)
     points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
-    recordings = points.select(load_recordings(source).where(specimen=specimen))
+    facts = present(
+        sample_rate=sample_rate,
+        unit=unit,
+        calibration_factor=calibration_factor,
+        channels=channels,
+        names=names,
+        resample=resample,
+    )
+    label = "normal" if defect is None else defect.label
+    recordings = points.select(_recordings(source, facts, points, label).where(specimen=specimen))
     job = _Job(
         start=points.twins(drawing, defect),
         recordings=recordings,
@@ -169,12 +191,30 @@ def calibrate(
     result.save(out)
     values = result.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
     job.clear()
-    names = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
+    shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
     facts = result.to_dict()
-    answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*names, "left_out", "notes")}}
+    answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
     answer["learning_rates"] = trials and {"rates": trials.rates, "weighted_losses": trials.weighted_losses}
     tell(answer, as_json, lambda: _show(result, trials, out))
+
+
+def _recordings(source: Path, facts: dict[str, Any], points: OperatingPoints, label: str) -> "Recordings":
+    """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
+    from swashtwin.recordings import Recordings, load_recordings
+
+    if is_collection(source, facts):
+        return load_recordings(source)
+    (recording,) = load_sources([source], **facts)
+    if recording.condition is None and points.is_complete:
+        if len(points.pressures) > 1:
+            raise typer.BadParameter(f"{source} is one recording, at one pressure.", param_hint="--pressure")
+        stated = {"speed": points.speed, "discharge_pressure": points.pressures[0]}
+        (recording,) = load_sources([source], **stated, **facts)
+    if recording.label is None:
+        note(f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class.")
+        recording = recording.relabeled(label)
+    return Recordings([recording])
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,12 @@ from swashtwin.cli.options import (
     Json,
     Names,
     Overwrite,
+    Resample,
     SampleRate,
     Seed,
     Sources,
+    StatedPressure,
+    StatedSpeed,
     Unit,
     present,
     read_pairs,
@@ -57,6 +60,9 @@ def convert(
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     names: Names = None,
+    speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     samples_per_turn: Annotated[
         int | None,
         typer.Option(help="Store even steps of the shaft angle instead of time: this many per turn, an even number."),
@@ -77,7 +83,14 @@ def convert(
     refuse_source(out, paths)
     refuse_existing(out, overwrite)
     facts = present(
-        sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
+        sample_rate=sample_rate,
+        unit=unit,
+        channels=channels,
+        names=names,
+        calibration_factor=calibration_factor,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
     )
     recordings = load_sources(paths, **facts)
     if samples_per_turn is None:

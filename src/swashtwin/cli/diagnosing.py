@@ -14,8 +14,11 @@ from swashtwin.cli.options import (
     Json,
     ModelFile,
     Names,
+    Resample,
     SampleRate,
     Sources,
+    StatedPressure,
+    StatedSpeed,
     Unit,
     as_folder,
     present,
@@ -39,6 +42,9 @@ def diagnose(
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
     names: Names = None,
+    speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     error_rate: Annotated[
         float | None, typer.Option(help="Of the prediction sets and of calling unknown; the model's own by default.")
     ] = None,
@@ -61,7 +67,14 @@ def diagnose(
         as_folder(report)
     classifier = diagnosis.load_classifier(model)
     facts = present(
-        sample_rate=sample_rate, unit=unit, channels=channels, names=names, calibration_factor=calibration_factor
+        sample_rate=sample_rate,
+        unit=unit,
+        channels=channels,
+        names=names,
+        calibration_factor=calibration_factor,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
     )
     recordings = load_sources(paths, **facts)
     verdicts = [
@@ -122,9 +135,9 @@ def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
             rows.append((verdict.recording_id, "no verdict", None, None, ""))
         else:
             highest = max(verdict.probabilities.values())
-            rows.append((verdict.recording_id, verdict.label, highest, verdict.agreement, could_be))
+            rows.append((verdict.recording_id, verdict.label, highest, f"{verdict.agreement:.0%}", could_be))
     calibrated = all(verdict.trust is not None or verdict.label is None for verdict in verdicts)
-    header = ("recording", "class", "probability", "windows that agree", "could be")
+    header = ("recording", "class", "probability", "share of windows that agree", "could be")
     columns = len(header) if calibrated else len(header) - 1
     table(f"{len(rows)} recordings", header[:columns], [row[:columns] for row in rows])
     if not calibrated:

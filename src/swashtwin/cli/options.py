@@ -28,13 +28,77 @@ def as_folder(path: Path | None) -> Path | None:
     return path
 
 
+def _kind_of_file(path: Path) -> str:
+    """What a file is by its name, in words: a model, a calibration, an index or a recording; empty for any other."""
+    from swashtwin.recordings import is_store, suffix_of, suffixes
+
+    if path.is_dir():
+        return "a folder of recordings"
+    kinds = {".safetensors": "a model, or a file of windows", ".json": "a calibration", ".toml": "an index"}
+    suffix = suffix_of(path)
+    if suffix in kinds or not path.is_file():
+        return kinds.get(suffix, "")
+    if suffix not in suffixes():
+        return ""
+    return "a store of recordings" if is_store(path) else "a single recording"
+
+
+def _require_kind(path: Path, kinds: Sequence[str], advice: str) -> Path:
+    """The path, refused where a file is there that is plainly of another kind."""
+    kind = _kind_of_file(path) if path.exists() else ""
+    if kind and not any(word in kind for word in kinds):
+        raise typer.BadParameter(f"{path} is {kind}; {advice}")
+    return path
+
+
+def as_model(path: Path) -> Path:
+    """The path of a model; recordings in its place are refused."""
+    return _require_kind(path, ["model"], "the model that train wrote comes first, then the recordings.")
+
+
+def as_calibration(path: Path) -> Path:
+    """The path of a calibration; anything else in its place is refused."""
+    return _require_kind(path, ["calibration"], "name the file that calibrate wrote, such as calibration.json.")
+
+
+def as_index(path: Path) -> Path:
+    """The path of an index; a single recording, which has no label, is refused."""
+    advice = "name an index of labeled recordings; swashtwin index FOLDER writes one."
+    return _require_kind(path, ["index", "folder", "store"], advice)
+
+
+def as_source(path: Path) -> Path:
+    """The path of recordings; a model or a calibration in their place is refused."""
+    advice = "name recordings here; a model or a calibration comes before them."
+    return _require_kind(path, ["index", "folder", "store", "recording"], advice)
+
+
+def as_sources(paths: list[Path]) -> list[Path]:
+    """The paths of recordings; a model or a calibration among them is refused."""
+    return [as_source(path) for path in paths]
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
 Index = Annotated[
-    Path, typer.Argument(metavar="INDEX", help="Index file, the folder that holds recordings.toml, or a store.")
+    Path,
+    typer.Argument(
+        metavar="INDEX", help="Index file, the folder that holds recordings.toml, or a store.", callback=as_index
+    ),
 ]
-Sources = Annotated[list[Path], typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.")]
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE|INDEX",
+        help="A file, an index, or a folder with one.",
+        callback=lambda path: as_sources([path])[0],
+    ),
+]
+Sources = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.", callback=as_sources),
+]
 ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 GroupName = Annotated[
@@ -42,8 +106,11 @@ GroupName = Annotated[
 ]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.")]
-CalibrationFile = Annotated[Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.", callback=as_model)]
+CalibrationFile = Annotated[
+    Path,
+    typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.", callback=as_calibration),
+]
 
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
@@ -90,6 +157,13 @@ CalibrationFactor = Annotated[
     typer.Option(help='Quantity of one unit in the file (full scale of an integer WAV): "50 m/s^2".'),
 ]
 Channels = Annotated[list[str] | None, typer.Option(help="Recording channel to read, by name or pattern; repeatable.")]
+StatedSpeed = Annotated[
+    str | None, typer.Option("--speed", help='Shaft speed where a file does not state it: "860 rpm".')
+]
+StatedPressure = Annotated[
+    str | None, typer.Option("--pressure", help='Absolute discharge pressure where a file does not state it: "15 MPa".')
+]
+Resample = Annotated[str | None, typer.Option(help='Rate to resample to, such as "12 kHz".')]
 Names = Annotated[list[str] | None, typer.Option(help="New name of each channel, in order; repeatable.")]
 
 

@@ -15,8 +15,11 @@ from swashtwin.cli.options import (
     Json,
     Names,
     Overwrite,
+    Resample,
     SampleRate,
     Sources,
+    StatedPressure,
+    StatedSpeed,
     Unit,
     present,
     read_pairs,
@@ -42,9 +45,9 @@ def index(
     channels: Channels = None,
     names: Names = None,
     calibration_factor: CalibrationFactor = None,
-    resample: Annotated[str | None, typer.Option(help='Rate to resample everything to, such as "12 kHz".')] = None,
-    speed: Annotated[str | None, typer.Option(help='Shaft speed where nothing states it: "860 rpm".')] = None,
-    pressure: Annotated[str | None, typer.Option(help='Discharge pressure where nothing states it: "15 MPa".')] = None,
+    resample: Resample = None,
+    speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -103,13 +106,24 @@ def inspect(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
+    speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """Check recordings before they are used. Exit code 3 where a recording must not be used."""
     from swashtwin.recordings import inspect_recordings
 
-    facts = present(sample_rate=sample_rate, unit=unit, channels=channels, calibration_factor=calibration_factor)
+    facts = present(
+        sample_rate=sample_rate,
+        unit=unit,
+        channels=channels,
+        calibration_factor=calibration_factor,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
+    )
     with progress("inspecting recordings") as bar:
         recordings = load_sources(paths, **facts)
         report = inspect_recordings(recordings, progress=bar)

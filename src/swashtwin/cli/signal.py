@@ -13,8 +13,11 @@ from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
     Json,
+    Resample,
     SampleRate,
     Sources,
+    StatedPressure,
+    StatedSpeed,
     Unit,
     band_from,
     present,
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
 ]
-StatedSpeed = Annotated[str | None, typer.Option(help='Shaft speed where a file does not state it: "860 rpm".')]
 Bands = Annotated[
     list[str] | None, typer.Option("--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.')
 ]
@@ -68,6 +70,8 @@ def features(
     pulses: Pulses = None,
     track: Track = None,
     speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
@@ -84,7 +88,13 @@ def features(
         require_target(out, ".csv")
         refuse_source(out, source)
     facts = present(
-        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+        sample_rate=sample_rate,
+        unit=unit,
+        calibration_factor=calibration_factor,
+        channels=channels,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
     )
     shaft = Shaft(tachometer, pulses, track)
     indicators = _indicators_of(load_sources(source, **facts), pistons, band, family, shaft)
@@ -131,6 +141,8 @@ def spectrum(
     pulses: Pulses = None,
     track: Track = None,
     speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
@@ -151,7 +163,13 @@ def spectrum(
     shaft = Shaft(tachometer, pulses, track)
     edges = None if band is None else band_from(band)
     facts = present(
-        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+        sample_rate=sample_rate,
+        unit=unit,
+        calibration_factor=calibration_factor,
+        channels=channels,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
     )
     recordings = load_sources([file], **facts)
     if len(recordings) != 1:
@@ -217,6 +235,8 @@ def trend(
     pulses: Pulses = None,
     track: Track = None,
     speed: StatedSpeed = None,
+    pressure: StatedPressure = None,
+    resample: Resample = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
@@ -234,7 +254,13 @@ def trend(
 
     csv_file = None if out is None else _csv_beside(out, source)
     facts = present(
-        sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels, speed=speed
+        sample_rate=sample_rate,
+        unit=unit,
+        calibration_factor=calibration_factor,
+        channels=channels,
+        speed=speed,
+        discharge_pressure=pressure,
+        resample=resample,
     )
     shaft = Shaft(tachometer, pulses, track)
     indicators = _indicators_of(load_sources(source, **facts), pistons, band, None, shaft)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.advice import single_file_options
+from swashtwin.cli.advice import SINGLE_FILE_OPTIONS, single_file_options
 from swashtwin.cli.options import read_pairs, read_words
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ def load_sources(paths: list[Path], **facts: Any) -> "list[Recording]":
 
     recordings: list[Recording] = []
     for path in paths:
-        if _is_collection(path, facts):
+        if is_collection(path, facts):
             recordings += load_recordings(path)
         else:
             with single_file_options():
@@ -36,14 +36,14 @@ def refuse_source(target: Path, paths: list[Path]) -> None:
             raise InputError(f"{target} is read from {path} and would be lost; name another --out.")
 
 
-def _is_collection(path: Path, facts: dict[str, Any]) -> bool:
+def is_collection(path: Path, facts: dict[str, Any]) -> bool:
     """Whether a source states the facts of its recordings itself; no option may then state them again."""
     from swashtwin.recordings import is_store
 
     if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
         return False
     if facts:
-        option = f"--{next(iter(facts)).replace('_', '-')}"
+        option = SINGLE_FILE_OPTIONS[next(iter(facts))]
         remedy = "convert its files anew" if is_store(path) else "edit its index"
         raise typer.BadParameter(f"is for single files, and {path} says it itself; {remedy}.", param_hint=option)
     return True

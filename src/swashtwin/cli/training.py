@@ -1,5 +1,6 @@
 """Commands that make and test a classifier: train, evaluate, model export."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from swashtwin.learning import ConfidenceScores, FittedClassifier, Scores, TrainingSettings, WindowSet
 
 
+_ERROR_RATE = 0.1
+"""Error rate by default."""
+
+
 def train(
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("model.safetensors"),
@@ -41,9 +46,12 @@ def train(
         ),
     ] = 0.0,
     error_rate: Annotated[
-        float,
-        typer.Option(help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown."),
-    ] = 0.1,
+        float | None,
+        typer.Option(
+            help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown; 0.1 by default, "
+            "or the least that the validation recordings allow."
+        ),
+    ] = None,
     group: GroupName = "recording",
     window: Window = 2048,
     window_stride: Annotated[
@@ -120,7 +128,14 @@ def train(
             keep_in_training=manifest,
         )
         validation = without_overlap(validation)
-        require_enough(len(set(validation.recording_id.tolist())), error_rate)
+        count = len(set(validation.recording_id.tolist()))
+        if error_rate is None and 1 / (count + 1) > _ERROR_RATE:
+            note(
+                f"note: {count} validation recordings allow an error rate of {1 / (count + 1):.2g} at best, which is "
+                f"taken; {_ERROR_RATE:g} takes {round(1 / _ERROR_RATE) - 1}."
+            )
+            error_rate = 1 / (count + 1)
+        require_enough(count, error_rate or _ERROR_RATE)
     _refuse_seen(held_out.recording_id.tolist(), manifest)
     for synthetic in added:
         require_shared_speed(windows, synthetic)
@@ -141,7 +156,7 @@ def train(
                 device=device,
             )
         if validation is not None:
-            classifier = learn_confidence(classifier, validation, error_rate=error_rate)
+            classifier = learn_confidence(classifier, validation, error_rate=error_rate or _ERROR_RATE)
         save_classifier(classifier, out)
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
 
@@ -173,6 +188,21 @@ def _require_two_classes(labels: set[str | None], source: Path) -> None:
             f"{source}: every recording is of the class {classes[0]!r}; a classifier needs two classes at least: "
             "record a fault, or add synthetic windows of one with --add."
         )
+
+
+def _validation_advice(training: "WindowSet") -> str:
+    """Share of the recordings that calibrates the confidence at the usual error rate, as far as there are enough."""
+    measured = training.subset(~training.synthetic)
+    labels = dict(zip(measured.recording_id.tolist(), measured.label.tolist(), strict=True))
+    counts = Counter(labels.values()).values()
+    needed = round(1 / _ERROR_RATE) - 1
+    for percent in range(20, 51, 5):
+        if sum(percent * count // 100 for count in counts) >= needed:
+            return f"--validation-fraction {percent / 100:g} does that."
+    return (
+        f"that takes {needed} more recordings beside those to train on (there are {len(labels)}); with fewer, "
+        "--validation-fraction 0.3 calibrates it for a larger error rate."
+    )
 
 
 def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
@@ -209,7 +239,7 @@ def _tell_training(
     def show() -> None:
         say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
         if confidence is None:
-            note("note: its confidence is not calibrated; --validation-fraction 0.2 does that.")
+            note(f"note: its confidence is not calibrated; {_validation_advice(training)}")
         else:
             say(f"Temperature {confidence.temperature:.3g}, from {confidence.n_recordings} validation recordings")
         if test_ids:

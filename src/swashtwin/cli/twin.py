@@ -13,6 +13,7 @@ from swashtwin.cli.options import (
     Json,
     ReportFolder,
     Specimen,
+    as_calibration,
     as_folder,
     fault_dimensions,
     fault_from,
@@ -69,7 +70,9 @@ def _show_differences(differences: "Difference", first: str, second: str) -> Non
 
 
 def severity(
-    calibration: Annotated[Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")],
+    calibration: Annotated[
+        Path, typer.Argument(help="Calibration of this pump on its healthy recordings.", callback=as_calibration)
+    ],
     source: Index,
     fault: Annotated[
         str,

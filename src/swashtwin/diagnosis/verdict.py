@@ -177,14 +177,14 @@ def _require_layout(classifier: DiagnosingClassifier, recording: Recording) -> N
     if difference := classifier.layout.difference(layout):
         raise DataError(
             f"{recording.recording_id} does not fit the classifier (what it was trained on against this recording): "
-            f"{difference}; {_advice(difference)}."
+            f"{difference}; {_advice(difference, classifier.layout.sample_rate)}."
         )
 
 
-def _advice(difference: str) -> str:
+def _advice(difference: str, rate: float) -> str:
     """What to do about a difference of layouts."""
     if difference.startswith("sample rate"):
-        return 'bring it to the classifier\'s rate: index the file, and give resample = "..." in the index'
+        return f'bring it to the classifier\'s rate with --resample "{rate:g} Hz", or resample = "..." in its index'
     if difference.startswith("unit"):
         return 'state what a sample is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
     return (

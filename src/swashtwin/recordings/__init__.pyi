@@ -17,6 +17,7 @@ from .formats.registry import open_raw as open_raw
 from .formats.registry import register_format as register_format
 from .formats.registry import stem_of as stem_of
 from .formats.registry import suffix_of as suffix_of
+from .formats.registry import suffixes as suffixes
 from .formats.registry import write_blocks as write_blocks
 from .formats.registry import write_recording as write_recording
 from .grouping import GROUPS as GROUPS
@@ -75,6 +76,7 @@ __all__ = [
     "stated_speed",
     "stem_of",
     "suffix_of",
+    "suffixes",
     "write_blocks",
     "write_index",
     "write_recording",

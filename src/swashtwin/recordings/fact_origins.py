@@ -30,8 +30,8 @@ def facts_of(
 ) -> Facts:
     """Value and origin of each fact that the entry of a file will have."""
     origin = "the table" if table else "the pattern" if pattern else "its name"
-    facts: Facts = {key: (str(value), _FLAG) for key, value in defaults.items()}
-    facts |= {key: (str(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
+    facts: Facts = {key: (_words(value), _FLAG) for key, value in defaults.items()}
+    facts |= {key: (_words(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
     facts |= {f"attribute {key}": (str(value), origin) for key, value in entry.get("attributes", {}).items()}
     folder = Path(name).parent.name
     if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
@@ -59,14 +59,18 @@ def sentences(files: Iterable[Facts], defaults: Mapping[str, Any]) -> tuple[str,
     return tuple(f"{key}: {_sentence(counts[key])}{_overruled(counts[key], defaults.get(key))}" for key in order)
 
 
+def _words(value: Any) -> str:
+    """A value as people write it: a list with commas."""
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
 def _overruled(counts: Counter[tuple[str, str]], flag: Any) -> str:
     """In how many files a flag's value is overruled by the file."""
     overruled = sum(count for (_, origin), count in counts.items() if origin != _FLAG)
     if flag is None or not overruled:
         return ""
-    return (
-        f"; the flag's {flag} gives way in {overruled} of {counts.total()} files (edit the index where they are wrong)"
-    )
+    gives_way = f"gives way in {overruled} of {counts.total()} files"
+    return f"; the flag's {_words(flag)} {gives_way} (edit the index where they are wrong)"
 
 
 def _sentence(counts: Counter[tuple[str, str]]) -> str:

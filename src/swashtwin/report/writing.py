@@ -28,8 +28,8 @@ from swashtwin.report.scores_part import scores_part
 FORMAT = "swashtwin report 1"
 
 _UNKNOWN_ORIGIN = (
-    "These results do not carry where their recordings come from. If they come from the virtual rig, a stand-in for a "
-    "machine, no figure here says how well anything works on a real pump."
+    "These results do not carry where their recordings come from. What holds for those recordings need not hold for "
+    "another pump."
 )
 
 

@@ -1,0 +1,118 @@
+"""Commands on one bare file: options state its facts, the advice works, and files of a wrong kind are named."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import QUICK, TINY, run, run_json
+from twin_recordings import recording_of
+
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import write_recording
+
+FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
+
+
+def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 2000.0) -> Path:
+    draw = np.random.default_rng(sum(path.name.encode()))
+    samples = np.sin(2 * np.pi * frequency / rate * np.arange(count)) + 0.1 * draw.standard_normal(count)
+    np.savetxt(path, samples, header="acc_z", comments="", fmt="%.6f")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six text tables of two classes, their index, and a model trained on them."""
+    path = tmp_path_factory.mktemp("tones")
+    for label, frequency in (("normal", 100), ("piston", 300)):
+        for number in range(3):
+            write_tone(path / f"{label}_{number}.csv", frequency)
+    run("index", path, *FACTS)
+    run("train", path, "--out", path / "m.safetensors", "--window", 128, "--test-fraction", 0, *TINY)
+    return path
+
+
+def message(*words: object) -> str:
+    """What a wrong command line is told, without the frame around it."""
+    return " ".join(run(*words, code=2).stderr.replace("│", " ").split())
+
+
+def test_diagnose_takes_the_facts_of_a_bare_file(folder: Path, tmp_path: Path) -> None:
+    file = write_tone(tmp_path / "new.csv", 300)
+    answer = run_json("diagnose", folder / "m.safetensors", file, *FACTS, "--speed", "1200 rpm", "--pressure", "15 MPa")
+    (verdict,) = answer["diagnoses"]
+    assert verdict["recording_id"] == "new"
+    said = run("diagnose", folder / "m.safetensors", file, *FACTS).stdout
+    assert "share of windows that agree" in said
+    assert "100%" in said
+
+
+def test_the_advice_about_another_rate_works_as_printed(folder: Path, tmp_path: Path) -> None:
+    file = write_tone(tmp_path / "fast.csv", 300, count=1200, rate=4000)
+    words = ("diagnose", folder / "m.safetensors", file, "--sample-rate", "4 kHz", "--unit", "g")
+    refused = run(*words, code=3)
+    assert '--resample "2000 Hz"' in refused.stdout + refused.stderr
+    assert run_json(*words, "--resample", "2000 Hz")["diagnoses"][0]["label"] in ("normal", "piston")
+
+
+def test_inspect_convert_and_signal_take_the_same_facts(folder: Path, tmp_path: Path) -> None:
+    file = folder / "normal_0.csv"
+    facts = (*FACTS, "--speed", "1200 rpm", "--pressure", "15 MPa", "--resample", "1 kHz")
+    assert run_json("inspect", file, *facts)["recordings"][0]["sample_rate"] == 1000.0
+    run("data", "convert", file, "--out", tmp_path / "s.h5", *facts)
+    row = run_json("signal", "features", file, *facts, "--family", "statistics")["rows"][0]
+    assert row["recording"] == "normal_0"
+    assert "is for single files, and" in message("inspect", folder, "--pressure", "15 MPa")
+
+
+def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
+    pump: Pump, at_15: OperatingCondition, tmp_path: Path
+) -> None:
+    recording = replace(recording_of(Twin(pump, at_15, bandwidth=2600)), condition=None, label=None, synthetic=False)
+    file = write_recording(recording, tmp_path / "pump.csv")
+    words = ("calibrate", file, "--sample-rate", "6.4 kHz", "--unit", "m/s^2", "--band", "0-1 kHz", *QUICK)
+    result = run(*words, "--speed", "860 rpm", "--pressure", "15 MPa", "--out", tmp_path / "c.json")
+    assert "is taken as a recording of a pump that is normal; --fault names another" in " ".join(result.stderr.split())
+    assert (tmp_path / "c.json").is_file()
+    two = ("--speed", "860 rpm", "--pressure", "15 MPa", "--pressure", "10 MPa")
+    assert "is one recording, at one pressure" in message(*words, *two)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("train", "normal_0.csv"), "normal_0.csv is a single recording; name an index of labeled recordings"),
+        (("train", "m.safetensors"), "m.safetensors is a model, or a file of windows; name an index"),
+        (("evaluate", "recordings.toml", "m.safetensors"), "recordings.toml is an index; the model that train wrote"),
+        (("diagnose", "normal_0.csv", "m.safetensors"), "normal_0.csv is a single recording; the model that train"),
+        (("diagnose", "m.safetensors", "m.safetensors"), "is a model, or a file of windows; name recordings here"),
+        (("twin", "severity", "recordings.toml", ".", "--fault", "piston"), "is an index; name the file that"),
+        (("inspect", "m.safetensors"), "name recordings here; a model or a calibration comes before them"),
+        (("data", "split", "normal_0.csv"), "is a single recording; name an index"),
+    ],
+)  # fmt: skip
+def test_a_file_of_a_wrong_kind_or_in_a_wrong_place_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], reason: str
+) -> None:
+    monkeypatch.chdir(folder)
+    assert reason in message(*words)
+
+
+def test_index_writes_a_list_of_channels_with_commas(folder: Path, tmp_path: Path) -> None:
+    said = run("index", folder, "--out", tmp_path / "i.toml", *FACTS, "--channels", "acc_z").stdout
+    assert "channels: acc_z (6), says the flag" in said
+
+
+def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path, tmp_path: Path) -> None:
+    model = tmp_path / "c.safetensors"
+    words = ("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *TINY)
+    plain = " ".join(run(*words).stderr.split())
+    assert "that takes 9 more recordings beside those to train on (there are 6)" in plain
+    said = run(*words, "--validation-fraction", 0.3)
+    assert "2 validation recordings allow an error rate of 0.33 at best" in " ".join(said.stderr.split())
+    assert run("diagnose", model, folder / "piston_0.csv", *FACTS).stdout
+    assert (
+        "needs 9 validation recordings" in run(*words, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3).stderr
+    )

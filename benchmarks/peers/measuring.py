@@ -75,14 +75,14 @@ def seconds(run: Callable[[], object], most: int = 500) -> float:
 
 
 def _status(name: str) -> float:
-    lines = Path("/proc/self/status").read_text().splitlines()
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     return next(float(line.split()[1]) for line in lines if line.startswith(name)) / 1024
 
 
 def peak_memory(run: Callable[[], object]) -> tuple[float, float]:
     """How much memory a call adds at its peak [MB], NaN where the system does not tell; and its time [s]."""
     try:
-        Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak starts anew
         resident = _status("VmRSS")
     except OSError:
         resident = math.nan

@@ -20,6 +20,7 @@ from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
 from .files import TEXT as TEXT
+from .files import file_name as file_name
 from .files import open_pieces as open_pieces
 from .files import read_text as read_text
 from .files import replacing as replacing
@@ -76,6 +77,7 @@ __all__ = [
     "derive_seed",
     "end_with",
     "escape_controls",
+    "file_name",
     "hertz",
     "holm_correction",
     "is_unit",

@@ -39,6 +39,12 @@ _SPARE = 1 << 24
 """Bytes that are left free on the disk."""
 
 _HIDDEN = ".swashtwin-"
+_DEVICE = re.compile(r"^(con|prn|aux|nul|(com|lpt)[0-9¹²³])(?=\.|$)", re.IGNORECASE)
+"""Names that no file of Windows may have, whatever its suffix."""
+
+_LONGEST_NAME = 100
+"""Characters, so that a path stays below the 260 that Windows takes."""
+
 _NAME = re.compile(re.escape(_HIDDEN) + r"[0-9a-f]{12}(?=\.)")
 
 _WAITS = (0.05, 0.2, 0.5, 1.0)
@@ -156,6 +162,21 @@ def read_text(path: Path) -> str:
         raise DataError(
             f"{path} is no UTF-8 text (byte 0x{byte:02x} at {cause.start}); save it with the encoding UTF-8."
         ) from cause
+
+
+def file_name(text: str) -> str:
+    """`text` as a name, without its suffix, that every system takes for a file.
+
+    Characters that lead out of a folder, hide a file or have a meaning in a shell become ``_``. A name that Windows
+    keeps for a device gets one too.
+
+    Examples
+    --------
+    >>> file_name("pump A/3"), file_name("a:b"), file_name("con"), file_name("..")
+    ('pump_A_3', 'a_b', 'con_', '_')
+    """
+    name = re.sub(r"[^\w.+-]", "_", text)[:_LONGEST_NAME].strip(".")
+    return _DEVICE.sub(r"\g<0>_", name) or "_"
 
 
 def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> None:

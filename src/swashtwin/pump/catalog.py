@@ -12,7 +12,16 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text, write_text
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    MissingFileError,
+    UnitError,
+    file_name,
+    parse,
+    read_text,
+    write_text,
+)
 from swashtwin.pump.geometry import require_sound_geometry
 from swashtwin.pump.parameters import (
     Bearings,
@@ -203,7 +212,7 @@ def new_pump(
     DataError, UnitError
         Pump `like` is damaged.
     """
-    if not re.fullmatch(r"\w[\w.-]*", name):
+    if not re.fullmatch(r"\w[\w.-]*", name) or file_name(name) != name:
         raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
     original = load_pump(like)
     text, origin = _text_of(like)

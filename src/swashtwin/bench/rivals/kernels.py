@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import signal
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -102,7 +101,7 @@ def _run_elsewhere(
         except subprocess.CalledProcessError as cause:
             last = (cause.stderr.strip().splitlines() or ["no word"])[-1]
             if cause.returncode < 0:
-                why = "most often for want of memory" if cause.returncode == -signal.SIGKILL else last
+                why = "most often for want of memory" if cause.returncode == -9 else last  # SIGKILL
                 last = f"ended by signal {-cause.returncode}, {why}"
             raise MissingExtraError(f"{columns.kind} failed in {PYTHON} ({python}): {last}") from cause
         values: np.ndarray = np.load(target)

@@ -13,7 +13,7 @@ from swashtwin.bench.results.runs import FORMAT
 from swashtwin.bench.studies.cells import classes_of, cut_evenly
 from swashtwin.bench.studies.scenario import Scenario, ScenarioSplit, split_scenario
 from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, file_name
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, group_by_condition
@@ -45,7 +45,7 @@ class CalibrationTask:
             for recording in self.recordings
         ]
         text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed))
-        return f"{self.specimen}-{self.label}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return f"{file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def run_calibration(task: CalibrationTask) -> Calibration:

@@ -1,6 +1,5 @@
 """Several pumps of one type, calibrated together: each with the others as its prior."""
 
-import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -27,7 +26,7 @@ from swashtwin.calibration.objective.unknowns import Nuisances
 from swashtwin.calibration.procedure import build_objective, build_result, settings_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.posterior import Estimate, estimates_of, posterior_covariance
-from swashtwin.foundation import DataError, InputError, one_thread
+from swashtwin.foundation import DataError, InputError, file_name, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
 from swashtwin.recordings import Recording
@@ -104,9 +103,8 @@ class FleetCalibration:
 
 
 def _file_name(specimen: str) -> str:
-    """The specimen's name with whatever leads out of a folder or hides a file replaced."""
-    name = re.sub(r"[^\w.+-]", "_", specimen).strip(".")
-    return f"{name}_" if name.lower() in ("", "population") else name
+    name = file_name(specimen)
+    return f"{name}_" if name.lower() == "population" else name
 
 
 @dataclass(frozen=True, eq=False)

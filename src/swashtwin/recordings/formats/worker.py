@@ -11,8 +11,6 @@ import json
 import os
 import signal
 import sys
-import threading
-import time
 import warnings
 from collections.abc import Mapping
 from importlib import import_module
@@ -21,7 +19,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, memory_limit
+from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, memory_limit
 from swashtwin.recordings.columns import Column, number_type, require_unchanged
 from swashtwin.recordings.formats.raw import Options, RawFile
 
@@ -127,7 +125,7 @@ def _limit_memory() -> None:
     except ImportError:
         return
 
-    pages = int(Path("/proc/self/statm").read_text().split()[5])
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     resource.setrlimit(resource.RLIMIT_DATA, (pages * resource.getpagesize() + memory_limit() + _LIBRARIES, hard))
 
@@ -165,17 +163,10 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
             faulthandler.cancel_dump_traceback_later()
 
 
-def _watch_parent(parent: int) -> None:
-    """End this process soon after the one that started it, even while a library is busy."""
-    while os.getppid() == parent:
-        time.sleep(2.0)
-    os._exit(0)
-
-
 def main() -> None:
     """Answer requests until the pipe that brings them is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks
-    threading.Thread(target=_watch_parent, args=(os.getppid(),), daemon=True).start()
+    end_with(os.getppid())
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as pipe:
         os.dup2(2, 1)  # whatever a library prints goes nowhere
         _serve(sys.stdin.buffer, pipe)

@@ -1,0 +1,45 @@
+"""The main commands work where only Windows' modules, functions and file names are."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from swashtwin.foundation import MPa, file_name, rpm, stream
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, write_recording
+
+SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
+COMMANDS = (
+    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --overwrite",
+    "inspect data",
+    "data convert data --out store.h5",
+    "data split data --out split --test-fraction 0.25",
+    "train split/train.toml --network bitcn --set epochs=1 --set stride=32 --set channels=4,4 --window 256 "
+    "--test-fraction 0 --checkpoint training --out model.safetensors",
+    "evaluate model.safetensors split/test.toml --level L2",
+    "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
+    "signal spectrum data/normal_0.h5 --out spectrum.svg",
+    "twin pump new mine",
+)
+
+
+def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> None:
+    condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(10))
+    for label in ("normal", "piston"):
+        for number in range(4):
+            signal = stream(0, label, number).normal(size=(1, 4096))
+            recording = Recording(signal, 6400.0, f"{label}_{number}", label=label, condition=condition)
+            write_recording(recording, tmp_path / "data" / f"{label}_{number}.h5")
+    command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-3000:]
+    for name in ("store.h5", "model.safetensors", "spectrum.svg", "mine.toml", "report of one/report.html"):
+        assert (tmp_path / name).is_file()
+    assert not list(tmp_path.rglob(".swashtwin-*"))
+
+
+def test_names_of_machines_become_names_that_every_system_takes() -> None:
+    names = [r"..\pump", "a:b", "CON", "lpt1.old", "x" * 300, "end. ", "", "Größe 1"]
+    files = [file_name(name) for name in names]
+    assert files == ["_pump", "a_b", "CON_", "lpt1_.old", "x" * 100, "end._", "_", "Größe_1"]
+    assert [file_name(file) for file in files] == files

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from commandline import run, run_json
 from typer.testing import CliRunner
 
 from swashtwin.cli import app, console
@@ -38,6 +37,7 @@ def test_progress_shows_codes_and_no_markup(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(console, "_PATIENCE", 0.0)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with console.progress(HOSTILE) as bar:
         bar(1, 2, f"{HOSTILE}[bold]")
     shown = capsys.readouterr().err
@@ -58,14 +58,15 @@ def test_logs_and_warnings_of_libraries_show_codes() -> None:
     assert "\x1b" not in console._Printable("%(message)s").format(record)
 
 
-def test_hostile_labels_of_an_index_reach_the_terminal_as_codes(tmp_path: Path) -> None:
+def test_hostile_names_in_an_index_never_reach_the_terminal(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x\n" + "1\n2\n" * 200, encoding="utf-8")
-    entry = f'[[recording]]\nfile = "a.csv"\nsample_rate = "1 kHz"\nunit = "g"\nlabel = {json.dumps(HOSTILE)}\n'
+    entry = '[[recording]]\nfile = "a.csv"\nsample_rate = "1 kHz"\nunit = "g"\n'
+    entry += "".join(f"{key} = {json.dumps(HOSTILE)}\n" for key in ("id", "label", "specimen"))
     (tmp_path / "recordings.toml").write_text(f"format = 1\n{entry}", encoding="utf-8")
-    shown = run("inspect", tmp_path).output
-    assert r"\x1b]0;owned" in shown
-    assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(shown)
-    assert run_json("inspect", tmp_path)["recordings"][0]["label"] == HOSTILE
+    for words in (("inspect", tmp_path), ("inspect", tmp_path, "--json"), ("signal", "features", tmp_path / "a.csv")):
+        shown = CliRunner().invoke(app, [str(word) for word in words]).output
+        assert shown
+        assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(shown)
 
 
 @pytest.mark.parametrize("encoding", ["cp437", "cp1252"])

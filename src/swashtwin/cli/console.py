@@ -107,7 +107,7 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
     if not sys.stderr.isatty():
         yield lambda count, total, words="": None
         return
-    state: dict[str, Any] = {"total": None, "completed": 0, "description": title}
+    state: dict[str, Any] = {"total": None, "completed": 0, "description": escape_controls(title)}
     bars: list[Any] = []
 
     def show() -> None:

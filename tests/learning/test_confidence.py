@@ -246,7 +246,7 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     assert "Confidence, by recording" in run("evaluate", answer["model"], folder).stdout
     (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert diagnosis["trust"]["error_rate"] == 0.2
-    shown = run("diagnose", answer["model"], folder, "--report", tmp_path / "page").stdout
+    shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
     assert "could be" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
     line = one_line(run("train", folder, "--validation-fraction", 0.3, "--error-rate", 0.01, *shape, code=3))

@@ -38,29 +38,35 @@ def tidy(matrices, tidied):
 def coupled_groups(mass, damping, stiffness, order, ends):
     """Count of the groups of coordinates that no matrix of the batch couples; fills in members and ends of each."""
     n = mass.shape[0]
-    coupled = mass != 0
+    coupled = np.empty((n, n), np.bool_)
+    for i in range(n):
+        for j in range(n):
+            coupled[i, j] = mass[i, j] != 0
     for matrices in (damping, stiffness):
         for matrix in matrices:
             for i in range(n):
                 for j in range(n):
                     coupled[i, j] |= matrix[i, j] != 0
-    free = np.ones(n, np.bool_)
+    group = np.zeros(n, np.int64)
     filled, count = 0, 0
     for root in range(n):
-        if not free[root]:
+        if group[root] > 0:
             continue
-        first, at = filled, filled
-        free[root], order[filled] = False, root
-        filled += 1
-        while at < filled:
-            for j in range(n):
-                if free[j] and coupled[order[at], j]:
-                    free[j], order[filled] = False, j
-                    filled += 1
-            at += 1
-        order[first:filled] = np.sort(order[first:filled])
-        ends[count] = filled
         count += 1
+        group[root] = count
+        is_growing = True
+        while is_growing:
+            is_growing = False
+            for i in range(n):
+                for j in range(n):
+                    if group[i] == count and group[j] == 0 and coupled[i, j]:
+                        group[j] = count
+                        is_growing = True
+        for i in range(n):  # in their order, without a sort, which takes seconds to compile
+            if group[i] == count:
+                order[filled] = i
+                filled += 1
+        ends[count - 1] = filled
     return count
 
 

@@ -9,10 +9,10 @@ from .calibration import load_calibration as load_calibration
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import FaultClassifier as FaultClassifier
 from .diagnosis import export_onnx as export_onnx
-from .foundation import VERSION as VERSION
 from .foundation import LeakError as LeakError
 from .foundation import MPa as MPa
 from .foundation import SwashTwinError as SwashTwinError
+from .foundation import __version__ as __version__
 from .foundation import bar as bar
 from .foundation import celsius as celsius
 from .foundation import deg as deg
@@ -48,7 +48,6 @@ from .synthesis import register_filler as register_filler
 from .synthesis import synthesize as synthesize
 
 __all__ = [
-    "VERSION",
     "BoreDefect",
     "Calibration",
     "DamScratch",
@@ -71,6 +70,7 @@ __all__ = [
     "Twin",
     "ValvePlateWear",
     "WindowSet",
+    "__version__",
     "bar",
     "calibrate",
     "celsius",

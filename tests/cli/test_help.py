@@ -146,7 +146,7 @@ def test_a_command_that_takes_long_shows_its_progress(monkeypatch: pytest.Monkey
 
 
 def test_the_version_is_the_package_s() -> None:
-    assert run("--version").stdout.strip() == swashtwin.VERSION
+    assert run("--version").stdout.strip() == swashtwin.__version__
 
 
 def test_python_m_is_the_same_command() -> None:

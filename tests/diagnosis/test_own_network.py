@@ -81,6 +81,8 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
         register_network("", Convolution)
     with pytest.raises(InputError, match=r"BiTCN\.name is 'bitcn'"):
         register_network("mine", NETWORKS["bitcn"])
+    with pytest.raises(InputError, match=r"takes \(n_channels, depth\): too many positional arguments"):
+        register_network("short", lambda n_channels, depth: nn.Flatten())
     register_network("number", lambda n_channels, n_classes, length: 7)
     with pytest.raises(InputError, match=r"was built as a int; it must be an nn\.Module"):
         build_network("number", 1, 2, length=64)

@@ -7,7 +7,6 @@ from .fault_classifier import FaultClassifier as FaultClassifier
 from .onnx_export import export_onnx as export_onnx
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
-from .trust import Trust as Trust
 from .verdict import Diagnosis as Diagnosis
 from .verdict import diagnose as diagnose
 
@@ -15,7 +14,6 @@ __all__ = [
     "Diagnosis",
     "Evidence",
     "FaultClassifier",
-    "Trust",
     "diagnose",
     "explain",
     "export_onnx",

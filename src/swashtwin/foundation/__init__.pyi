@@ -52,6 +52,7 @@ from .units import parse as parse
 from .units import rpm as rpm
 from .units import um as um
 from .version import VERSION as VERSION
+from .version import __version__ as __version__
 
 __all__ = [
     "MEMORY_VARIABLE",
@@ -68,6 +69,7 @@ __all__ = [
     "SwashTwinError",
     "TorchStream",
     "UnitError",
+    "__version__",
     "add_prefix",
     "bar",
     "celsius",

@@ -6,3 +6,5 @@ try:
     VERSION = version("swashtwin")
 except PackageNotFoundError:  # run from a source tree that was never installed
     VERSION = "0+unknown"
+__version__ = VERSION
+"""The same, by the name that other packages give it."""

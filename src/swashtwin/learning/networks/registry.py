@@ -1,6 +1,7 @@
 """Networks by name."""
 
 import difflib
+import inspect
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import Any
@@ -51,7 +52,8 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     Raises
     ------
     InputError
-        The name is empty, belongs to a network or a baseline of this package, or the class has another name.
+        The name is empty, belongs to a network or a baseline of this package, or the class has another name; or it
+        takes other arguments.
 
     Examples
     --------
@@ -74,7 +76,20 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
             raise InputError(f"{network.__name__}.name is {network.name!r}; register it under that name.")
         NETWORKS[name] = network
     else:
+        _require_arguments(name, network)
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
+
+
+def _require_arguments(name: str, network: Callable[..., nn.Module]) -> None:
+    """Refuse what cannot be called with channels, classes and length."""
+    signature = inspect.signature(network)
+    try:
+        signature.bind(1, 2, 64)
+    except TypeError as cause:
+        raise InputError(
+            f"network {name!r} is called with (n_channels, n_classes, length), but takes {signature}: {cause}; give "
+            "further arguments defaults."
+        ) from None
 
 
 def has_network(name: str) -> bool:

@@ -38,36 +38,44 @@ def tidy(matrices, tidied):
 def coupled_groups(mass, damping, stiffness, order, ends):
     """Count of the groups of coordinates that no matrix of the batch couples; fills in members and ends of each."""
     n = mass.shape[0]
-    coupled = np.empty((n, n), np.bool_)
-    for i in range(n):
-        for j in range(n):
-            coupled[i, j] = mass[i, j] != 0
+    coupled, group = np.zeros((n, n), np.bool_), np.arange(n)
+    _couple(mass, coupled)
     for matrices in (damping, stiffness):
         for matrix in matrices:
-            for i in range(n):
-                for j in range(n):
-                    coupled[i, j] |= matrix[i, j] != 0
-    group = np.zeros(n, np.int64)
+            _couple(matrix, coupled)
+    _join(coupled, group)
     filled, count = 0, 0
-    for root in range(n):
-        if group[root] > 0:
-            continue
-        count += 1
-        group[root] = count
-        is_growing = True
-        while is_growing:
-            is_growing = False
+    for first in range(n):
+        if group[first] == first:
             for i in range(n):
-                for j in range(n):
-                    if group[i] == count and group[j] == 0 and coupled[i, j]:
-                        group[j] = count
-                        is_growing = True
-        for i in range(n):  # in their order, without a sort, which takes seconds to compile
-            if group[i] == count:
-                order[filled] = i
-                filled += 1
-        ends[count - 1] = filled
+                if group[i] == first:
+                    order[filled] = i
+                    filled += 1
+            ends[count] = filled
+            count += 1
     return count
+
+
+@compiled
+@no_type_check
+def _couple(matrix, coupled):
+    """Note what `matrix` couples."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[0]):
+            coupled[i, j] |= matrix[i, j] != 0
+
+
+@compiled
+@no_type_check
+def _join(coupled, group):
+    """Give each coordinate the least coordinate of its group; passes over all couplings until nothing changes."""
+    before = -1
+    while before != group.sum():
+        before = group.sum()
+        for i in range(group.size):
+            for j in range(group.size):
+                if coupled[i, j]:
+                    group[i] = group[j] = min(group[i], group[j])
 
 
 @compiled

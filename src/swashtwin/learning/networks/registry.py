@@ -80,7 +80,7 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
 
 
-def _require_arguments(name: str, network: Callable[..., nn.Module]) -> None:
+def _require_arguments(name: str, network: Callable[..., object]) -> None:
     """Refuse what cannot be called with channels, classes and length."""
     signature = inspect.signature(network)
     try:

@@ -12,7 +12,7 @@ from swashtwin.calibration import Calibration, GaussNewton, calibrate, load_cali
 from swashtwin.foundation import ArtifactError
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, manifest_of
 from swashtwin.signals import spectral_correlation
 
 
@@ -35,7 +35,7 @@ def test_the_file_names_each_recording_by_the_hash_of_its_samples(
     calibration: Calibration, recordings: list[Recording], tmp_path: Path
 ) -> None:
     again = load_calibration(calibration.save(tmp_path / "calibration.json"))
-    assert dict(again.recording_hashes) == {recording.recording_id: recording.fingerprint() for recording in recordings}
+    assert dict(again.recording_hashes) == manifest_of(recordings)
     assert len(set(again.recording_hashes.values())) == 2
 
 
@@ -76,5 +76,5 @@ def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> 
 def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "old.json"
     path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
-    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 4'"):
+    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 5'"):
         load_calibration(path)

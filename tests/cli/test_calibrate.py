@@ -224,7 +224,7 @@ def test_values_are_told_apart_in_standard_deviations_of_their_logarithms(pair: 
         estimate, value=2 * estimate.value, interval=(1.9 * estimate.value, 2.1 * estimate.value), log_std=0.2
     )
     estimates = tuple(moved if estimate.letter == "C_v" else estimate for estimate in first.estimates)
-    differences = difference(first, replace(first, estimates=estimates, recording_hashes={"else": "0"}))
+    differences = difference(first, replace(first, estimates=estimates, recording_hashes={"else": ("0",)}))
     (telling,) = [value for value in differences.values if value.is_telling]
     assert telling.letter == "C_v"
     assert telling.log_ratio == pytest.approx(math.log(2))

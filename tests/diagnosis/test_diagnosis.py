@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from commandline import run, run_json
+from commandline import one_line, run, run_json
 
 from swashtwin.diagnosis import diagnose, explain, load_classifier, save_classifier
 from swashtwin.foundation import (
@@ -88,14 +88,14 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 
 
 def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
-    card, tensors = read_artifact(saved, "classifier", 2, advice="")
+    card, tensors = read_artifact(saved, "classifier", 3, advice="")
     for name in card:
-        write_artifact(saved, "classifier", 2, {key: value for key, value in card.items() if key != name}, tensors)
+        write_artifact(saved, "classifier", 3, {key: value for key, value in card.items() if key != name}, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
     del tensors["network.head.weight"]
-    write_artifact(saved, "classifier", 2, card, tensors)
+    write_artifact(saved, "classifier", 3, card, tensors)
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)
 
@@ -257,3 +257,23 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     text = run(*words, code=4).output
     assert "no verdict on spiked: the model's answer to 1 of 6 windows is no finite number" in text
     run(*words[:3])
+
+
+def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_is_refused(classifier, saved, tmp_path):
+    """A recording was known by its name alone."""
+    for folder in ("same", "other"):
+        for index, name in enumerate(("normal 0", "piston 0")):
+            label = name.split()[0]
+            item = recording(name if folder == "same" else f"{name}, machine 2", label)
+            called = f"renamed {index}" if folder == "same" else name
+            write_recording(item.replace(recording_id=called), tmp_path / folder / f"{called}.h5")
+        run("index", tmp_path / folder, "--out", tmp_path / folder / "index.toml")
+    answer = run_json("evaluate", saved, tmp_path / "other" / "index.toml")
+    assert answer["recordings"] == ["normal 0", "piston 0"]
+    refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
+    assert "all 2 recordings had a part in the classifier" in one_line(refused)
+    refused = run("evaluate", saved, tmp_path / "same" / "index.toml", "--id", "renamed 0", code=3)
+    assert "recording renamed 0, which holds the same samples as normal 0, had a part" in one_line(refused)
+    said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]
+    assert "under the name normal 0; the answer proves nothing" in said[0]
+    assert run_json("diagnose", saved, tmp_path / "other" / "normal 0.h5")["diagnoses"][0]["notes"] == []

@@ -178,7 +178,7 @@ def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
     classifier = FaultClassifier("extra_trees").fit(windows.signal, windows.target, groups=windows.recording_id)
     assert classifier.classes_.dtype.kind == "i"
     assert set(classifier.predict(windows.signal)) == {0, 1}
-    assert classifier.fitted_.manifest == tuple(np.unique(windows.recording_id))
+    assert tuple(classifier.fitted_.manifest) == tuple(np.unique(windows.recording_id))
 
 
 def test_what_is_saved_comes_back_with_its_parameters_and_answers(tmp_path):

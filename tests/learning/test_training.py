@@ -195,7 +195,7 @@ def test_validation_is_noted_and_changes_nothing():
 
 def test_the_manifest_names_training_validation_and_calibration_recordings():
     classifier = fit(small(), tones(), settings=SHORT, validation=tones("v"), manifest=["rec 9"])
-    assert classifier.manifest == tuple(
+    assert tuple(classifier.manifest) == tuple(
         sorted(["rec 9", *(f"{tag}{label}-{n}" for tag in ("", "v") for label in CLASSES for n in (0, 1))])
     )
 

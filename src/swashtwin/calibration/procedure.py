@@ -27,7 +27,7 @@ from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of,
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, manifest_of
 
 PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType({"method": IPINN(), "nuisances": NONE, "phases": False})
 """The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six values, no phases."""
@@ -202,11 +202,7 @@ def build_result(
         fits=tuple(fit_of(comparison, nominal, calibrated, posterior) for comparison in objective.comparisons),
         history=search.history,
         recording_ids=tuple(name for measurement in measurements for name in measurement.recording_ids),
-        recording_hashes={
-            recording.recording_id: recording.fingerprint()
-            for measurement in measurements
-            for recording in measurement.recordings
-        },
+        recording_hashes=manifest_of(recording for measurement in measurements for recording in measurement.recordings),
         left_out=_left_out(measurements),
         notes=notes_of(objective, search, estimates, explain_misfit),
         method=type(method).__name__,

@@ -16,8 +16,9 @@ from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
 from swashtwin.foundation import ArtifactError, MissingFileError, read_text, write_text
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
+from swashtwin.recordings import Manifest, join_manifests
 
-FORMAT = "swashtwin calibration 4"
+FORMAT = "swashtwin calibration 5"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,9 @@ class Calibration:
     recording_ids: tuple[str, ...]
     """Recordings it was calibrated on. They are training data: windows of `synthesize` name them, and no test set may
     hold them."""
-    recording_hashes: Mapping[str, str]
-    """SHA-256 of each of them by id (`Recording.fingerprint`): what was calibrated on, whatever a file is called."""
+    recording_hashes: Manifest
+    """Hashes of the content of each of them by id (`Recording.content_hashes`): what was calibrated on, whatever a file
+    is called."""
     left_out: tuple[tuple[str, str], ...]
     """Id of each recording given but not used, and why."""
     notes: tuple[str, ...]
@@ -182,7 +184,7 @@ def _calibration_from(table: dict[str, Any]) -> Calibration:
         fits=tuple(_fit_from(entry) for entry in table["fits"]),
         history=History(best=best, **{name: np.array(value, dtype=float) for name, value in history.items()}),
         recording_ids=tuple(table["recording_ids"]),
-        recording_hashes=dict(table["recording_hashes"]),
+        recording_hashes=join_manifests([table["recording_hashes"]]),
         left_out=tuple((name, reason) for name, reason in table["left_out"]),
         notes=tuple(table["notes"]),
         method=table["method"],

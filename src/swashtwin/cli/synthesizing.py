@@ -52,7 +52,7 @@ def synthesize(
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
     from swashtwin.learning import cut_windows, save_windows
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import join_manifests, load_recordings
     from swashtwin.synthesis import require_same_machine, simulate_windows
     from swashtwin.synthesis import synthesize as simulate
 
@@ -81,7 +81,7 @@ def synthesize(
         else:
             twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
             windows = simulate_windows([twin.at(point) for point in conditions], **options)
-            windows = replace(windows, manifest=tuple(sorted({*windows.manifest, *result.recording_ids})))
+            windows = replace(windows, manifest=join_manifests([windows.manifest, result.recording_hashes]))
     save_windows(windows, out)
     answer = {
         "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,

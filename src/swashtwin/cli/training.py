@@ -24,6 +24,7 @@ from swashtwin.cli.options import (
 
 if TYPE_CHECKING:
     from swashtwin.learning import ConfidenceScores, FittedClassifier, Scores, TrainingSettings, WindowSet
+    from swashtwin.recordings import Manifest
 
 
 _ERROR_RATE = 0.1
@@ -93,7 +94,13 @@ def train(
         split_by_recording,
         without_overlap,
     )
-    from swashtwin.recordings import declared_classes, load_recordings, recording_groups
+    from swashtwin.recordings import (
+        declared_classes,
+        join_manifests,
+        load_recordings,
+        recording_groups,
+        repeated_recordings,
+    )
 
     if resume and checkpoint is None:
         raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
@@ -101,7 +108,7 @@ def train(
     require_files(add or [])
     network, recipe, shape = _recipe(network, settings, preset, window)
     added = [load_windows(path) for path in add or ()]
-    manifest = {name for synthetic in added for name in synthetic.manifest}
+    manifest = join_manifests([synthetic.manifest for synthetic in added])
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": window}
     if checkpoint is not None and checkpoint.exists() and not resume:
         raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
@@ -136,7 +143,9 @@ def train(
             )
             error_rate = 1 / (count + 1)
         require_enough(count, error_rate or _ERROR_RATE)
-    _refuse_seen(held_out.recording_id.tolist(), manifest)
+    _refuse_seen(held_out, manifest)
+    for name, first in repeated_recordings(windows.recordings).items():
+        note(f"note: {name} holds the same samples as {first}; keep one of them, or it counts twice.")
     for synthetic in added:
         require_shared_speed(windows, synthetic)
         training = training + synthetic
@@ -205,13 +214,13 @@ def _validation_advice(training: "WindowSet") -> str:
     )
 
 
-def _refuse_seen(held_out: list[str], manifest: set[str]) -> None:
+def _refuse_seen(held_out: "WindowSet", manifest: "Manifest") -> None:
     from swashtwin.foundation import LeakError
+    from swashtwin.recordings import say_seen, seen_recordings
 
-    seen = sorted(manifest.intersection(held_out))
-    if seen:
+    if seen := seen_recordings(manifest, held_out.recordings):
         raise LeakError(
-            f"{seen[0]} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
+            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
             "split), then calibrate, synthesize and train with train.toml and --test-fraction 0."
         )
 

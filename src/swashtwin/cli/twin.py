@@ -100,7 +100,7 @@ def severity(
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import load_recordings, manifest_of, seen_recordings
 
     defect = fault_from(fault)
     if defect is None:
@@ -109,7 +109,8 @@ def severity(
         )
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source).where(specimen=specimen)
-    sound, worn = _by_health(recordings, healthy_calibration.recording_ids)
+    calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
+    sound, worn = _by_health(recordings, calibrated)
     if not worn:
         raise DataError(
             f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "

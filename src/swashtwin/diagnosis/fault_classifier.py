@@ -39,7 +39,7 @@ from swashtwin.learning import (
     split_by_recording,
     without_overlap,
 )
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, join_manifests
 
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
@@ -158,7 +158,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
                 measured,
                 test_fraction=self.validation_fraction,
                 seed=self.seed,
-                keep_in_training=[name for windows in further for name in windows.manifest],
+                keep_in_training=join_manifests([windows.manifest for windows in further]),
             )
             require_enough(np.unique(validation.recording_id).size, self.error_rate)
         for windows in further:

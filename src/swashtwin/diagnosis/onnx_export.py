@@ -105,7 +105,7 @@ def _facts(classifier: FittedClassifier) -> dict[str, object]:
         "normalization": kind,
         "scaled": kind != "recording",
         "temperature": None if classifier.confidence is None else classifier.confidence.temperature,
-        "manifest": classifier.manifest,
+        "manifest": sorted(classifier.manifest),
         "network": classifier.network.name,
         "swashtwin": VERSION,
     }

@@ -26,8 +26,9 @@ from swashtwin.learning import (
     build_network,
     has_network,
 )
+from swashtwin.recordings import join_manifests
 
-_KIND, _VERSION = "classifier", 2
+_KIND, _VERSION = "classifier", 3
 
 
 def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
@@ -114,7 +115,7 @@ def _classifier(card: dict[str, Any], tensors: dict[str, Tensor]) -> FittedClass
         settings=TrainingSettings(**card["settings"]),
         seed=card["seed"],
         history=tuple(Epoch(**epoch) for epoch in card["history"]),
-        manifest=tuple(card["manifest"]),
+        manifest=join_manifests([card["manifest"]]),
         pressures=tuple(card["pressures"]),
         speeds=tuple(card["speeds"]),
         training_reference=_reference(card["training_reference"], tensors),

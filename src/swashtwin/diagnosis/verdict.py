@@ -19,7 +19,7 @@ from swashtwin.learning import (
     window_batches,
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, manifest_of, seen_recordings
 
 _SPEED_TOLERANCE = 0.05
 """Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
@@ -195,8 +195,12 @@ def _advice(difference: str, rate: float) -> str:
 
 def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
     notes = []
-    if recording.recording_id in classifier.manifest:
-        notes.append("The classifier was made with this very recording; the answer proves nothing about new ones.")
+    if seen := seen_recordings(classifier.manifest, manifest_of([recording])):
+        listed = seen[recording.recording_id]
+        under = "" if listed == recording.recording_id else f", under the name {listed}"
+        notes.append(
+            f"The classifier was made with this very recording{under}; the answer proves nothing about new ones."
+        )
     condition = recording.condition
     if condition is None:
         return notes

@@ -33,6 +33,12 @@ from .index import source_files as source_files
 from .index import write_index as write_index
 from .loading import load_recording as load_recording
 from .loading import recording_of as recording_of
+from .manifest import Manifest as Manifest
+from .manifest import join_manifests as join_manifests
+from .manifest import manifest_of as manifest_of
+from .manifest import repeated_recordings as repeated_recordings
+from .manifest import say_seen as say_seen
+from .manifest import seen_recordings as seen_recordings
 from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
@@ -47,6 +53,7 @@ __all__ = [
     "WRITABLE",
     "Entry",
     "InspectionReport",
+    "Manifest",
     "Options",
     "RawFile",
     "Recording",
@@ -60,8 +67,10 @@ __all__ = [
     "inspect_recordings",
     "is_store",
     "join_blocks",
+    "join_manifests",
     "load_recording",
     "load_recordings",
+    "manifest_of",
     "narrow_index",
     "no_group",
     "open_raw",
@@ -70,7 +79,10 @@ __all__ = [
     "recording_of",
     "refuse_unfit",
     "register_format",
+    "repeated_recordings",
     "save_index",
+    "say_seen",
+    "seen_recordings",
     "source_files",
     "stated_pressure",
     "stated_speed",

@@ -19,7 +19,7 @@ from swashtwin.recordings.formats.lossless import condition_in
 from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Columns, Samples
+from swashtwin.recordings.samples import Columns, Samples, hash_channels
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 _RATE_TOLERANCE = 1e-3
@@ -323,8 +323,9 @@ def _resample_columns(samples: Samples, resampling: _Resampling) -> Columns:
 
     count = samples.shape[1]
     signal, speed = samples.signal_part(0, count), samples.speed_part(0, count)
+    hashes = hash_channels([signal])
     signal = resample_poly(signal, resampling.up, resampling.down, axis=1, padtype="line")
     if speed is not None:
         time, old_time = np.arange(signal.shape[1]) / resampling.rate, np.arange(count) / resampling.old_rate
         speed = np.interp(time, old_time, speed)
-    return Columns(tuple(signal), (1.0,) * len(signal), speed)
+    return Columns(tuple(signal), (1.0,) * len(signal), speed, hashes)

@@ -95,7 +95,8 @@ class Recording:
         if signal is not None:
             if isinstance(speed, _Unchanged):
                 speed = None if samples is None else samples.speed
-            samples = Samples.in_memory(recording_id, signal, speed)
+            origin = samples if samples is not None and samples.name == recording_id else None
+            samples = Samples.in_memory(recording_id, signal, speed, origin=origin)
         assert samples is not None
         facts = {
             "sample_rate": sample_rate,
@@ -226,6 +227,14 @@ class Recording:
         """The same recording with nothing of its file in memory; itself where it was not read from a file."""
         return self.replace(samples=self.samples.unopened())
 
+    def content_hashes(self) -> tuple[str, ...]:
+        """What was recorded, whatever the file is called: a hash of each channel (`Samples.content_hashes`).
+
+        Two recordings with a hash in common hold the same measurement. A copy under another name, in another format or
+        at another rate of ``resample`` is noticed; one that was cut, filtered or scaled before it was loaded is not.
+        """
+        return tuple(digest for digest in self.samples.content_hashes() if digest)
+
     def fingerprint(self) -> str:
         """SHA-256 of the samples, the sample rate, the channels and the unit, hexadecimal; no other fact counts."""
         digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
@@ -248,7 +257,8 @@ def join_blocks(blocks: Iterable[Recording]) -> Recording:
         require_same_facts(blocks[0], block)
     speeds = [block.speed for block in blocks if block.speed is not None]
     signal = np.concatenate([block.signal for block in blocks], axis=1)
-    return blocks[0].replace(signal=signal, speed=np.concatenate(speeds) if speeds else None)
+    name, speed = blocks[0].recording_id, np.concatenate(speeds) if speeds else None
+    return blocks[0].replace(samples=Samples.in_memory(name, signal, speed))
 
 
 def require_same_facts(first: Recording, block: Recording) -> None:

@@ -1,6 +1,7 @@
 """Samples of a recording: an array in memory, or columns of a file that are read in parts."""
 
-from collections.abc import Callable, Iterator, Sequence
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +24,8 @@ class Columns:
     """What one unit of each channel's column stands for in the recording's unit."""
     speed: Column | None = None
     """Angular speed of the shaft at each sample [rad/s], or None where it was not measured."""
+    hashes: tuple[str, ...] = ()
+    """`Samples.content_hashes` of what was recorded, where the columns are another form of it; else empty."""
 
 
 class Samples:
@@ -36,6 +39,7 @@ class Samples:
     has_speed : whether the speed of the shaft was measured at each sample.
     open_columns : opens the file. None for samples in memory.
     columns : the opened file.
+    origin : samples that these were made of, such as those that they are a slice of.
     """
 
     def __init__(
@@ -46,6 +50,7 @@ class Samples:
         has_speed: bool,
         open_columns: Callable[[], Columns] | None,
         columns: Columns | None = None,
+        origin: "Samples | None" = None,
     ) -> None:
         self.name = name
         self.shape = shape
@@ -54,6 +59,8 @@ class Samples:
         self._open_columns = open_columns
         self._columns = columns
         self._arrays: tuple[np.ndarray, np.ndarray | None] | None = None
+        self._origin = origin
+        self._hashes: dict[str, tuple[str, ...]] = {} if origin is None else origin._hashes
 
     @classmethod
     def from_columns(cls, name: str, columns: Columns, open_columns: Callable[[], Columns]) -> "Samples":
@@ -72,8 +79,14 @@ class Samples:
         return cls(name, shape, kind, columns.speed is not None, open_columns, columns)
 
     @classmethod
-    def in_memory(cls, name: str, signal: np.ndarray, speed: np.ndarray | None) -> "Samples":
+    def in_memory(
+        cls, name: str, signal: np.ndarray, speed: np.ndarray | None, origin: "Samples | None" = None
+    ) -> "Samples":
         """Samples of an array (channel, time) and, where it was measured, the speed at each sample [rad/s].
+
+        Parameters
+        ----------
+        origin : samples that they were made of.
 
         Raises
         ------
@@ -82,7 +95,7 @@ class Samples:
         """
         if signal.ndim != 2 or signal.size == 0:
             raise DataError(f"{name}: signal has shape {signal.shape}; it must be (channel, time).")
-        samples = cls(name, (signal.shape[0], signal.shape[1]), signal.dtype, speed is not None, None)
+        samples = cls(name, (signal.shape[0], signal.shape[1]), signal.dtype, speed is not None, None, origin=origin)
         samples._hold(signal, speed)
         return samples
 
@@ -139,7 +152,7 @@ class Samples:
     def pick(self, rows: Sequence[int]) -> "Samples":
         """The samples of some channels."""
         if self._arrays is not None or self._open_columns is None:
-            return Samples.in_memory(self.name, self.signal[list(rows)], self.speed)
+            return Samples.in_memory(self.name, self.signal[list(rows)], self.speed, self._origin)
         open_picked = partial(_pick, self._open_columns, tuple(rows))
         return Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
 
@@ -147,11 +160,34 @@ class Samples:
         """The same samples, with no file open and nothing in memory that the file has."""
         if self._open_columns is None:
             return self
-        return Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns)
+        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns)
+        samples._hashes = self._hashes
+        return samples
+
+    def content_hashes(self) -> tuple[str, ...]:
+        """SHA-256 of each channel's samples as recorded, 32 hexadecimal digits; none of a channel that never changes.
+
+        The samples count in single precision and in the recording's unit, before any resampling. Names, rates, formats
+        and the order of channels do not count. A slice, and samples put in the place of others
+        (`Recording.replace`), have the hashes of what they were made of.
+        """
+        if "content" not in self._hashes:
+            self._hashes["content"] = self._recorded_hashes()
+        return self._hashes["content"]
+
+    def _recorded_hashes(self) -> tuple[str, ...]:
+        if self._origin is not None:
+            return self._origin.content_hashes()
+        recorded = () if self._open_columns is None else self._opened().hashes
+        if recorded:
+            return recorded
+        return hash_channels(self.signal_part(at, at + BLOCK) for at in range(0, self.shape[1], BLOCK))
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: the arrays, or how to open the file."""
-        return {**self.__dict__, "_columns": None}
+        if self._origin is not None:
+            self.content_hashes()  # so that the origin need not go along
+        return {**self.__dict__, "_columns": None, "_origin": None}
 
     def _loaded(self) -> tuple[np.ndarray, np.ndarray | None]:
         if self._arrays is None:
@@ -218,4 +254,25 @@ def require_speed(name: str, speed: np.ndarray, count: int) -> None:
 def _pick(open_columns: Callable[[], Columns], rows: tuple[int, ...]) -> Columns:
     columns = open_columns()
     channels = tuple(columns.channels[row] for row in rows)
-    return Columns(channels, tuple(columns.factors[row] for row in rows), columns.speed)
+    hashes = tuple(columns.hashes[row] for row in rows) if columns.hashes else ()
+    return Columns(channels, tuple(columns.factors[row] for row in rows), columns.speed, hashes)
+
+
+def hash_channels(parts: Iterable[Float[np.ndarray, "channel time"]]) -> tuple[str, ...]:
+    """`Samples.content_hashes` of samples that come in parts."""
+    digests: list[Any] = []
+    first = np.empty((0, 1), np.float32)
+    is_constant: list[bool] = []
+    for part in parts:
+        with np.errstate(over="ignore"):
+            rows = part.astype(np.float32, order="C")
+        rows += 0.0  # one zero, whatever its sign
+        if not digests:
+            digests, first = [hashlib.sha256() for _ in rows], rows[:, :1].copy()
+            is_constant = [True] * len(rows)
+        for number, row in enumerate(rows):
+            digests[number].update(row.data)
+            is_constant[number] = is_constant[number] and bool((row == first[number]).all())
+    return tuple(
+        "" if constant else digest.hexdigest()[:32] for digest, constant in zip(digests, is_constant, strict=True)
+    )

@@ -120,7 +120,7 @@ def train_synthetic_test_real(
             synthetic = cell if synthetic is None else synthetic + cell
     if synthetic is None:
         raise InputError("train has no measured window.")
-    manifest = np.unique(measured.recording_id).tolist()
+    manifest = measured.recordings
     synthetic_scores, measured_scores = (
         evaluate(fit_extra_trees(windows, seed=seed, manifest=manifest), test) for windows in (synthetic, measured)
     )

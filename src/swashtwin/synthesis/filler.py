@@ -115,7 +115,7 @@ def build_windows(
         sample_rate=like.sample_rate,
         channels=like.channels,
         unit=like.unit,
-        manifest=tuple(sorted({*like.manifest, *like.recording_id.tolist()})),
+        manifest=like.sources,
     )
 
 

@@ -16,7 +16,7 @@ from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import Fault, OperatingCondition, is_same_class
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, join_manifests
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
 from swashtwin.synthesis.filler import build_windows, require_count
@@ -94,8 +94,8 @@ def synthesize(
         background=background,
         posterior=posterior,
     )
-    calibrated_on = source.recording_ids if isinstance(source, Calibration) else ()
-    return replace(windows, manifest=tuple(sorted({*windows.manifest, *calibrated_on})))
+    calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
+    return replace(windows, manifest=join_manifests([windows.manifest, calibrated_on]))
 
 
 def simulate_windows(

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.learning import Classifier, Epoch, FittedClassifier, WindowSet
+from swashtwin.recordings import Manifest
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class NetworkOnView:
         return self.classifier.classes
 
     @property
-    def manifest(self) -> tuple[str, ...]:
+    def manifest(self) -> Manifest:
         """Every recording that had a part in it."""
         return self.classifier.manifest
 

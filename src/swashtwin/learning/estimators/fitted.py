@@ -16,6 +16,7 @@ from swashtwin.learning.training.classifier import require_verdicts
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import TrainingReference, build_reference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet, distinct_values
+from swashtwin.recordings import Manifest, join_manifests
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +29,8 @@ class FittedBaseline:
     """Class names, in the order of the probabilities."""
     layout: WindowLayout
     """Sample rate, channels, unit and length that windows must have."""
-    manifest: tuple[str, ...]
-    """Every recording that had a part in it, sorted; none may be tested on."""
+    manifest: Manifest
+    """Every recording that had a part in it, by id with the hashes of its content; none may be tested on."""
     pressures: tuple[float, ...] = ()
     """Discharge pressures it was fitted at [Pa], ascending; empty where they were not known."""
     speeds: tuple[float, ...] = ()
@@ -81,7 +82,7 @@ def fit_baseline(
     windows: WindowSet,
     *,
     seed: int = 0,
-    manifest: Iterable[str] = (),
+    manifest: Manifest | Iterable[str] = (),
     features: Callable[[WindowSet], FeatureTable] = extract_features,
 ) -> FittedBaseline:
     """The classifier of that name, fitted.
@@ -91,7 +92,8 @@ def fit_baseline(
     name : one of `BASELINES`.
     windows : training windows with labels.
     seed : seed of everything random in it.
-    manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+    manifest : further recordings, as a manifest or by their ids, that had a part in the windows, such as those a twin
+        was calibrated on.
     features : what gives the columns, where the classifier is one on features; those of `extract_features` by default.
 
     Raises
@@ -120,7 +122,7 @@ def fit_extra_trees(
     *,
     seed: int = 0,
     n_trees: int = N_TREES,
-    manifest: Iterable[str] = (),
+    manifest: Manifest | Iterable[str] = (),
     features: Callable[[WindowSet], FeatureTable] = extract_features,
 ) -> FittedBaseline:
     """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1) on the features.
@@ -132,7 +134,8 @@ def fit_extra_trees(
     windows : training windows with labels.
     seed : seed of the trees.
     n_trees : number of trees.
-    manifest : ids of further recordings that had a part in the windows, such as those a twin was calibrated on.
+    manifest : further recordings, as a manifest or by their ids, that had a part in the windows, such as those a twin
+        was calibrated on.
     features : what gives the columns; those of `extract_features` by default.
 
     Raises
@@ -145,16 +148,18 @@ def fit_extra_trees(
 
 
 def _fitted(
-    estimator: Any, windows: WindowSet, features: Callable[[WindowSet], FeatureTable], manifest: Iterable[str]
+    estimator: Any,
+    windows: WindowSet,
+    features: Callable[[WindowSet], FeatureTable],
+    manifest: Manifest | Iterable[str],
 ) -> FittedBaseline:
     _require_every_class(windows)
     estimator.fit(features(windows).values, windows.target)
-    used = {*windows.recording_id.tolist(), *windows.manifest, *(str(name) for name in manifest)}
     return FittedBaseline(
         estimator=estimator,
         classes=windows.classes,
         layout=windows.layout,
-        manifest=tuple(sorted(used)),
+        manifest=join_manifests([windows.sources, manifest]),
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         features=features,

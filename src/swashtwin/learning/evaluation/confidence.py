@@ -14,8 +14,10 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.evaluation.pooling import pooled_probabilities
 from swashtwin.learning.evaluation.protocols import SureClassifier
+from swashtwin.learning.evaluation.unseen import refuse_seen
 from swashtwin.learning.training.confidence import Confidence, nonconformity_scores, temperature_scaled
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.recordings import join_manifests, say_seen, seen_recordings
 
 _TEMPERATURES = (0.05, 100.0)
 """Bounds of the temperature."""
@@ -96,7 +98,7 @@ def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float 
         ood_score=np.sort(answers.ood_score),
         error_rate=error_rate,
     )
-    manifest = tuple(sorted({*classifier.manifest, *answers.recording_id}))
+    manifest = join_manifests([classifier.manifest, validation.recordings])
     calibrated: C = replace(classifier, confidence=confidence, manifest=manifest)  # type: ignore[type-var]
     return calibrated
 
@@ -115,9 +117,9 @@ def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
     if validation.synthetic.any():
         name = validation.recording_id[validation.synthetic][0]
         raise LeakError(f"{name} is synthetic; confidence is calibrated on measured recordings only.")
-    seen = sorted(set(classifier.training_reference.recording_id) & set(validation.recording_id.tolist()))
-    if seen:
-        raise LeakError(f"recording {seen[0]} was trained on; calibrate the confidence on others.")
+    listed, trained = join_manifests([classifier.manifest]), classifier.training_reference.recording_id
+    if seen := seen_recordings({name: listed.get(name, ()) for name in trained}, validation.recordings):
+        raise LeakError(f"{say_seen(seen)} was trained on; calibrate the confidence on others.")
 
 
 def _temperature(answers: RecordingAnswers) -> float:
@@ -206,9 +208,8 @@ def score_confidence(
         raise InputError("the test windows have other classes; cut them with classes=classifier.classes.")
     test.require_labels("a test of confidence")
     for windows in (test, foreign):
-        seen = set() if windows is None else set(classifier.manifest) & set(windows.recording_id.tolist())
-        if seen:
-            raise LeakError(f"recording {min(seen)} had a part in the classifier (its manifest); test on others.")
+        if windows is not None:
+            refuse_seen(classifier, windows.recordings)
     rate = confidence.error_rate if error_rate is None else error_rate
     answers = recording_answers(classifier, test).with_verdict()
     if not answers.recording_id:

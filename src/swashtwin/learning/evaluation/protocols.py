@@ -8,6 +8,7 @@ import numpy as np
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+from swashtwin.recordings import Manifest
 
 _Self = TypeVar("_Self", bound="DiagnosingClassifier")
 
@@ -21,8 +22,8 @@ class Classifier(Protocol):
         """Class names, in the order of the probabilities."""
 
     @property
-    def manifest(self) -> tuple[str, ...]:
-        """Every recording that had a part in it."""
+    def manifest(self) -> Manifest | tuple[str, ...]:
+        """Every recording that had a part in it: by id with the hashes of its content, or ids alone."""
 
     def predict_proba(self, windows: WindowSet) -> np.ndarray:
         """Probability of each class for each window."""

@@ -14,6 +14,7 @@ from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.levels import LEVELS
 from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
 from swashtwin.learning.evaluation.protocols import Classifier
+from swashtwin.learning.evaluation.unseen import refuse_seen
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 
@@ -121,7 +122,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     Raises
     ------
     LeakError
-        A test window is synthetic, or its recording stands in the classifier's manifest.
+        A test window is synthetic, or its recording stands in the classifier's manifest, under whatever name.
     DataError
         No test window, or one without label.
     InputError
@@ -174,10 +175,7 @@ def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) 
     test.require_labels("an evaluation")
     if test.synthetic.any():
         raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; scores are of measured windows only.")
-    seen = sorted(set(classifier.manifest) & set(test.recording_id.tolist()))
-    if seen:
-        more = f" and {len(seen) - 1} more" if len(seen) > 1 else ""
-        raise LeakError(f"recording {seen[0]}{more} had a part in the classifier (its manifest); test on others.")
+    refuse_seen(classifier, test.recordings)
     foreign = [name for name in test.classes if name not in classifier.classes]
     if foreign:
         raise InputError(

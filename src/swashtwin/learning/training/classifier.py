@@ -16,6 +16,7 @@ from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+from swashtwin.recordings import Manifest
 
 _BATCH = 256  # windows that pass the network together in prediction; memory only, no result depends on it
 
@@ -38,8 +39,9 @@ class FittedClassifier:
     """Seed it was trained with."""
     history: tuple[Epoch, ...]
     """Loss and accuracy of each epoch."""
-    manifest: tuple[str, ...]
-    """Every recording that had a part in it (training, validation, calibration), sorted; none may be tested on."""
+    manifest: Manifest
+    """Every recording that had a part in it (training, validation, calibration), by id with the hashes of its content;
+    none may be tested on."""
     pressures: tuple[float, ...]
     """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
     speeds: tuple[float, ...]

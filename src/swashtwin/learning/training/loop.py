@@ -23,6 +23,7 @@ from swashtwin.learning.training.train_transforms import transform_windows
 from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.splitting import check_disjoint
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
+from swashtwin.recordings import Manifest, join_manifests
 
 _BATCH = 256
 """Windows that pass the network together where nothing is learned; memory only, no result depends on it."""
@@ -35,7 +36,7 @@ def fit(
     settings: TrainingSettings = PAPER_TRAINING,
     seed: int = 0,
     validation: WindowSet | None = None,
-    manifest: Iterable[str] = (),
+    manifest: Manifest | Iterable[str] = (),
     checkpoint: Path | None = None,
     resume: bool = False,
     progress: Callable[[Epoch], None] | None = None,
@@ -53,8 +54,9 @@ def fit(
     settings : epochs, batch, learning rate, normalization; the paper's by default.
     seed : seed of weights, order and dropout.
     validation : windows whose loss and accuracy are noted after each epoch; they change nothing else.
-    manifest : ids of further recordings that had a part in the training windows, such as those a twin was calibrated
-        on. They join the training and validation recordings in the classifier's manifest, which no test set may meet.
+    manifest : further recordings, as a manifest or by their ids, that had a part in the training windows, such as those
+        a twin was calibrated on. They join the training and validation recordings in the classifier's manifest, which
+        no test set may meet.
     checkpoint : file that the run is saved to after each epoch.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
     progress : called after each epoch.
@@ -71,10 +73,8 @@ def fit(
     """
     _require_fitting(network, windows, validation)
     _require_device(device)
-    used = {*windows.recording_id.tolist(), *windows.manifest, *(str(name) for name in manifest)}
-    if validation is not None:
-        used |= {*validation.recording_id.tolist(), *validation.manifest}
-    run = _description(network, windows, settings, seed, validation, sorted(used), device)
+    used = join_manifests([windows.sources, manifest, () if validation is None else validation.sources])
+    run = _description(network, windows, settings, seed, validation, used, device)
     normalization = Normalization.fit(settings.normalization, windows)
     kernels = _deterministic_kernels(device, settings.deterministic)
     with TorchStream(derive_seed(seed, "pretraining")), kernels, one_thread():
@@ -109,7 +109,7 @@ def fit(
         settings=settings,
         seed=seed,
         history=history,
-        manifest=tuple(sorted(used)),
+        manifest=used,
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         training_reference=build_reference(windows),
@@ -158,7 +158,7 @@ def _description(
     settings: TrainingSettings,
     seed: int,
     validation: WindowSet | None,
-    manifest: list[str],
+    manifest: Manifest,
     device: str,
 ) -> dict[str, Any]:
     """What makes a run this run and no other, in words and numbers that JSON can hold."""

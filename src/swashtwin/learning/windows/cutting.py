@@ -10,7 +10,7 @@ from jaxtyping import Float32
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
-from swashtwin.recordings import BLOCK, Recording, refuse_unfit, stated_speed
+from swashtwin.recordings import BLOCK, Recording, manifest_of, refuse_unfit, stated_speed
 
 
 def cut_windows(
@@ -61,10 +61,12 @@ def cut_windows(
         raise InputError(f"stride ({stride} samples) must be at least 1; {length} lets no window overlap.")
     _require_one_layout(recordings, length, like)
     classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
+    content: dict[str, tuple[str, ...]] = {}
     for recording in recordings:
         refuse_unfit(recording)
         _require_long_enough(recording, length, allow_partial_revolution)
-    return _assembled(recordings, length, stride, classes)
+        content |= manifest_of([recording])
+    return replace(_assembled(recordings, length, stride, classes), content=content)
 
 
 def window_batches(

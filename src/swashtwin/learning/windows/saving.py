@@ -8,8 +8,9 @@ from torch import Tensor, from_numpy
 
 from swashtwin.foundation import read_artifact, refuse_misfits, write_artifact
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.recordings import join_manifests
 
-_KIND, _VERSION = "window set", 2
+_KIND, _VERSION = "window set", 3
 _ARRAYS = ("signal", "target", "discharge_pressure", "speed", "start", "synthetic")
 _TEXTS = ("recording_id", "specimen")
 _MAY_BE_NAN = ("discharge_pressure", "speed")
@@ -29,6 +30,7 @@ def save_windows(windows: WindowSet, path: Path | str) -> Path:
         "channels": windows.channels,
         "unit": windows.unit,
         "manifest": windows.manifest,
+        "content": windows.content,
         **{name: getattr(windows, name).tolist() for name in _TEXTS},
     }
     tensors = {name: from_numpy(np.ascontiguousarray(getattr(windows, name))) for name in _ARRAYS}
@@ -61,5 +63,6 @@ def _windows(card: dict[str, Any], tensors: dict[str, Tensor]) -> WindowSet:
         sample_rate=float(card["sample_rate"]),
         channels=tuple(card["channels"]),
         unit=str(card["unit"]),
-        manifest=tuple(card["manifest"]),
+        manifest=card["manifest"],
+        content=join_manifests([card["content"]]),
     )

@@ -12,7 +12,7 @@ from jaxtyping import Shaped
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.windows.grouping import group_name, require_measured, window_groups
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.recordings import best_test_rows
+from swashtwin.recordings import best_test_rows, join_manifests, say_seen, seen_recordings
 
 
 def split_by_recording(
@@ -37,8 +37,8 @@ def split_by_recording(
     group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only), ``"condition"`` (one
         speed and pressure on one side only), or any group by recording id (`recording_groups`). A recording never
         stands on both sides, whichever it is.
-    keep_in_training : ids of recordings that must not be tested on, such as the manifest of synthetic windows that the
-        training set will get. Their groups stay in the training set, and the rest is split.
+    keep_in_training : recordings (a manifest, or ids) that must not be tested on, such as the manifest of synthetic
+        windows that the training set will get. Their groups stay in the training set, and the rest is split.
 
     Raises
     ------
@@ -53,7 +53,8 @@ def split_by_recording(
     windows.require_labels("a split by class")
     groups = window_groups(windows, group)
     _require_two_groups(windows, groups, f"{group_name(group)}(s)")
-    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, sorted(set(keep_in_training)))])
+    kept = sorted(seen_recordings(join_manifests([keep_in_training]), windows.recordings))
+    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, kept)])
     if is_kept.any():
         _require_two_groups(
             windows.subset(~is_kept), groups[~is_kept], f"{group_name(group)}(s) without a part in synthetic ones"
@@ -104,10 +105,8 @@ def check_disjoint(train: WindowSet, test: WindowSet) -> None:
     """
     if test.synthetic.any():
         raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; a test set holds measured windows only.")
-    shared = sorted(set(train.recording_id.tolist()) & set(test.recording_id.tolist()))
-    if shared:
-        more = f" and {len(shared) - 1} more" if len(shared) > 1 else ""
-        raise LeakError(f"recording {shared[0]}{more} stands in training and in test; split by recording.")
+    if shared := seen_recordings(train.recordings, test.recordings):
+        raise LeakError(f"{say_seen(shared)} stands in training and in test; split by recording.")
     trained = {window.tobytes(): name for window, name in zip(train.signal, train.recording_id, strict=True)}
     for window, name in zip(test.signal, test.recording_id, strict=True):
         twin = trained.get(window.tobytes())

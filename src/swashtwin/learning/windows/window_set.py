@@ -2,8 +2,8 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
+from swashtwin.recordings import Manifest, join_manifests
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,15 @@ class WindowSet:
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
     """Unit of every channel."""
-    manifest: tuple[str, ...] = ()
-    """Recordings that had a part in the windows without standing in them, sorted: those that a twin was calibrated on,
-    and those that lent a synthetic window its noise. Training on the windows is training on these."""
+    manifest: Manifest | Iterable[str] = field(default_factory=dict)
+    """Recordings that had a part in the windows without standing in them (`swashtwin.recordings.Manifest`, or ids):
+    those that a twin was calibrated on, and those that lent a synthetic window its noise. Training on the windows is
+    training on these."""
+    content: Manifest = field(default_factory=dict)
+    """Hashes of the content of the recordings that the windows were cut from, by id; what is missing goes by name."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "manifest", join_manifests([self.manifest]))
         if self.signal.ndim != 3 or self.signal.shape[1] != len(self.channels):
             raise DataError(
                 f"signal has shape {self.signal.shape}; with {len(self.channels)} channel name(s) it must be "
@@ -91,6 +96,16 @@ class WindowSet:
         if len(self) and not -1 <= self.target.min() <= self.target.max() < len(self.classes):
             raise DataError(f"target holds indices outside -1...{len(self.classes) - 1}.")
 
+    @property
+    def recordings(self) -> dict[str, tuple[str, ...]]:
+        """The recordings that the windows were cut from, with the hashes of their content."""
+        return {name: tuple(self.content.get(name, ())) for name in np.unique(self.recording_id).tolist()}
+
+    @property
+    def sources(self) -> dict[str, tuple[str, ...]]:
+        """Every recording behind the windows: those that they were cut from, and the manifest."""
+        return join_manifests([self.recordings, self.manifest])
+
     def __len__(self) -> int:
         return int(self.signal.shape[0])
 
@@ -103,7 +118,11 @@ class WindowSet:
         if difference := self.layout.difference(other.layout):
             raise InputError(f"windows cannot be joined: {difference}; cut the second with like= the first.")
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
-        return self._with(arrays | {"manifest": tuple(sorted({*self.manifest, *other.manifest}))})
+        joined = {
+            "manifest": join_manifests([self.manifest, other.manifest]),
+            "content": join_manifests([self.content, other.content]),
+        }
+        return self._with(arrays | joined)
 
     def _with(self, changes: dict[str, Any]) -> "WindowSet":
         values = {item.name: getattr(self, item.name) for item in fields(self)}

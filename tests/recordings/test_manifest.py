@@ -1,0 +1,67 @@
+"""Recordings are known by their content, whatever their files are called."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swashtwin.recordings import (
+    BLOCK,
+    Recording,
+    join_manifests,
+    load_recording,
+    manifest_of,
+    repeated_recordings,
+    seen_recordings,
+    write_recording,
+)
+
+
+def measured(name: str = "a", *, seed: int = 0, count: int = 500) -> Recording:
+    signal = np.random.default_rng(seed).normal(size=(2, count)).round(6)
+    return Recording(signal, 1000.0, name, channels=("x", "y"))
+
+
+def written(recording: Recording, path: Path) -> Path:
+    write_recording(recording, path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".csv", ".npz", ".parquet"])
+def test_a_renamed_copy_in_another_format_is_the_same_recording(tmp_path, suffix):
+    again = load_recording(written(measured(), tmp_path / f"renamed{suffix}")).replace(recording_id="renamed")
+    assert seen_recordings(manifest_of([measured()]), manifest_of([again])) == {"renamed": "a"}
+
+
+def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_were_made_of(tmp_path):
+    path = written(measured(), tmp_path / "a.h5")
+    hashes = measured().content_hashes()
+    assert load_recording(path, resample="500 Hz").content_hashes() == hashes
+    assert load_recording(path).picked(["y"]).content_hashes() == hashes[1:]
+    assert measured().picked(["y"]).content_hashes() == hashes[1:]
+    assert load_recording(path, resample="500 Hz").picked(["y"]).content_hashes() == hashes[1:]
+    assert measured().slice(10, 90).content_hashes() == hashes
+    filtered = measured().replace(signal=2 * measured().signal)
+    assert pickle.loads(pickle.dumps(filtered)).content_hashes() == hashes
+    assert measured().replace(signal=2 * measured().signal, recording_id="b").content_hashes() != hashes
+
+
+def test_blocks_do_not_change_a_hash_nor_does_the_sign_of_zero():
+    signal = np.zeros((1, BLOCK + 7))
+    signal[0, 5] = 1.0
+    negative = np.where(signal == 0, -0.0, signal)
+    assert Recording(signal, 1.0, "a").content_hashes() == Recording(negative, 1.0, "b").content_hashes()
+
+
+def test_a_channel_that_never_changes_makes_no_two_recordings_one():
+    first, second = (Recording(np.stack([np.zeros(9), np.arange(9.0) + n]), 1.0, "a", ("x", "y")) for n in (0, 1))
+    assert not set(first.content_hashes()) & set(second.content_hashes())
+
+
+def test_one_name_for_two_contents_is_two_recordings_and_a_name_alone_is_believed():
+    first, other = manifest_of([measured("a")]), manifest_of([measured("a", seed=1)])
+    assert seen_recordings(first, other) == {}
+    assert seen_recordings(["a"], other) == {"a": "a"}
+    assert seen_recordings(first, {"a": ()}) == {"a": "a"}
+    assert repeated_recordings(join_manifests([first, manifest_of([measured("b")])])) == {"b": "a"}

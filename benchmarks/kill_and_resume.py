@@ -52,7 +52,8 @@ COMMANDS: Mapping[str, Callable[[Path], str]] = {
 """Each command, for the folder of a rig."""
 
 _VOLATILE = re.compile(
-    rb'"(wall_s|cpu_s|command)": ("[^"]*"|[\d.e+-]+)|[\d.,]+ (ms|s|min|h)\b|took [^<.]*|date="[^"]*"|swashtwin [^<"]*'
+    rb'"(wall_s|cpu_s|command)": ("[^"]*"|[\d.e+-]+|\{[^}]*\})|[\d.,]+ (ms|s|min|h)\b|took [^<.]*|date="[^"]*"|'
+    rb'swashtwin [^<"]*'
 )
 """What may differ between two undisturbed runs: durations, and the command line with its folders."""
 

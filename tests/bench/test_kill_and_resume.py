@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from swashtwin.bench.questions import tuning
 from swashtwin.foundation import stream
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -23,3 +24,16 @@ def test_killed_commands_go_on_to_the_same_bytes(monkeypatch: pytest.MonkeyPatch
     rows = kill_and_resume.kill_and_resume(2, seed=0, commands=("convert",), recordings=tmp_path)
     assert sum(row.kills for row in rows) == 2
     assert [row for row in rows if not row.is_sound] == []
+
+
+def test_a_search_goes_on_after_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    journal = tmp_path / "tune" / "search.journal"
+    search = tuning._open_search(journal, "search", 0)
+    for _ in range(2):
+        search.tell(search.ask(), 1.0)
+    journal.write_bytes(journal.read_bytes()[:-17])
+    for _ in range(2):  # the second time reads what was written after the half line
+        search = tuning._open_search(journal, "search", 0)
+        search.tell(search.ask(), 1.0)
+    assert [trial.state.name for trial in search.trials].count("COMPLETE") == 3
+    assert list(tmp_path.rglob("*.*")) == [journal]

@@ -22,7 +22,7 @@ from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.dataset import prepare
 from swashtwin.bench.studies.sources import SameRecordings, Source
 from swashtwin.bench.studies.workers import Workers
-from swashtwin.foundation import VERSION, InputError, MissingExtraError, derive_seed
+from swashtwin.foundation import VERSION, InputError, MissingExtraError, derive_seed, replacing
 from swashtwin.learning import NETWORKS, WindowSet, evaluate, group_folds
 from swashtwin.recordings import Recording
 
@@ -203,17 +203,28 @@ def _open_search(path: Path, name: str, seed: int) -> "optuna.Study":
     try:
         import optuna
         from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
+        from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
     except ImportError as cause:
         raise MissingExtraError('a search needs optuna: pip install "swashtwin[search]".') from cause
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     path.parent.mkdir(parents=True, exist_ok=True)
-    storage = JournalStorage(JournalFileBackend(str(path)))
+    _cut_half_line(path)
+    lock = JournalFileOpenLock(str(path))  # optuna's usual lock is a link, which Windows lets few users make
+    storage = JournalStorage(JournalFileBackend(str(path), lock))
     search = optuna.create_study(study_name=name, storage=storage, direction="maximize", load_if_exists=True)
     search.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, "tuning", len(search.trials)) % 2**32)
     if not any(_is_unchanged(trial) and trial.state.name in ("COMPLETE", "WAITING") for trial in search.trials):
         search.enqueue_trial({}, user_attrs={UNCHANGED: True})
     return search
+
+
+def _cut_half_line(path: Path) -> None:
+    """Leave out the last line of a journal whose writing was killed; optuna would join it with the next."""
+    content = path.read_bytes() if path.is_file() else b""
+    whole = content[: content.rfind(b"\n") + 1]
+    if whole != content:
+        with replacing(path) as temporary:
+            temporary.write_bytes(whole)
 
 
 def _is_unchanged(trial: "optuna.Trial | optuna.trial.FrozenTrial") -> bool:

@@ -4,9 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from swashtwin.foundation import MPa, file_name, rpm, stream
+import pytest
+
+from swashtwin.foundation import DataError, MPa, file_name, rpm, stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
+from swashtwin.recordings.index import save_index
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 COMMANDS = (
@@ -43,3 +46,9 @@ def test_names_of_machines_become_names_that_every_system_takes() -> None:
     files = [file_name(name) for name in names]
     assert files == ["_pump", "a_b", "CON_", "lpt1_.old", "x" * 100, "end._", "_", "Größe_1"]
     assert [file_name(file) for file in files] == files
+
+
+def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> None:
+    index = {"format": 1, "recording": [{"file": "Pr\udcfcfung_1.csv"}]}
+    with pytest.raises(DataError, match=r"'Pr\\udcfcfung_1.csv' is no name in Unicode.*rename the file"):
+        save_index(index, tmp_path / "recordings.toml")

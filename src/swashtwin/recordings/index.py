@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -26,6 +27,7 @@ from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.store import is_store
 
 INDEX_NAME = "recordings.toml"
+_NO_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
 _LOSSLESS = (".h5", ".hdf5")
 
 
@@ -82,7 +84,10 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     """Path of the index file, which is replaced only when the new one is complete."""
     import tomli_w
 
-    return write_text(Path(path), tomli_w.dumps(dict(index)))
+    text = tomli_w.dumps(dict(index))
+    if name := _NO_UNICODE.search(text):
+        raise DataError(f"{path}: {name[0]!r} is no name in Unicode, which an index cannot hold; rename the file.")
+    return write_text(Path(path), text)
 
 
 def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterable[str], path: Path | str) -> Path:

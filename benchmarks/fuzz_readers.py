@@ -1,18 +1,24 @@
-"""Feed the readers mutated and truncated files, and count what comes of it.
+"""Attack the readers and the models, and make one table of what comes of it.
 
-    python benchmarks/fuzz_readers.py --count 2000 --format all
+    python benchmarks/fuzz_readers.py --count 2000 --jobs 2 --out docs/robustness.md
 
-A file must be refused in one line by a SwashTwinError, or read. What is read may hold other samples where its format
-has no checksum of them (`CHECKED` names those that have), but never another sample rate. The only exceptions, counted
-apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, in which nothing has a checksum, so
-that changed bytes (not missing ones) that state the rate, or say where it stands, cannot be told from true ones unless
-the rate is absurd; and TDMS files of which only one channel is left, so that no other contradicts. A crash, a hang,
-another exception or a silently wrong rate is a failure. Each format is fuzzed in a process of its own, so that a crash
-is seen.
+Of the files of each format three quarters are mutated (bytes changed, left out, repeated; files cut off), and one
+quarter is whole but lies (`lying_files`): rates, units, shapes, number types and facts that cannot be or contradict.
+Then come files that ask for too much memory or time (`bombs`), models whose card or weights were changed and sealed
+again (`hostile_models`), commands that are killed (`kill_and_resume`), and trainings in threads.
+
+A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length and the samples that
+it states. A mutated file of a format without a checksum may hold other samples, but not another rate. The only
+exceptions, counted apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, and
+uncompressed MATLAB files, in which nothing has a checksum, so that changed bytes (not missing ones) that state the
+rate, or say where it stands, cannot be told from true ones unless the rate is absurd; and TDMS files of which only one
+channel is left, so that no other contradicts. A crash of this process, a hang, another exception or something silently
+wrong is a failure. Each format is fuzzed in a process of its own, so that a crash is seen.
 """
 
 import argparse
 import gzip
+import io
 import json
 import subprocess
 import sys
@@ -21,22 +27,36 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from select import select
 
 import h5py
 import numpy as np
+from lying_files import LIES, Truth
 
 from swashtwin.foundation import SwashTwinError
 from swashtwin.recordings import Recording, join_blocks, load_recording, load_recordings, write_recording, write_store
 
 RATE = 25600.0
-TELLS_ONCE = ("mat73", "hdf5_foreign")
+TELLS_ONCE = ("mat73", "hdf5_foreign", "mat5_plain")
 """Formats whose rate stands in one place, found by addresses, and of which nothing has a checksum."""
 CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
 """Formats with checksums of everything, which must never be read as anything else than what was written."""
-FAILURES = ("wrong_rate", "wrong_samples", "exception", "two_lines", "crash", "hang")
+FAILURES = ("wrong_rate", "wrong_samples", "wrong_unit", "exception", "two_lines", "crash", "hang")
+SILENT = ("wrong_rate", "wrong_samples", "wrong_unit")
 _PATIENCE = 90.0
+ATTACKS = {"bombs": 35, "models": 120, "threads": 8}
+"""What is tried beside the formats (`hostile_files`), and how often."""
+MARK = "<!-- table of benchmarks/fuzz_readers.py -->"
+LYING = 4
+"""Each so many files one is whole and lies."""
+STATES_UNIT = (
+    "csv", "csv_gz", "mat5", "mat5_plain", "hdf5", "hdf5_foreign", "tdms", "uff", "parquet", "npz", "mdf", "store",
+)  # fmt: skip
+"""Formats that state the unit."""
 _WORDS = (b"\x00" * 4, b"\xff" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x01\x00\x00\x00", b"\xff" * 8)
 
 
@@ -75,6 +95,15 @@ def _matlab_7_3(folder: Path) -> Path:
     return path
 
 
+def _matlab_plain(folder: Path) -> Path:
+    from scipy.io import savemat
+
+    first, second = recording().signal
+    content = {"x": first, "y": second, "fs": RATE, "unit": "g", "rig": {"note": "352C33", "levels": np.arange(3.0)}}
+    savemat(folder / "a.mat", content, do_compression=False)
+    return folder / "a.mat"
+
+
 def _foreign(folder: Path) -> Path:
     with h5py.File(folder / "a.h5", "w") as file:
         file["acc"] = recording().signal
@@ -107,6 +136,7 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "csv_gz": _gzipped,
     "text_gz": _header_lines,
     "mat5": _plain("mat"),
+    "mat5_plain": _matlab_plain,
     "mat73": _matlab_7_3,
     "hdf5": _plain("h5"),
     "hdf5_foreign": _foreign,
@@ -145,31 +175,53 @@ def mutated(content: bytes, generator: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
+def loaded(name: str, path: Path, *, in_blocks: bool) -> tuple[Recording, np.ndarray]:
+    """Recording of a file and its samples, read with what a file of the format cannot state."""
+    facts = {} if name in STATES_UNIT else {"unit": "1" if name != "wav" else "m/s^2"}
+    if name == "store":
+        (result,) = load_recordings(path)
+    else:
+        channels = {"channels": ["x", "y"]} if name == "mat5_plain" and path.name != "lie.mat" else {}
+        result = load_recording(path, **facts, **channels)
+    return result, join_blocks(result.blocks()).signal if in_blocks else result.signal
+
+
 def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple[str, str]:
     """Class of what came of reading a mutated file, and what was said."""
-    facts = (
-        {}
-        if name in ("csv", "csv_gz", "mat5", "hdf5", "tdms", "uff", "parquet", "npz", "mdf", "store")
-        else {"unit": "1"}
-    )
-    facts = {} if name == "hdf5_foreign" else facts
     try:
-        if name == "store":
-            (loaded,) = load_recordings(path)
-        else:
-            loaded = load_recording(path, **facts)
-        signal = join_blocks(loaded.blocks()).signal if in_blocks else loaded.signal
+        result, signal = loaded(name, path, in_blocks=in_blocks)
     except SwashTwinError as error:
         return ("two_lines" if "\n" in str(error) else "refused"), str(error)
     except Exception as error:  # what is looked for
         return "exception", f"{type(error).__name__}: {error}"
-    if abs(loaded.sample_rate / RATE - 1) > 1e-6:
+    if abs(result.sample_rate / RATE - 1) > 1e-6:
         unchecked = name in TELLS_ONCE and len(path.read_bytes()) >= len(original)
-        alone = name == "tdms" and loaded.n_channels == 1  # the one whose rate would contradict is lost as well
-        return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{loaded.sample_rate:g} Hz"
+        alone = name == "tdms" and result.n_channels == 1  # the one whose rate would contradict is lost as well
+        return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{result.sample_rate:g} Hz"
     if name in CHECKED and not np.allclose(signal, recording().signal, rtol=0, atol=1e-9):
         return "wrong_samples", f"{signal.shape}"
+    if name in CHECKED and result.unit not in ("1", "m/s^2"):
+        return "wrong_unit", result.unit
     return "same" if signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
+
+
+def outcome_of_lie(name: str, path: Path, truth: Truth | None, *, in_blocks: bool) -> tuple[str, str]:
+    """Class of what came of reading a lying file, and what was said."""
+    try:
+        result, signal = loaded(name, path, in_blocks=in_blocks)
+    except SwashTwinError as error:
+        return ("two_lines" if "\n" in str(error) else "refused"), str(error)
+    except Exception as error:  # what is looked for
+        return "exception", f"{type(error).__name__}: {error}"
+    if truth is None:
+        return "wrong_samples", f"read at {result.sample_rate:g} Hz in {result.unit}, but contradicts itself"
+    if not abs(result.sample_rate / truth.rate - 1) <= 1e-5:
+        return "wrong_rate", f"{result.sample_rate:g} Hz, not {truth.rate:g} Hz"
+    if result.unit != truth.unit:
+        return "wrong_unit", f"{result.unit!r}, not {truth.unit!r}"
+    if signal.shape != truth.signal.shape or not np.allclose(signal, truth.signal, rtol=1e-6, atol=1e-9):
+        return "wrong_samples", f"{signal.shape}, not {truth.signal.shape}"
+    return "read", ""
 
 
 def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Callable[[int, str, str], None]) -> None:
@@ -182,9 +234,14 @@ def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Cal
         raise ValueError(f"the valid {name} file is {kind}: {message}")
     for number in range(first, first + count):
         generator = np.random.default_rng([seed, *name.encode(), number])
-        path = folder / f"mutated_{number}{suffix}"
-        path.write_bytes(mutated(content, generator))
-        report(number, *outcome(name, path, content, in_blocks=number % 2 == 1))
+        in_blocks = number % 2 == 1
+        if name in LIES and number % LYING == 0:
+            path, truth = LIES[name](folder, generator)
+            report(number, *outcome_of_lie(name, path, truth, in_blocks=in_blocks))
+        else:
+            path = folder / f"mutated_{number}{suffix}"
+            path.write_bytes(mutated(content, generator))
+            report(number, *outcome(name, path, content, in_blocks=in_blocks))
         path.unlink(missing_ok=True)
 
 
@@ -236,34 +293,74 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
     }
 
 
+def _print_rows(rows: list[dict[str, object]]) -> None:
+    print(MARK)
+    print("| what | tried | refused | crashes | tracebacks | silent wrong | hangs | seconds |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for row in rows:
+        counts = row["outcomes"]
+        assert isinstance(counts, dict)
+        cells = [
+            row["format"], row["count"], counts.get("refused", 0), counts.get("crash", 0),
+            counts.get("exception", 0) + counts.get("two_lines", 0), sum(counts.get(kind, 0) for kind in SILENT),
+            counts.get("hang", 0), row["seconds"],
+        ]  # fmt: skip
+        print("| " + " | ".join(str(cell) for cell in cells) + " |")
+
+
+def _write_table(path: Path, rows: list[dict[str, object]]) -> None:
+    """Replace the table of a page, which begins at `MARK` and ends at an empty line."""
+    text = io.StringIO()
+    with redirect_stdout(text):
+        _print_rows(rows)
+    before, _, after = path.read_text(encoding="utf-8").partition(MARK)
+    path.write_text(before + text.getvalue() + "\n" + after.partition("\n\n")[2], encoding="utf-8")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=2000, help="mutated files of each format")
-    parser.add_argument("--format", default="all", choices=["all", *FORMATS])
+    parser.add_argument("--count", type=int, default=2000, help="files of each format")
+    parser.add_argument("--format", default="all", choices=["all", *FORMATS, *ATTACKS], help="only this one")
+    parser.add_argument("--kills", type=int, default=50, help="commands that are killed; 0 for none")
+    parser.add_argument("--jobs", type=int, default=1, help="formats at the same time")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--out", type=Path, help="page whose table is replaced")
     parser.add_argument("--inside", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
         name, first, count, seed = options.inside
         with tempfile.TemporaryDirectory() as folder:
-            fuzz(name, int(first), int(count), int(seed), Path(folder),
-                 lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
+            source = fuzz if name in FORMATS else getattr(import_module("hostile_files"), name)
+            source(name, int(first), int(count), int(seed), Path(folder),
+                   lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
         return 0
-    results = []
-    for name in FORMATS if options.format == "all" else [options.format]:
-        results.append(_run(name, options.count, options.seed))
-        if not options.json:
-            result = results[-1]
-            print(
-                f"{name:13s} {result['seconds']:7.1f} s  slowest {result['slowest_s']:.2f} s  {result['outcomes']}",
-                flush=True,
-            )
-            for failure in results[-1]["failures"][:8]:
-                print("   ", failure, flush=True)
-    if options.json:
-        print(json.dumps({"rate": RATE, "seed": options.seed, "results": results}))
-    return int(any(result["failures"] for result in results))
+    counts = dict.fromkeys(FORMATS, options.count) | ATTACKS
+    names = [*FORMATS, *ATTACKS] if options.format == "all" else [options.format]
+    with ThreadPoolExecutor(options.jobs) as threads:
+        rows = list(threads.map(lambda name: _run(name, counts[name], options.seed), names))
+    if options.format == "all" and options.kills:
+        rows.append(_killed_commands(options.kills))
+    _print_rows(rows)
+    for row in rows:
+        for failure in row["failures"][:8]:
+            print(row["format"], failure)
+    if options.out:
+        _write_table(options.out, rows)
+    return int(any(row["failures"] for row in rows))
+
+
+def _killed_commands(count: int) -> dict[str, object]:
+    """Outcomes of `kill_and_resume`, which ends with 0 where each command went on to the undisturbed result."""
+    started = time.perf_counter()
+    script = Path(__file__).with_name("kill_and_resume.py")
+    run = subprocess.run(
+        [sys.executable, str(script), "--count", str(count)], capture_output=True, text=True, check=False
+    )
+    said = (run.stdout + run.stderr).splitlines()[-3:]
+    failures = [{"number": 0, "kind": "wrong_samples", "said": " ".join(said)}] if run.returncode else []
+    outcomes = {"wrong_samples": len(failures)}
+    seconds = round(time.perf_counter() - started, 1)
+    return {"format": "kill -9", "count": count, "outcomes": outcomes, "failures": failures, "seconds": seconds}
 
 
 if __name__ == "__main__":

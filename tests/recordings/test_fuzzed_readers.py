@@ -10,8 +10,8 @@ import pytest
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "fuzz_readers.py"
 FORMATS = (
-    "csv", "csv_gz", "text_gz", "mat5", "mat73", "hdf5", "hdf5_foreign", "store", "wav", "tdms", "uff", "parquet",
-    "npz", "mdf",
+    "csv", "csv_gz", "text_gz", "mat5", "mat5_plain", "mat73", "hdf5", "hdf5_foreign", "store", "wav", "tdms", "uff",
+    "parquet", "npz", "mdf",
 )  # fmt: skip
 
 
@@ -22,7 +22,9 @@ def fuzzer() -> ModuleType:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["fuzz_readers"] = module
+    sys.path.insert(0, str(SCRIPT.parent))
     spec.loader.exec_module(module)
+    sys.path.remove(str(SCRIPT.parent))
     return module
 
 

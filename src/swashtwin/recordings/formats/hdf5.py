@@ -113,7 +113,10 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     channels, attributes = json.loads(stated["channels"]), json.loads(stated["attributes"])
     factors = [float(factor) for factor in stated.get("factor", np.ones(len(channels)))]
     lengths = {len(channels), len(factors), *signal.shape[:1]}
-    if not (_are_texts(channels) and isinstance(attributes, dict) and signal.ndim == 2 and len(lengths) == 1):
+    if not np.isfinite(factors).all():
+        raise ArtifactError(f"{path} is damaged: a factor of its channels is no number ({factors}).")
+    texts = isinstance(channels, list) and isinstance(attributes, dict) and _are_texts(channels, *attributes.values())
+    if not (texts and signal.ndim == 2 and len(lengths) == 1):
         raise ArtifactError(f"{path} is damaged: its channels, factors or attributes are not what they should be.")
     facts: dict[str, Any] = {
         "recording_id": str(_text(stated["recording_id"])),
@@ -136,8 +139,8 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     return RawFile(named, float(stated["sample_rate"]), units, attributes, facts, speed)
 
 
-def _are_texts(values: Any) -> bool:
-    return isinstance(values, list) and all(isinstance(value, str) for value in values)
+def _are_texts(channels: list[Any], *values: Any) -> bool:
+    return all(isinstance(value, str) for value in (*channels, *values))
 
 
 def _text(value: Any) -> str | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from swashtwin.foundation import ArtifactError, DataError, InputError
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_rates
 from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples
@@ -43,6 +43,7 @@ def _recording(path: Path, raw: RawFile) -> Recording:
     facts = raw.facts
     if "recording_id" not in facts or raw.sample_rate is None:
         raise DataError(f"{path} is no recording of swashtwin.")
+    require_plausible_rates(path, raw)
     columns = Columns(tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds)
     name = facts["recording_id"]
     return Recording(

@@ -10,7 +10,7 @@ from typing import Any
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, replacing
 from swashtwin.recordings.formats.lossless import read_header
-from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_rates
 from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.recording import Recording
 
@@ -38,8 +38,6 @@ _FORMATS = {
 }
 _registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
-_RATES = (1e-3, 1e9)
-"""Sample rates that anything measures at [Hz]."""
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 """Suffixes of the files that a recording can be written to."""
 
@@ -126,9 +124,7 @@ def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options
         ) from cause
     if not raw.columns:
         raise DataError(f"{path} holds no vector of numbers.")
-    for rate in (raw.sample_rate, *raw.rates.values()):
-        if rate is not None and not _RATES[0] <= rate <= _RATES[1]:
-            raise DataError(f"{path} states a sample rate of {rate:g} Hz; the file is damaged, or its time no time.")
+    require_plausible_rates(path, raw)
     return raw
 
 

@@ -21,7 +21,7 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFil
     A matrix yields one column for each of its longer side's vectors, called ``H(:,1)`` as MATLAB writes it. A rate or a
     unit holds for the vectors of its structure (``a.fs`` for ``a.x``) and of those within; one with the name of a
     vector (``x_fs``, ``fs_x``) for that vector only. The only
-    rate in a file holds for all its vectors.
+    rate in a file holds for all its vectors where none has one of its own.
 
     Raises
     ------
@@ -43,8 +43,8 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFil
             units[name] = unit
     facts.pop("unit", None)
     general = {rate for name, rate in stated_rates.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
-    if len(general) == 1:
-        rates = {**dict.fromkeys(columns, general.pop()), **rates}
+    if len(general) == 1 and not rates:
+        rates = dict.fromkeys(columns, general.pop())
     return RawFile(columns, None, units, facts, rates=rates)
 
 

@@ -151,7 +151,25 @@ SolverName = Annotated[Solver, typer.Option(help="Method that solves the equatio
 Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
 
 SampleRate = Annotated[str | None, typer.Option(help='Sample rate where files do not state it: "25.6 kHz".')]
-Unit = Annotated[str | None, typer.Option(help='Unit of the samples where files do not state it: "g", "m/s^2", "1".')]
+
+
+def _sample_unit(text: str | None) -> str | None:
+    """The same unit, refused before any work where no sensor has it."""
+    if text is not None:
+        from swashtwin.foundation import UnitError
+        from swashtwin.recordings import require_sample_unit
+
+        try:
+            require_sample_unit(text)
+        except UnitError as cause:
+            raise typer.BadParameter(str(cause)) from cause
+    return text
+
+
+Unit = Annotated[
+    str | None,
+    typer.Option(help='Unit of the samples where files do not state it: "g", "m/s^2", "1".', callback=_sample_unit),
+]
 CalibrationFactor = Annotated[
     str | None,
     typer.Option(help='Quantity of one unit in the file (full scale of an integer WAV): "50 m/s^2".'),

@@ -48,6 +48,9 @@ def index(
     resample: Resample = None,
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
+    pressure_unit: Annotated[
+        str | None, typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".')
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -75,17 +78,20 @@ def index(
             resample=resample,
             speed=speed,
             discharge_pressure=pressure,
+            pressure_unit=pressure_unit,
             index_folder=path.parent,
             ask=ask,
         )
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
     result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
-    result |= {"fact_sources": list(proposal.facts), "skipped": list(proposal.skipped)}
+    result |= {"fact_sources": list(proposal.facts), "skipped": list(proposal.skipped), "notes": list(proposal.notes)}
 
     def show() -> None:
         for reason in proposal.skipped:
             note(f"left out: {reason}")
+        for remark in proposal.notes:
+            note(f"note: {remark}")
         for sentence in proposal.facts:
             say(sentence)
         say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")

@@ -12,6 +12,7 @@ from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
+from .formats.raw import require_sample_unit as require_sample_unit
 from .formats.registry import WRITABLE as WRITABLE
 from .formats.registry import open_raw as open_raw
 from .formats.registry import register_format as register_format
@@ -80,6 +81,7 @@ __all__ = [
     "refuse_unfit",
     "register_format",
     "repeated_recordings",
+    "require_sample_unit",
     "save_index",
     "say_seen",
     "seen_recordings",

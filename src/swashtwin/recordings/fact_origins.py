@@ -27,12 +27,14 @@ def facts_of(
     *,
     pattern: str | None,
     table: bool,
+    in_file: Iterable[str],
 ) -> Facts:
     """Value and origin of each fact that the entry of a file will have."""
     origin = "the table" if table else "the pattern" if pattern else "its name"
     facts: Facts = {key: (_words(value), _FLAG) for key, value in defaults.items()}
     facts |= {key: (_words(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
     facts |= {f"attribute {key}": (str(value), origin) for key, value in entry.get("attributes", {}).items()}
+    facts |= {key: (facts[key][0], "the file") for key in in_file}
     folder = Path(name).parent.name
     if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
         facts["label"] = (str(entry["label"]), "the folder's name")

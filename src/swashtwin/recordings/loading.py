@@ -25,6 +25,12 @@ _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_te
 _RATE_TOLERANCE = 1e-3
 _FIRST = 4096
 """Samples that show whether a channel holds integers."""
+_OTHER_QUANTITY = re.compile(
+    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment)"
+    r"(?:[^a-z]|$)",
+    re.IGNORECASE,
+)
+"""Names of channels that are no vibration."""
 _FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -141,6 +147,8 @@ def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
 def _matching(raw: RawFile, channel: str | int) -> list[str]:
     """Columns that a name, a pattern or a number stands for."""
     names = list(raw.columns)
+    if isinstance(channel, str) and channel.isdecimal() and channel not in names:
+        channel = int(channel)
     if isinstance(channel, int):
         return [names[channel]] if 0 <= channel < len(names) else []
     if channel in names:
@@ -196,18 +204,37 @@ def scale(raw: RawFile, entry: Entry, chosen: Sequence[str], where: str) -> tupl
                 f'{where} holds integers without a scale; add calibration_factor = "50 m/s^2" (what full scale stands '
                 'for), or unit = "1" where nobody knows.'
             )
+        if entry.unit is not None and entry.channels is None and len(chosen) > 1:
+            _require_vibration(raw, entry.unit, chosen, where)
         pairs = [(1.0, _unit(raw.units.get(name), entry.unit, name, where)) for name in chosen]
-    factors, units = [], set()
-    for number, unit in pairs:
+    factors: list[float] = []
+    names: dict[str, list[str]] = {}
+    for (number, unit), name in zip(pairs, chosen, strict=True):
         factor = acceleration_factor(unit)
         factors.append(number * (1.0 if factor is None else factor))
-        units.add(unit if factor is None else "m/s^2")
-    if len(units) > 1:
+        names.setdefault(unit if factor is None else "m/s^2", []).append(name)
+    if len(names) > 1:
+        listed = "; ".join(f"{unit}: {', '.join(names[unit])}" for unit in sorted(names))
         raise DataError(
-            f"{where}: the channels have different units ({', '.join(sorted(units))}); "
-            "name those of one unit with channels = [...]."
+            f"{where}: the channels have different units ({listed}); name those of one unit with channels = [...]."
         )
-    return factors, units.pop()
+    return factors, next(iter(names))
+
+
+def _require_vibration(raw: RawFile, unit: str, chosen: Sequence[str], where: str) -> None:
+    """Refuse to give the unit of an acceleration to all channels of a file where some are of another quantity."""
+    others = [
+        name
+        for name in chosen
+        if (name in raw.units and acceleration_factor(raw.units[name]) is None)
+        or (name not in raw.units and _OTHER_QUANTITY.search(name))
+    ]
+    if acceleration_factor(unit) is not None and others and len(others) < len(chosen):
+        vibration = [name for name in chosen if name not in others]
+        raise DataError(
+            f"{where}: {others[0]!r} is no acceleration, and unit = {unit!r} is for all channels; name the others with "
+            f"channels = [...]: {', '.join(vibration[:6])}."
+        )
 
 
 def _unit(in_file: str | None, in_index: str | None, name: str, where: str) -> str:

@@ -100,6 +100,26 @@ def acceleration_factor(unit: str) -> float | None:
         return None
 
 
+SAMPLE_UNITS = (
+    "m/s^2", "g", "mg", "mm/s^2", "m/s", "mm/s", "um/s", "mm", "um", "Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi",
+    "V", "mV", "A", "mA", "N", "kN", "N*m", "rpm", "Hz", "degC", "1",
+)  # fmt: skip
+"""Units that an option may name for samples; 1 is a plain number."""
+
+
+def require_sample_unit(text: str) -> None:
+    """Refuse a unit that no sensor of a machine has, such as a furlong, before anything is read.
+
+    Raises
+    ------
+    UnitError
+        It is none of `SAMPLE_UNITS`, in any spelling of them.
+    """
+    plain = text.strip().casefold().replace("²", "^2").replace("µ", "u").replace("s2", "s^2")
+    if plain not in [name.casefold() for name in SAMPLE_UNITS]:
+        raise UnitError(f"unit = {text!r} is none of {', '.join(SAMPLE_UNITS)} (a plain number).")
+
+
 def known_unit(text: object) -> str | None:
     """The unit that a file names, or None where the text is no unit."""
     unit = str(text).strip()

@@ -1,0 +1,220 @@
+"""Facts that people write into file names, tables and headers, as keys of an index entry."""
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import regex
+
+from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text
+from swashtwin.pump import is_healthy
+from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.raw import RawFile
+from swashtwin.recordings.formats.registry import stem_of
+from swashtwin.recordings.formats.tables import split_unit
+
+PRESSURES = ("discharge_pressure", "suction_pressure", "case_pressure")
+"""Keys whose bare numbers have no usual unit: MPa and bar are both in use."""
+_BARE_UNITS = {"speed": "rpm", "sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
+_GROUPS = {"pressure": "discharge_pressure", "temperature": "oil_temperature"}
+"""Short names that a pattern may use."""
+_PRESSURE_UNIT = r"(?:MPa|kPa|hPa|mbar|bar|psi)"
+_SPEED_UNIT = r"(?:rpm|r_min|U_min|1_min|min-1|Upm)"
+_UNITS_OF = dict.fromkeys(PRESSURES, _PRESSURE_UNIT)
+_UNITS_OF |= {
+    "speed": rf"(?:{_SPEED_UNIT}|Hz)",
+    "sample_rate": "k?Hz",
+    "resample": "k?Hz",
+    "oil_temperature": "degC|°C",
+}
+_NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
+_IN_NAMES = {
+    "speed": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_SPEED_UNIT})(?![A-Za-z])",
+    "discharge_pressure": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_PRESSURE_UNIT})(?![A-Za-z])",
+}
+_IN_HEADERS = {
+    "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
+    "discharge_pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
+    "oil_temperature": r"oil[ _-]?temp|öltemp",
+    "sample_rate": r"abtast(?:rate|frequenz)|sampl\w*[ _-]?(?:rate|freq)",
+}
+_SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
+_ENTRY_KEYS = {field.name for field in fields(Entry)}
+_PATIENCE = 1.0
+"""Seconds that a pattern may search in one path."""
+
+
+def facts_of_name(name: str, pattern: str | None) -> dict[str, Any]:
+    """Facts that a file's relative path states.
+
+    Parameters
+    ----------
+    pattern : regular expression whose named groups are the facts; without it the label is the folder's name or the
+        words of the file name, beside speed and pressure with their units.
+
+    Raises
+    ------
+    InputError
+        The pattern is none, or takes too long.
+    DataError
+        The path does not match it.
+    """
+    if pattern is not None:
+        return _matched(name, pattern)
+    path = Path(name)
+    texts, words = {}, stem_of(path)
+    for key, expression in _IN_NAMES.items():
+        if match := regex.search(expression, name, regex.IGNORECASE):
+            texts[key] = f"{match[1]} {match[2]}"
+            words = regex.sub(expression, " ", words, flags=regex.IGNORECASE)
+    parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
+    parent = path.parent.name
+    return facts_of_texts({"label": parent if parent and not re.search(r"\d", parent) else "_".join(parts), **texts})
+
+
+def _matched(name: str, pattern: str) -> dict[str, Any]:
+    try:
+        match = regex.search(pattern, name, timeout=_PATIENCE)
+    except regex.error as cause:
+        raise InputError(f"label_pattern {pattern!r} is not a regular expression: {cause}.") from cause
+    except TimeoutError as cause:
+        raise InputError(
+            f"label_pattern {pattern!r} takes too long on {name!r}; a repetition within a repetition, such as (a+)+, "
+            "does this."
+        ) from cause
+    if match is None:
+        raise DataError(f"{name} does not match label_pattern {pattern!r}; correct it, or narrow include.")
+    texts: dict[str, str] = {}
+    beside: dict[str, str] = {}
+    for group, text in match.groupdict().items():
+        key = _GROUPS.get(group, group)
+        if text:
+            texts[key] = text
+            if units := _UNITS_OF.get(key):
+                after = regex.match(rf"[ _-]?({units})(?![A-Za-z])", name[match.end(group) :], regex.IGNORECASE)
+                before = regex.search(rf"(?<![A-Za-z])({units})[ _-]?$", name[: match.start(group)], regex.IGNORECASE)
+                if unit := after or before:
+                    beside[key] = unit[1]
+    return facts_of_texts(texts, beside)
+
+
+def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Facts of each file below `folder` that a table names, by the file's path relative to it.
+
+    The files are relative to the table, to `folder` or to the current folder, or are known by a name that occurs once.
+
+    Raises
+    ------
+    DataError
+        A column is missing, or no row names a file below `folder`.
+    """
+    if not table.is_file():
+        raise MissingFileError(f"{table} does not exist.")
+    text = read_text(table)
+    head = text.partition("\n")[0]
+    rows = list(csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count)))
+    header = [name for name in rows[0] if name] if rows else []
+    mapping = {"file": "file", "label": "label", **columns}
+    for key, column in mapping.items():
+        if column not in header:
+            raise DataError(f"{table} has no column {column!r} for {key}; it has {', '.join(header)}.")
+    beside = {key: unit for key, column in mapping.items() if (unit := split_unit(column)[1])}
+    root = folder.resolve()
+    by_name: dict[str, list[Path]] = {}
+    for path in root.rglob("*"):
+        by_name.setdefault(path.name, []).append(path)
+    facts = {}
+    for row in rows:
+        file = (row[mapping["file"]] or "").strip()
+        candidates = [(base / file).resolve() for base in (table.parent, folder, Path())]
+        alike = by_name.get(Path(file).name, [])
+        candidates += alike if len(alike) == 1 else []
+        path = next((path for path in candidates if path.is_file()), candidates[0])
+        if file and path.is_relative_to(root):
+            cells = {key: (row[column] or "").strip() for key, column in mapping.items() if key != "file"}
+            facts[path.relative_to(root).as_posix()] = facts_of_texts(cells, beside)
+    if not facts:
+        raise DataError(
+            f"{table} names no file below {folder}; its column {mapping['file']!r} holds paths relative to the table, "
+            f"to {folder} or to the current folder, such as {rows[0][mapping['file']] if rows else ''!r}."
+        )
+    return facts
+
+
+def facts_of_header(raw: RawFile) -> dict[str, Any]:
+    """Speed, pressure, oil temperature and rate that the header lines or the single numbers of a file state."""
+    pairs = [
+        parts
+        for line in raw.attributes.get("header", "").splitlines()
+        if len(parts := [part.strip() for part in re.split(r"[;\t]|:\s|\s*=\s*", line.strip("%#; \t"), maxsplit=1)])
+        == 2
+    ]
+    pairs += [[name.rpartition(".")[2], text] for name, text in raw.attributes.items() if name != "header"]
+    texts: dict[str, str] = {}
+    for name, text in pairs:
+        heading, unit = split_unit(name)
+        quantity = re.fullmatch(rf"({_NUMBER})\s*[;\t]?\s*(.*?)[;\s]*", str(text))
+        for key, expression in _IN_HEADERS.items():
+            if quantity is None or key in texts or not re.search(expression, heading, re.IGNORECASE):
+                continue
+            bare = "rpm" if key == "speed" and "rpm" in heading.lower() else ""
+            texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
+    facts = facts_of_texts(texts)
+    return {key: text for key, text in facts.items() if key in PRESSURES or _is_quantity(text, QUANTITIES[key])}
+
+
+def _is_quantity(text: str, unit: str) -> bool:
+    try:
+        return parse(text, unit) > 0
+    except UnitError:
+        return False
+
+
+def facts_of_texts(texts: Mapping[str, str], beside: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Entry keys and attributes; a bare number takes the unit `beside` it, or the usual one of its key.
+
+    A pressure has no usual unit, so its number stays bare.
+    """
+    facts: dict[str, Any] = {}
+    attributes: dict[str, str] = {}
+    for key, text in texts.items():
+        if not text:
+            continue
+        if key == "channels":
+            facts[key] = [part.strip() for part in text.split(";" if ";" in text else None)]
+        elif key in QUANTITIES and (match := re.fullmatch(rf"({_NUMBER})\s*(.*)", text)):
+            unit = match[2] or (beside or {}).get(key) or _BARE_UNITS.get(key, "")
+            facts[key] = f"{match[1].replace(',', '.')} {_SPELLINGS.get(unit.lower(), unit)}".strip()
+        elif key in _ENTRY_KEYS:
+            facts[key] = text
+        else:
+            attributes[key] = text
+    return facts | ({"attributes": attributes} if attributes else {})
+
+
+def bare_pressures(facts: Mapping[str, Any]) -> list[str]:
+    """Keys of pressures without a unit."""
+    return [key for key in PRESSURES if re.fullmatch(_NUMBER, str(facts.get(key, "")))]
+
+
+def label_hints(labels: Iterable[str]) -> list[str]:
+    """What looks odd about the labels: marks at their ends, and a first word that may be a machine."""
+    labels = sorted(set(labels))
+    hints = [
+        f"the class {label!r} begins or ends with a mark; let the pattern take it outside of (?P<label>...)."
+        for label in labels
+        if label != label.strip("_-. ")
+    ]
+    pairs = [label.strip("_-. ").partition("_") for label in labels]
+    firsts = sorted({first for first, _, _ in pairs})
+    whole = len(labels) > 1 and all(rest for _, _, rest in pairs)
+    if whole and (len(firsts) == 1 or any(is_healthy(rest) for _, _, rest in pairs)):
+        hints.append(
+            f"all classes begin with {', '.join(firsts[:4])}: if that is a machine, take it out of the class with "
+            "--label-pattern '(?P<specimen>[^_/]+)_(?P<label>[a-z_]+)'."
+        )
+    return hints

@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import calibrating, data, diagnosing, recordings, signal, simulating, synthesizing, training, twin
+from swashtwin.cli import (
+    calibrating,
+    data,
+    diagnosing,
+    fleet,
+    recordings,
+    signal,
+    simulating,
+    synthesizing,
+    training,
+    twin,
+)
 from swashtwin.cli.bench import plans, questions, rig
 from swashtwin.cli.console import safe_streams
 from swashtwin.cli.exits import GuardedGroup
@@ -39,7 +50,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
         {
             "simulate": simulating.simulate,
             "compare": twin.compare,
-            "calibrate-fleet": calibrating.calibrate_fleet,
+            "calibrate-fleet": fleet.calibrate_fleet,
             "severity": twin.severity,
         },
     ),

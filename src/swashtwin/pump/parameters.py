@@ -378,7 +378,7 @@ class Pump:
     """Nominal (the paper's *empirical*) values."""
     sensors: tuple[Sensor, ...]
     """Accelerometers, one channel each."""
-    rated: Rated | None = field(default=None, compare=False)
+    rated: Rated | None = field(default=None, compare=False, repr=False)
     """Operating point that it is made for, or None where its file states none."""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     """Where each number comes from, by its path such as ``masses.shell``."""

@@ -75,7 +75,8 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(fo
     line = one_line(run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3))
     assert 'add --unit "g"' in line
     (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
-    assert 'add sample_rate = "25.6 kHz"' in one_line(run(*command.split(), folder, *out, code=3))
+    said = run(*command.split(), folder, *out, code=3)
+    assert 'add sample_rate = "25.6 kHz"' in (said.stdout if command == "inspect" else one_line(said))
 
 
 def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_ask
     random = np.random.default_rng(0)
     for number in range(14):
         label, pressure = ("normal", 5) if number < 8 else ("piston", 10)
-        rows = np.full(300, 1.0) if number in (3, 4) else random.standard_normal(300)
+        rows = np.full(300, float(number)) if number in (3, 4) else random.standard_normal(300)
         (tmp_path / f"{label}_{pressure}MPa_{number}.csv").write_text("x\n" + "\n".join(f"{x:.6f}" for x in rows))
     run("index", tmp_path, *FACTS, "--speed", "860 rpm")
     short = run("inspect", tmp_path, code=3).stdout
@@ -105,6 +106,42 @@ def test_many_recordings_are_summed_up_by_class_and_condition_unless_all_are_ask
     assert "normal_5MPa_4, x: every sample is" in full
     assert "piston_10MPa_13" in full
     assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 14
+
+
+def test_inspect_names_every_file_that_cannot_be_used_and_what_differs(folder: Path) -> None:
+    run("index", folder, *FACTS)
+    (folder / "normal_1.csv").write_text("x\n1\ntext\n")
+    (folder / "piston_2.csv").unlink()
+    (folder / "normal_2.csv").write_text((folder / "normal_2.csv").read_text().replace("x", "y"))
+    report = run_json("inspect", folder, code=3)
+    kinds = [finding["kind"] for finding in report["findings"] if finding["severity"] == "error"]
+    assert kinds == ["unreadable", "unreadable", "channels"]
+    assert {record["recording_id"] for record in report["recordings"]} == {"normal_2", "piston_1"}
+    refusal = one_line(run("train", folder, "--out", folder / "m.safetensors", code=3))
+    assert "normal_1.csv" in refusal
+
+
+def test_check_answers_whether_recordings_are_sound_and_enough(folder: Path) -> None:
+    run("index", folder, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")
+    answer = run_json("check", folder, "--window", 256, "--report", folder / "page")
+    assert answer["answer"] == "The data are sound and enough to train and to test."
+    assert {use["name"]: use["state"] for use in answer["uses"]} == {
+        "training of a classifier": "yes",
+        "test on recordings that were not trained on": "yes",
+        "test on specimens that were not trained on": "no",
+        "test at operating conditions that were not trained at": "no",
+        "calibrated confidence": "no",
+        "calibration of a twin": "no",
+    }
+    assert answer["answer"] in (folder / "page" / "report.html").read_text(encoding="utf-8")
+    assert "not enough: calibrated confidence: --error-rate 0.1 needs 9" in run("check", folder).stdout
+    (folder / "piston_2.csv").unlink()
+    run("index", folder, *FACTS, "--overwrite")
+    said = run("check", folder, code=5).stdout
+    assert "The data are sound, but not enough: no test on recordings" in said
+    assert "piston: one recording only, two are needed" in said
+    (folder / "piston_1.csv").write_text((folder / "normal_1.csv").read_text())
+    assert "The data are not sound (1 finding to mend); the usable" in run("check", folder, code=3).stdout
 
 
 def test_index_says_what_it_guessed_and_asks_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,7 +165,7 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
-    user_work = ["index", "inspect", "data", "train", "evaluate", "diagnose"]
+    user_work = ["index", "inspect", "check", "data", "train", "evaluate", "diagnose"]
     assert [line.split()[1] for line in commands] == [*user_work, "twin", "twin", "twin"]
     for line in commands:
         run(*shlex.split(line)[1:])

@@ -41,6 +41,7 @@ LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
 COMMANDS: dict[str, Command] = {
     "index": Command("index csv --sample-rate '25.6 kHz' --unit m/s^2"),
     "inspect": Command("inspect pair.toml"),
+    "check": Command("check pair.toml"),
     "split": Command("data split pair.toml --out split --test-fraction 0.5"),
     "split_folds": Command("data split plant.toml --out folds --folds 2 --group specimen"),
     "convert": Command("data convert pair.toml --out store.h5"),

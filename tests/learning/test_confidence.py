@@ -22,6 +22,7 @@ from swashtwin.learning import (
     fit,
     fit_extra_trees,
     learn_confidence,
+    plan_validation,
     recording_answers,
     score_confidence,
 )
@@ -251,3 +252,19 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
     line = one_line(run("train", folder, "--validation-fraction", 0.3, "--error-rate", 0.01, *shape, code=3))
     assert "needs 99 validation recordings" in line
+    fewer = ("--validation-fraction", 0.3, "--test-fraction", 0.4, "--out", tmp_path / "m.safetensors", *shape)
+    said = run("train", folder, *fewer, "--set", "epochs=1").stderr
+    assert "--error-rate 0.1 needs 9 validation recordings, and --validation-fraction 0.3 is about" in said
+    assert "(--validation-fraction 0.5) are held out; they allow --error-rate 0.1" in said
+
+
+@pytest.mark.parametrize(
+    ("recordings", "fraction", "share", "count", "rate"),
+    [(270, 0.2, 0.2, 54, 0.1), (29, 0.2, 0.333, 9, 0.1), (24, 0.2, 0.5, 12, 0.1), (12, 0.2, 0.5, 6, 0.143)],
+)
+def test_a_validation_takes_as_many_recordings_as_the_error_rate_needs_or_what_there_is(
+    recordings: int, fraction: float, share: float, count: int, rate: float
+) -> None:
+    plan = plan_validation(recordings, 0.1, fraction)
+    assert (plan.needed, plan.fraction, plan.n_validation, plan.error_rate) == (9, share, count, rate)
+    assert plan.is_enough == (rate == 0.1)

@@ -182,10 +182,10 @@ def test_rates_that_differ_between_classes_are_an_error() -> None:
     report = inspect_recordings([good(), other])
     (rate,) = [finding for finding in report.findings if finding.kind == "rate"]
     assert rate.severity == "error"
-    assert "6400 Hz: normal; 12800 Hz: piston" in rate.message
+    assert "6400 Hz: r0 (normal); 12800 Hz: r1 (piston)" in rate.message
     assert report.has_errors
     same = inspect_recordings([good(), replace(other, label="normal")])
-    assert [finding.severity for finding in same.findings if finding.kind == "rate"] == ["warning"]
+    assert [finding.severity for finding in same.findings if finding.kind == "rate"] == ["error"]
 
 
 def test_equal_signals_under_two_names_are_an_error() -> None:

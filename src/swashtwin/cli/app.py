@@ -27,6 +27,7 @@ FIRST: Mapping[str, Callable[..., None]] = {
     "demo": rig.demo,
     "index": recordings.index,
     "inspect": recordings.inspect,
+    "check": recordings.check,
     "train": training.train,
     "evaluate": training.evaluate,
     "diagnose": diagnosing.diagnose,
@@ -84,7 +85,10 @@ app = typer.Typer(
     name="swashtwin",
     cls=GuardedGroup,
     help="Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it.",
-    epilog="Exit codes: 0 done, 1 a bug, 2 wrong command line, 3 bad data or value, 130 interrupted.",
+    epilog=(
+        "Exit codes: 0 done, 1 a bug, 2 wrong command line, 3 bad data or value, 4 no verdict, 5 too few data, "
+        "130 interrupted."
+    ),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

@@ -75,6 +75,17 @@ def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:
         note(f"left out: {names[0]}{more}: {reason}")
 
 
+def note_merged(notes: Iterable[tuple[str, str]]) -> None:
+    """Print notes on recordings to standard error, one line for equal notes of several."""
+    names_by_text: dict[str, list[str]] = {}
+    for name, text in notes:
+        names_by_text.setdefault(text, []).append(name)
+    for text, names in names_by_text.items():
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        where = names[0] if len(names) == 1 else f"in {len(names)} recordings ({', '.join(names[:3])}{more})"
+        note(f"note: {where}: {text}")
+
+
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """Print a table to standard output, numbers to the right; it is wide where no terminal limits it."""
     from rich.box import SIMPLE_HEAD

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, say, table, tell, with_bar
+from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
 from swashtwin.cli.exits import NO_VERDICT, require_files, require_target
 from swashtwin.cli.options import (
     CalibrationFactor,
@@ -24,6 +24,7 @@ from swashtwin.cli.options import (
     present,
 )
 from swashtwin.cli.sources import load_sources
+from swashtwin.cli.summaries import confidence_advice
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,7 +92,7 @@ def diagnose(
         page = _write_page(verdicts, evidence, report)
 
     def show() -> None:
-        _show_verdicts(verdicts)
+        _show_verdicts(verdicts, len(classifier.manifest))
         _note_reasons(verdicts)
         if report is not None and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
@@ -122,11 +123,10 @@ def _note_reasons(verdicts: "Sequence[Diagnosis]") -> None:
     for verdict in verdicts:
         if verdict.no_verdict is not None:
             note(f"no verdict on {verdict.recording_id}: {verdict.no_verdict}")
-        for text in verdict.notes:
-            note(f"note: {verdict.recording_id}: {text}")
+    note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
 
 
-def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
+def _show_verdicts(verdicts: "Sequence[Diagnosis]", n_trained: int) -> None:
     rows: list[tuple[object, ...]] = []
     for verdict in verdicts:
         trust = verdict.trust
@@ -141,7 +141,7 @@ def _show_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
     columns = len(header) if calibrated else len(header) - 1
     table(f"{len(rows)} recordings", header[:columns], [row[:columns] for row in rows])
     if not calibrated:
-        note("note: the model's confidence is not calibrated (train --validation-fraction 0.2 does that).")
+        note(f"note: the model's confidence is not calibrated; {confidence_advice(n_trained)}.")
 
 
 def report(

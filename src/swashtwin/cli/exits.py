@@ -14,8 +14,9 @@ from typer.core import TyperGroup
 from swashtwin.cli.advice import in_options
 from swashtwin.foundation import InputError, SwashTwinError, escape_controls
 
-BUG, BAD_DATA, NO_VERDICT, INTERRUPTED = 1, 3, 4, 130
-"""Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording has no verdict."""
+BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
+"""Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording has no verdict. 5:
+the recordings are sound, but too few."""
 
 _CLICK_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 

@@ -1,31 +1,38 @@
-"""Commands that begin a user's work: index, inspect."""
+"""Commands that begin a user's work: index, inspect, check."""
 
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swashtwin.cli.console import note, progress, say, tell
-from swashtwin.cli.exits import BAD_DATA, refuse_existing
+from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH, refuse_existing
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
+    Index,
     Json,
     Names,
     Overwrite,
+    ReportFolder,
     Resample,
     SampleRate,
+    Seed,
     Sources,
     StatedPressure,
     StatedSpeed,
     Unit,
+    Window,
     present,
     read_pairs,
 )
 from swashtwin.cli.sources import load_sources
-from swashtwin.cli.summaries import All, show_inspection
+from swashtwin.cli.summaries import All, show_check, show_inspection
+
+if TYPE_CHECKING:
+    from swashtwin.recordings import Finding
 
 
 def index(
@@ -115,10 +122,11 @@ def inspect(
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
     resample: Resample = None,
+    window: Window = 2048,
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
-    """Check recordings before they are used. Exit code 3 where a recording must not be used."""
+    """Look for what is wrong with recordings. Exit code 3 where a recording must not be used."""
     from swashtwin.recordings import inspect_recordings
 
     facts = present(
@@ -131,9 +139,45 @@ def inspect(
         resample=resample,
     )
     with progress("inspecting recordings") as bar:
-        recordings = load_sources(paths, **facts)
-        report = inspect_recordings(recordings, progress=bar)
+        unreadable: list[Finding] = []
+        recordings = load_sources(paths, unreadable, **facts)
+        report = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     tell(result, as_json, lambda: show_inspection(report, recordings, show_all))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
+
+
+def check(
+    source: Index,
+    window: Window = 2048,
+    error_rate: Annotated[float, typer.Option(help="Error rate that the confidence of a classifier is to hold.")] = 0.1,
+    report: ReportFolder = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Say whether recordings are sound and enough, and for what: the findings of inspect and data guard on one page.
+
+    Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to train and to test.
+    """
+    from swashtwin.learning import check_recordings
+    from swashtwin.report import write_report
+
+    with progress("checking recordings") as bar:
+        unreadable: list[Finding] = []
+        recordings = load_sources([source], unreadable)
+        result = check_recordings(
+            recordings, window=window, error_rate=error_rate, unreadable=unreadable, seed=seed, progress=bar
+        )
+    page = None if report is None else write_report(result, folder=report)
+
+    def show() -> None:
+        show_check(result)
+        if page is not None:
+            say(str(page))
+
+    tell({**result.to_dict(), "report": page}, as_json, show)
+    if not result.is_sound:
+        raise typer.Exit(BAD_DATA)
+    if not result.is_enough:
+        raise typer.Exit(NOT_ENOUGH)

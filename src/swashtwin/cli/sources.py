@@ -9,17 +9,22 @@ from swashtwin.cli.advice import SINGLE_FILE_OPTIONS, single_file_options
 from swashtwin.cli.options import read_pairs, read_words
 
 if TYPE_CHECKING:
-    from swashtwin.recordings import Recording
+    from swashtwin.recordings import Finding, Recording
 
 
-def load_sources(paths: list[Path], **facts: Any) -> "list[Recording]":
-    """Recordings of indexes, folders with an index, stores, and single files with `facts`, read when they are used."""
+def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
+    """Recordings of indexes, folders with an index, stores, and single files with `facts`, read when they are used.
+
+    Parameters
+    ----------
+    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
+    """
     from swashtwin.recordings import load_recordings
 
     recordings: list[Recording] = []
     for path in paths:
         if is_collection(path, facts):
-            recordings += load_recordings(path)
+            recordings += load_recordings(path, unreadable=unreadable)
         else:
             with single_file_options():
                 recordings += load_recordings(path, **facts)

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from swashtwin.cli.advice import in_options
 from swashtwin.cli.console import say, table
 
 if TYPE_CHECKING:
+    from swashtwin.learning import DataCheck
     from swashtwin.recordings import InspectionReport, Recording, RecordingReport
     from swashtwin.signals import Row, Trend
 
@@ -22,6 +24,7 @@ All = Annotated[bool, typer.Option("--all", help="Show each recording, not a sum
 
 _STATUS = ("within", "above", "below", "no baseline")
 _FURTHEST = 3
+_STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
 
 
 def number_or_none(value: float) -> float | None:
@@ -121,16 +124,54 @@ def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "S
 
 
 def _show_findings(report: "InspectionReport", each: bool) -> None:
-    pairs = [(recording.recording_id, finding) for recording in report.recordings for finding in recording.findings]
-    groups = [[pair] for pair in pairs] if each else _group(pairs, lambda pair: (pair[1].severity, pair[1].kind))
-    groups += [[("all", finding)] for finding in report.findings]
-    for group in groups:
-        name, finding = group[0]
-        others = len({other for other, _ in group}) - 1
-        more = f" ({finding.kind} in {others} more recordings: --all)" if others else ""
-        say(f"{finding.severity}: {name}{', ' + finding.channel if finding.channel else ''}: {finding.message}{more}")
-    if not groups:
+    sentences = report.merged(by_kind=not each)
+    for severity, text in sentences:
+        say(in_options(f"{severity}: {text}"))
+    if not sentences:
         say("Nothing suspicious was found.")
+
+
+def show_check(check: "DataCheck") -> None:
+    """Print whether recordings are sound and enough, and why."""
+    say(check.answer)
+    labels = list(dict.fromkeys(count.label for count in check.counts))
+    conditions = list(dict.fromkeys(count.condition for count in check.counts))
+    counts = {(count.label, count.condition): count for count in check.counts}
+    rows = []
+    for label in labels:
+        cells = [counts.get((label, condition)) for condition in conditions]
+        rows.append((label or "no class", *(cell.recordings if cell else 0 for cell in cells),
+                     len({name for cell in cells if cell for name in cell.specimens})))  # fmt: skip
+    if rows:
+        names = (condition if condition != "-" else "condition not stated" for condition in conditions)
+        table("Recordings by class and condition", ("class", *names, "specimens"), rows)
+    for use in check.uses:
+        say(in_options(f"{_STATES[use.state]}: {use.name}: {use.reason}"))
+    for severity, text in check.inspection.merged(by_kind=True):
+        say(in_options(f"{severity}: {text}"))
+    for copy in check.copies:
+        say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
+    for finding in check.confounding:
+        if finding.is_warning:
+            say(f"warning: {finding.message}")
+    for label, condition in check.gaps:
+        say(f"warning: {label or 'no class'} was not measured at {condition}.")
+    for text in check.notes:
+        say(f"note: {text}")
+
+
+def confidence_advice(n_recordings: int) -> str:
+    """Options that calibrate the confidence of a training on so many recordings."""
+    from swashtwin.learning import plan_validation
+
+    plan = plan_validation(n_recordings)
+    if plan.n_validation < 2:
+        return f"that takes more recordings than the {n_recordings} it was trained on"
+    rate = "" if plan.is_enough else f" --error-rate {plan.error_rate:g}"
+    return (
+        f"train --validation-fraction {plan.fraction:g}{rate} does that with about {plan.n_validation} of its "
+        f"{plan.n_recordings} recordings"
+    )
 
 
 def show_medians(rows: "Sequence[Row]", values: list[list[float]], names: list[str]) -> None:

@@ -1,6 +1,5 @@
 """Commands that make and test a classifier: train, evaluate, model export."""
 
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,9 +20,17 @@ from swashtwin.cli.options import (
     defaults_of,
     read_settings,
 )
+from swashtwin.cli.summaries import confidence_advice
 
 if TYPE_CHECKING:
-    from swashtwin.learning import ConfidenceScores, FittedClassifier, Scores, TrainingSettings, WindowSet
+    from swashtwin.learning import (
+        ConfidenceScores,
+        FittedClassifier,
+        Scores,
+        TrainingSettings,
+        ValidationPlan,
+        WindowSet,
+    )
     from swashtwin.recordings import Manifest
 
 
@@ -81,7 +88,7 @@ def train(
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
     from swashtwin.diagnosis import save_classifier
-    from swashtwin.foundation import InputError
+    from swashtwin.foundation import DataError, InputError
     from swashtwin.learning import (
         build_network,
         check_disjoint,
@@ -89,6 +96,7 @@ def train(
         fit,
         learn_confidence,
         load_windows,
+        plan_validation,
         require_enough,
         require_shared_speed,
         split_by_recording,
@@ -126,23 +134,21 @@ def train(
     if test_fraction:
         training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
     validation = None
+    asked_rate = allowed_rate = _ERROR_RATE if error_rate is None else error_rate
     if validation_fraction:
-        training, validation = split_by_recording(
-            training,
-            test_fraction=validation_fraction,
-            seed=seed,
-            group=groups,
-            keep_in_training=manifest,
-        )
+        n_left = len(set(training.recording_id.tolist()) - set(manifest))
+        plan = plan_validation(n_left, asked_rate, validation_fraction)
+        try:
+            training, validation = split_by_recording(
+                training, test_fraction=plan.fraction, seed=seed, group=groups, keep_in_training=manifest
+            )
+        except DataError as cause:
+            raise DataError(_no_validation(str(cause), group, test_fraction)) from cause
         validation = without_overlap(validation)
         count = len(set(validation.recording_id.tolist()))
-        if error_rate is None and 1 / (count + 1) > _ERROR_RATE:
-            note(
-                f"note: {count} validation recordings allow an error rate of {1 / (count + 1):.2g} at best, which is "
-                f"taken; {_ERROR_RATE:g} takes {round(1 / _ERROR_RATE) - 1}."
-            )
-            error_rate = 1 / (count + 1)
-        require_enough(count, error_rate or _ERROR_RATE)
+        if error_rate is not None:
+            require_enough(count, error_rate)
+        allowed_rate = _told_error_rate(plan, validation_fraction, count, asked_rate)
     _refuse_seen(held_out, manifest)
     for name, first in repeated_recordings(windows.recordings).items():
         note(f"note: {name} holds the same samples as {first}; keep one of them, or it counts twice.")
@@ -165,7 +171,7 @@ def train(
                 device=device,
             )
         if validation is not None:
-            classifier = learn_confidence(classifier, validation, error_rate=error_rate or _ERROR_RATE)
+            classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
         save_classifier(classifier, out)
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
 
@@ -199,19 +205,27 @@ def _require_two_classes(labels: set[str | None], source: Path) -> None:
         )
 
 
-def _validation_advice(training: "WindowSet") -> str:
-    """Share of the recordings that calibrates the confidence at the usual error rate, as far as there are enough."""
-    measured = training.subset(~training.synthetic)
-    labels = dict(zip(measured.recording_id.tolist(), measured.label.tolist(), strict=True))
-    counts = Counter(labels.values()).values()
-    needed = round(1 / _ERROR_RATE) - 1
-    for percent in range(20, 51, 5):
-        if sum(percent * count // 100 for count in counts) >= needed:
-            return f"--validation-fraction {percent / 100:g} does that."
-    return (
-        f"that takes {needed} more recordings beside those to train on (there are {len(labels)}); with fewer, "
-        "--validation-fraction 0.3 calibrates it for a larger error rate."
-    )
+def _no_validation(cause: str, group: str, test_fraction: float) -> str:
+    """Message that the recordings left after the test cannot be split again."""
+    left = f"of what --test-fraction {test_fraction:g} left, by --group {group}, " if test_fraction else ""
+    other = "" if group == "recording" else "--group recording, "
+    advice = f"{other}--validation-fraction 0, or --test-fraction 0 trains without this split"
+    return f"no validation set can be held out {left}with every class on both sides: {cause} Otherwise {advice}."
+
+
+def _told_error_rate(plan: "ValidationPlan", fraction: float, count: int, error_rate: float) -> float:
+    """The error rate that `count` validation recordings allow, said where it or the share is not what was asked for."""
+    from swashtwin.learning import allowed_error_rate
+
+    allowed = allowed_error_rate(count, error_rate)
+    if allowed != error_rate or plan.fraction != fraction:
+        share = f"{count} of {plan.n_recordings} recordings (--validation-fraction {plan.fraction:g})"
+        rate = f"; they allow --error-rate {allowed:g}" if allowed != error_rate else ""
+        note(
+            f"note: --error-rate {error_rate:g} needs {plan.needed} validation recordings, and --validation-fraction "
+            f"{fraction:g} is about {round(fraction * plan.n_recordings)}; {share} are held out{rate}."
+        )
+    return allowed
 
 
 def _refuse_seen(held_out: "WindowSet", manifest: "Manifest") -> None:
@@ -248,7 +262,7 @@ def _tell_training(
     def show() -> None:
         say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
         if confidence is None:
-            note(f"note: its confidence is not calibrated; {_validation_advice(training)}")
+            note(f"note: its confidence is not calibrated; {confidence_advice(len(classifier.manifest))}.")
         else:
             say(f"Temperature {confidence.temperature:.3g}, from {confidence.n_recordings} validation recordings")
         if test_ids:

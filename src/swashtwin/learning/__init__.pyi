@@ -1,5 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
+from .data_check import DataCheck as DataCheck
+from .data_check import check_recordings as check_recordings
 from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
 from .estimators.fitted import FittedBaseline as FittedBaseline
 from .estimators.fitted import fit_baseline as fit_baseline
@@ -41,6 +43,9 @@ from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
+from .training.confidence import ValidationPlan as ValidationPlan
+from .training.confidence import allowed_error_rate as allowed_error_rate
+from .training.confidence import plan_validation as plan_validation
 from .training.confidence import require_enough as require_enough
 from .training.loop import fit as fit
 from .training.normalization import Normalization as Normalization
@@ -79,6 +84,7 @@ __all__ = [
     "Classifier",
     "Confidence",
     "ConfidenceScores",
+    "DataCheck",
     "DecisionSoftmax",
     "DiagnosingClassifier",
     "Epoch",
@@ -93,12 +99,15 @@ __all__ = [
     "SureClassifier",
     "TrainingReference",
     "TrainingSettings",
+    "ValidationPlan",
     "WindowLayout",
     "WindowSet",
+    "allowed_error_rate",
     "audit",
     "band_energies",
     "build_network",
     "check_disjoint",
+    "check_recordings",
     "confounding",
     "copied_recordings",
     "cut_windows",
@@ -115,6 +124,7 @@ __all__ = [
     "learn_confidence",
     "likeliest_class",
     "load_windows",
+    "plan_validation",
     "pooled_probabilities",
     "read_audit_rows",
     "recalls",

@@ -1,10 +1,13 @@
 """Names that other rooms import, and where each lives."""
 
 from .checks.channels import clipped_samples as clipped_samples
+from .checks.findings import Finding as Finding
 from .checks.findings import InspectionReport as InspectionReport
 from .checks.findings import RecordingReport as RecordingReport
 from .checks.inspection import inspect_recording as inspect_recording
 from .checks.inspection import inspect_recordings as inspect_recordings
+from .checks.layout import layout_findings as layout_findings
+from .checks.layout import window_findings as window_findings
 from .checks.usability import refuse_unfit as refuse_unfit
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
@@ -53,6 +56,7 @@ __all__ = [
     "GROUPS",
     "WRITABLE",
     "Entry",
+    "Finding",
     "InspectionReport",
     "Manifest",
     "Options",
@@ -69,6 +73,7 @@ __all__ = [
     "is_store",
     "join_blocks",
     "join_manifests",
+    "layout_findings",
     "load_recording",
     "load_recordings",
     "manifest_of",
@@ -91,6 +96,7 @@ __all__ = [
     "stem_of",
     "suffix_of",
     "suffixes",
+    "window_findings",
     "write_blocks",
     "write_index",
     "write_recording",

@@ -11,6 +11,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class, merge_close_values, values_match
+from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import GROUP_SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
@@ -246,13 +247,16 @@ class Recordings(Sequence[Recording]):
         return f"no recording has {' and '.join(conditions) or 'passed'}; there are {'; '.join(values) or 'none'}."
 
 
-def load_recordings(path: str | Path | Iterable[str | Path], **facts: Any) -> Recordings:
+def load_recordings(
+    path: str | Path | Iterable[str | Path], *, unreadable: list[Finding] | None = None, **facts: Any
+) -> Recordings:
     """Recordings of an index, a store or files; their samples are read when they are asked for.
 
     Parameters
     ----------
     path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a measurement, or a
         list of these.
+    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
     facts : for single files only: what the file does not say, as in `load_recording`.
 
     Raises
@@ -275,7 +279,7 @@ def load_recordings(path: str | Path | Iterable[str | Path], **facts: Any) -> Re
                 f"{next(iter(facts))} is for single files, and {source} states it itself; edit the index, or write the "
                 "store again."
             )
-        recordings += stored_recordings(source) if is_store(source) else indexed_recordings(source)
+        recordings += stored_recordings(source) if is_store(source) else indexed_recordings(source, unreadable)
     return Recordings(recordings)
 
 

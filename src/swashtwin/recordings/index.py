@@ -13,6 +13,7 @@ from swashtwin.foundation import (
     DataError,
     InputError,
     MissingFileError,
+    SwashTwinError,
     UnitError,
     parse,
     plain_text,
@@ -20,6 +21,7 @@ from swashtwin.foundation import (
     sha256_of,
     write_text,
 )
+from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import recording_of
@@ -31,8 +33,12 @@ _NO_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
 _LOSSLESS = (".h5", ".hdf5")
 
 
-def indexed_recordings(path: Path) -> list[Recording]:
+def indexed_recordings(path: Path, unreadable: list[Finding] | None = None) -> list[Recording]:
     """Every recording of an index, in its order.
+
+    Parameters
+    ----------
+    unreadable : gets a finding for each entry that cannot be loaded, instead of an error for the first.
 
     Raises
     ------
@@ -44,13 +50,20 @@ def indexed_recordings(path: Path) -> list[Recording]:
     recordings = []
     files: dict[str, str] = {}
     classes = _classes(table)
+    root = index.parent / str(table.get("root", ""))
     for entry in _entries(table, index):
-        _check_class(entry.label, classes, index, entry.file)
-        recording = recording_of(index.parent / str(table.get("root", "")) / entry.file, entry).unloaded()
-        _check_class(recording.label, classes, index, entry.file)
-        name = recording.recording_id
-        if name in files:
-            raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
+        try:
+            _check_class(entry.label, classes, index, entry.file)
+            recording = recording_of(root / entry.file, entry).unloaded()
+            _check_class(recording.label, classes, index, entry.file)
+            name = recording.recording_id
+            if name in files:
+                raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
+        except SwashTwinError as cause:
+            if unreadable is None:
+                raise
+            unreadable.append(Finding("unreadable", "error", None, str(cause)))
+            continue
         files[name] = entry.file
         recordings.append(recording)
     return recordings

@@ -16,8 +16,9 @@ from jinja2 import Environment, StrictUndefined, Template
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
 from swashtwin.diagnosis import Diagnosis, Evidence
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, replacing
-from swashtwin.learning import Scores
+from swashtwin.learning import DataCheck, Scores
 from swashtwin.report.calibration_part import calibration_part
+from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
 from swashtwin.report.evidence_part import evidence_part
@@ -34,7 +35,7 @@ _UNKNOWN_ORIGIN = (
 
 
 def write_report(
-    *items: Calibration | Difference | IdentifiabilityReport | Scores | Diagnosis | Evidence | Part,
+    *items: Calibration | Difference | IdentifiabilityReport | Scores | DataCheck | Diagnosis | Evidence | Part,
     folder: Path | str,
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -96,6 +97,7 @@ part_of.register(Calibration)(calibration_part)
 part_of.register(Difference)(difference_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
+part_of.register(DataCheck)(check_part)
 part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(Evidence)(evidence_part)
 

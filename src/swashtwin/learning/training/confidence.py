@@ -85,16 +85,88 @@ class Confidence:
         return _share(self.ood_score, np.asarray(ood_score))
 
 
-def require_enough(n_recordings: int, error_rate: float) -> None:
-    """Raise an `InputError` where so many validation recordings cannot say anything at this error rate."""
+def least_validation(error_rate: float) -> int:
+    """Validation recordings that an error rate needs at least: 1 / error_rate - 1, rounded up.
+
+    Raises
+    ------
+    InputError
+        The error rate is not between 0 and 1.
+
+    Examples
+    --------
+    >>> least_validation(0.1)
+    9
+    """
     if not 0 < error_rate < 1:
         raise InputError(f"error_rate ({error_rate:g}) must lie between 0 and 1; one recording in ten is 0.1.")
-    least = math.ceil(1 / error_rate - 1 - 1e-9)
+    return math.ceil(1 / error_rate - 1 - 1e-9)
+
+
+def require_enough(n_recordings: int, error_rate: float) -> None:
+    """Raise an `InputError` where so many validation recordings cannot say anything at this error rate."""
+    least = least_validation(error_rate)
     if n_recordings < least:
         raise InputError(
             f"an error rate of {error_rate:g} needs {least} validation recordings at least, there are {n_recordings}; "
             "keep more back for validation, or allow a larger error rate."
         )
+
+
+@dataclass(frozen=True)
+class ValidationPlan:
+    """How many of the recordings that are left after the test can calibrate a confidence."""
+
+    n_recordings: int
+    """Recordings to train on and to validate with, together."""
+    needed: int
+    """Validation recordings that the error rate asked for needs."""
+    fraction: float
+    """Share to hold back for validation."""
+    n_validation: int
+    """About how many recordings that is."""
+    error_rate: float
+    """Error rate that they allow: the one asked for, or a larger one."""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether they suffice for the error rate asked for."""
+        return self.n_validation >= self.needed
+
+
+def plan_validation(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> ValidationPlan:
+    """The share to hold back for validation: `fraction`, or as much more as the error rate needs, half at most.
+
+    Where half is too few, the error rate is the least that they allow: 1 / (n + 1).
+
+    Parameters
+    ----------
+    n_recordings : recordings that are left after the test set was taken away.
+    error_rate : error rate asked for.
+    fraction : share asked for.
+
+    Examples
+    --------
+    >>> plan = plan_validation(24)
+    >>> plan.needed, plan.fraction, plan.n_validation, plan.error_rate
+    (9, 0.5, 12, 0.1)
+    >>> plan_validation(12).error_rate
+    0.143
+    """
+    needed = least_validation(error_rate)
+    folds = max(2, min(int(1 / fraction + 1e-9), n_recordings // needed))
+    if round(n_recordings * fraction) >= needed:
+        share, count = fraction, round(n_recordings * fraction)
+    else:
+        share, count = round(1 / folds, 3), n_recordings // folds
+    return ValidationPlan(n_recordings, needed, share, count, allowed_error_rate(count, error_rate))
+
+
+def allowed_error_rate(n_validation: int, error_rate: float) -> float:
+    """`error_rate`, or the least that so many validation recordings allow, rounded up to three digits."""
+    if n_validation >= least_validation(error_rate):
+        return error_rate
+    return math.ceil(1000 / (n_validation + 1)) / 1000
 
 
 def temperature_scaled(

@@ -10,7 +10,15 @@ from jaxtyping import Float32
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
-from swashtwin.recordings import BLOCK, Recording, manifest_of, refuse_unfit, stated_speed
+from swashtwin.recordings import (
+    BLOCK,
+    Recording,
+    layout_findings,
+    manifest_of,
+    refuse_unfit,
+    stated_speed,
+    window_findings,
+)
 
 
 def cut_windows(
@@ -61,10 +69,10 @@ def cut_windows(
         raise InputError(f"stride ({stride} samples) must be at least 1; {length} lets no window overlap.")
     _require_one_layout(recordings, length, like)
     classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
+    _require_long_enough(recordings, length, allow_partial_revolution)
     content: dict[str, tuple[str, ...]] = {}
     for recording in recordings:
         refuse_unfit(recording)
-        _require_long_enough(recording, length, allow_partial_revolution)
         content |= manifest_of([recording])
     return replace(_assembled(recordings, length, stride, classes), content=content)
 
@@ -93,8 +101,8 @@ def window_batches(
     """
     stride = length if stride is None else stride
     class_names = _class_order([recording], classes)
+    _require_long_enough([recording], length, allow_partial_revolution)
     refuse_unfit(recording)
-    _require_long_enough(recording, length, allow_partial_revolution)
     count = 1 + (recording.n_samples - length) // stride
     for first in range(0, count, batch):
         last = min(first + batch, count)
@@ -130,15 +138,13 @@ def _window_length(sample_rate: float, length: int | None, duration: float | Non
 
 
 def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
-    first, first_name = _layout(recordings[0], length), recordings[0].recording_id
-    if like is not None:
-        first, first_name = like.layout, "the windows given as like="
-    for recording in recordings:
-        if difference := first.difference(_layout(recording, length)):
-            raise DataError(
-                f"{first_name} and {recording.recording_id} do not fit together: {difference}; resample, or pick the "
-                "channels with recording.picked(...)."
-            )
+    for finding in layout_findings(recordings):
+        raise DataError(finding.message)
+    if like is not None and (difference := like.layout.difference(_layout(recordings[0], length))):
+        raise DataError(
+            f"the windows given as like= and {recordings[0].recording_id} do not fit together: {difference}; "
+            "resample, or pick the channels with recording.picked(...)."
+        )
 
 
 def _layout(recording: Recording, length: int) -> WindowLayout:
@@ -159,23 +165,9 @@ def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None)
     return tuple(classes)
 
 
-def _require_long_enough(recording: Recording, length: int, allow_partial_revolution: bool) -> None:
-    count = recording.n_samples
-    if count < length:
-        raise DataError(
-            f"{recording.recording_id} has {count} samples ({recording.duration:.3g} s), too few for one window of "
-            f"{length}; shorten the window or leave the recording out."
-        )
-    shaft = stated_speed(recording)
-    if recording.condition is None or shaft is None or allow_partial_revolution:
-        return
-    least = math.ceil(recording.sample_rate / shaft * (1 - 1e-9))
-    if length < least:
-        raise InputError(
-            f"a window of {length} samples is shorter than one revolution of {recording.recording_id} "
-            f"({shaft * 60:.0f} rev/min at {recording.sample_rate:g} Hz); take length "
-            f"{least} or more, or allow_partial_revolution=True."
-        )
+def _require_long_enough(recordings: Sequence[Recording], length: int, allow_partial_revolution: bool) -> None:
+    for finding in window_findings(recordings, length, allow_partial_revolution=allow_partial_revolution):
+        raise (InputError if finding.kind == "partial_turn" else DataError)(finding.message)
 
 
 def _slices(recording: Recording, length: int, stride: int) -> Float32[np.ndarray, "window channel time"]:

@@ -5,10 +5,10 @@ import math
 import statistics as figures
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
 
 from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
+from swashtwin.recordings.checks.layout import by_value, layout_findings, window_findings
 from swashtwin.recordings.recording import Recording
 
 _LEVEL_RATIO = 30.0
@@ -16,9 +16,15 @@ _LEVEL_RATIO = 30.0
 
 
 class Comparison:
-    """Recordings that are taken up one by one, and what shows only when they are compared."""
+    """Recordings that are taken up one by one, and what shows only when they are compared.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    window : samples of the windows that are to be cut.
+    """
+
+    def __init__(self, window: int) -> None:
+        self._window = window
         self._recordings: list[Recording] = []
         self._statistics: list[list[ChannelStatistics]] = []
 
@@ -29,7 +35,9 @@ class Comparison:
 
     def findings(self) -> Iterator[Finding]:
         """Findings of all recordings together."""
-        yield from unequal(self._recordings)
+        yield from layout_findings(self._recordings)
+        yield from window_findings(self._recordings, self._window)
+        yield from unequal_lengths(self._recordings)
         yield from self._duplicates()
         yield from self._odd_levels()
         yield from thin_classes(self._recordings)
@@ -43,7 +51,7 @@ class Comparison:
                     rows[number, channel] = figures_of.key
         counts = Counter(rows.values())
         alike = [where for where, key in rows.items() if counts[key] > 1]
-        groups = _by_value((_digest(self._recordings[number], channel), self._recordings[number])
+        groups = by_value((_digest(self._recordings[number], channel), self._recordings[number])
                            for number, channel in alike)  # fmt: skip
         reported = set()
         for group in groups.values():
@@ -89,18 +97,8 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def unequal(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Rates, units and lengths that differ."""
-    rates = _by_value((f"{recording.sample_rate:g} Hz", recording) for recording in recordings)
-    if len(rates) > 1:
-        listed = "; ".join(f"{rate}: {_labels(group)}" for rate, group in rates.items())
-        between = any(_labels(a) != _labels(b) for a, b in pairwise(rates.values()))
-        advice = 'a network would learn the rate; give resample = "..." in the index.'
-        yield Finding("rate", "error" if between else "warning", None, f"sample rates differ ({listed}): {advice}")
-    units = _by_value((recording.unit, recording) for recording in recordings)
-    if len(units) > 1:
-        listed = "; ".join(f"{unit}: {_labels(group)}" for unit, group in units.items())
-        yield Finding("unit", "error", None, f"units differ ({listed}).")
+def unequal_lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """A warning where the lengths differ much."""
     lengths = [recording.duration for recording in recordings]
     if lengths and max(lengths) > 3 * min(lengths):
         message = (
@@ -110,7 +108,7 @@ def unequal(recordings: Sequence[Recording]) -> Iterator[Finding]:
 
 
 def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    for label, group in _by_value((recording.label or "", recording) for recording in recordings).items():
+    for label, group in by_value((recording.label or "", recording) for recording in recordings).items():
         if not label:
             yield Finding("unlabeled", "note", None, f"{len(group)} recordings have no class.")
             continue
@@ -123,13 +121,6 @@ def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
                 f"{label} was measured on one specimen only ({specimens.pop()}): no test can show transfer to another."
             )
             yield Finding("one_specimen", "note", None, message)
-
-
-def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recording]]:
-    groups: dict[str, list[Recording]] = {}
-    for value, recording in pairs:
-        groups.setdefault(value, []).append(recording)
-    return groups
 
 
 def _labels(recordings: Iterable[Recording]) -> str:

@@ -72,6 +72,34 @@ class InspectionReport:
         findings = [finding for report in self.recordings for finding in report.findings]
         return any(finding.severity == "error" for finding in [*findings, *self.findings])
 
+    def merged(self, *, by_kind: bool) -> tuple[tuple[Severity, str], ...]:
+        """(severity, sentence) of each finding, equal ones of several recordings as one sentence.
+
+        Parameters
+        ----------
+        by_kind : whether findings of one kind are one sentence too, that of the first.
+        """
+        groups: dict[tuple[str, ...], list[tuple[str, Finding]]] = {}
+        for report in self.recordings:
+            for finding in report.findings:
+                key: tuple[str, ...] = (finding.severity, finding.kind, *(() if by_kind else (finding.message,)))
+                groups.setdefault(key, []).append((report.recording_id, finding))
+        sentences: list[tuple[Severity, str]] = []
+        for members in groups.values():
+            name, finding = members[0]
+            names = list(dict.fromkeys(other for other, _ in members))
+            equal = all(other.message == finding.message for _, other in members)
+            channels = ", ".join(dict.fromkeys(other.channel for _, other in members if other.channel))
+            if len(names) > 1 and equal:
+                listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+                where = f"in {len(names)} recordings ({listed}){', ' + channels if channels else ''}"
+            else:
+                where = f"{name}{', ' + (channels if equal else finding.channel or '') if channels else ''}"
+            more = "" if equal else f" ({finding.kind} in {len(names) - 1} more recordings: --all)"
+            sentences.append((finding.severity, f"{where}: {finding.message}{more if len(names) > 1 else ''}"))
+        sentences += [(finding.severity, finding.message) for finding in self.findings]
+        return tuple(sentences)
+
     def to_dict(self) -> dict[str, Any]:
         """The report as JSON can hold it; numbers that are not finite become None."""
         return _finite(

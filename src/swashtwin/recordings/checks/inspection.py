@@ -20,7 +20,11 @@ def inspect_recording(recording: Recording) -> RecordingReport:
 
 
 def inspect_recordings(
-    recordings: Sequence[Recording], *, progress: Callable[[int, int], None] | None = None
+    recordings: Sequence[Recording],
+    *,
+    window: int = 2048,
+    unreadable: Sequence[Finding] = (),
+    progress: Callable[[int, int], None] | None = None,
 ) -> InspectionReport:
     """Ranges and findings of each recording, and what shows only when recordings are compared.
 
@@ -28,9 +32,11 @@ def inspect_recordings(
 
     Parameters
     ----------
+    window : samples of the windows that are to be cut; 2048 is what training takes by default.
+    unreadable : what `load_recordings` reported of files that are not among the recordings.
     progress : called with the number of recordings that are done, and of all.
     """
-    reports, comparison = [], Comparison()
+    reports, comparison = [], Comparison(window)
     for number, stored in enumerate(recordings):
         if progress:
             progress(number, len(recordings))
@@ -40,7 +46,7 @@ def inspect_recordings(
         comparison.add(stored, statistics)
     if progress:
         progress(len(recordings), len(recordings))
-    return InspectionReport(tuple(reports), tuple(comparison.findings()))
+    return InspectionReport(tuple(reports), (*unreadable, *comparison.findings()))
 
 
 def _statistics(recording: Recording) -> list[ChannelStatistics]:

@@ -1,0 +1,294 @@
+"""Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with it."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.leakage.confounding import Confounding, confounding
+from swashtwin.learning.leakage.copies import Copy, copied_recordings
+from swashtwin.learning.training.confidence import plan_validation
+from swashtwin.pump import is_healthy
+from swashtwin.recordings import (
+    Finding,
+    InspectionReport,
+    Recording,
+    condition_names,
+    inspect_recordings,
+    recording_groups,
+    stated_pressure,
+    stated_speed,
+)
+
+_MOST_SAMPLES = 1 << 27
+"""Samples of all recordings up to which copies and confounding are looked for: these need all in memory (1 GB)."""
+_TEST_FRACTION = 0.2
+_CALIBRATION_TURNS = 16
+"""Revolutions whose orders a calibration can read."""
+
+State = Literal["yes", "partly", "no"]
+
+
+@dataclass(frozen=True)
+class ClassCount:
+    """Recordings of one class at one operating condition."""
+
+    label: str
+    """Class; empty where the recordings have none."""
+    condition: str
+    """Operating condition in words, or ``"-"`` where none is stated."""
+    recordings: int
+    """How many recordings."""
+    specimens: tuple[str, ...]
+    """On which specimens; empty where none is stated."""
+    seconds: float
+    """Their length together [s]."""
+
+
+@dataclass(frozen=True)
+class Use:
+    """One thing that the recordings may serve."""
+
+    name: str
+    """What it is."""
+    state: State
+    """Whether they suffice."""
+    is_required: bool
+    """Whether the data are too few without it."""
+    reason: str
+    """With what, or what is missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """The answer to whether recordings are sound and enough."""
+
+    inspection: InspectionReport
+    """Findings of each recording, and of all together."""
+    copies: tuple[Copy, ...]
+    """Channels that are another one again at another gain; those of equal samples are findings of the inspection."""
+    confounding: tuple[Confounding, ...]
+    """Facts and levels that alone tell the class."""
+    counts: tuple[ClassCount, ...]
+    """Recordings of each class and condition."""
+    gaps: tuple[tuple[str, str], ...]
+    """Class and condition that others have and it has not."""
+    uses: tuple[Use, ...]
+    """What can be trained, tested and calibrated."""
+    notes: tuple[str, ...]
+    """What was not looked at, and why."""
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing was found that must not be used."""
+        return not self.inspection.has_errors and not self.copies
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether a classifier can be trained and tested with them."""
+        return all(use.state != "no" for use in self.uses if use.is_required)
+
+    @property
+    def answer(self) -> str:
+        """The answer in one sentence."""
+        missing = [use.name for use in self.uses if use.is_required and use.state == "no"]
+        enough = f"not enough: no {' and no '.join(missing)}" if missing else "enough to train and to test"
+        if not self.is_sound:
+            enough = f"the usable recordings are {enough}"
+        findings = [*self.inspection.findings, *(f for report in self.inspection.recordings for f in report.findings)]
+        errors = sum(finding.severity == "error" for finding in findings) + len(self.copies)
+        if self.is_sound:
+            return f"The data are sound{', but' if missing else ' and'} {enough}."
+        return f"The data are not sound ({errors} finding{'s' * (errors != 1)} to mend); {enough}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The check as JSON can hold it."""
+        return {
+            "answer": self.answer,
+            "is_sound": self.is_sound,
+            "is_enough": self.is_enough,
+            "counts": [asdict(count) for count in self.counts],
+            "gaps": [{"label": label, "condition": condition} for label, condition in self.gaps],
+            "uses": [asdict(use) for use in self.uses],
+            "copies": [asdict(copy) for copy in self.copies],
+            "confounding": [asdict(finding) for finding in self.confounding if finding.is_warning],
+            "notes": list(self.notes),
+            "inspection": self.inspection.to_dict(),
+        }
+
+
+def check_recordings(
+    recordings: Sequence[Recording],
+    *,
+    window: int = 2048,
+    error_rate: float = 0.1,
+    unreadable: Sequence[Finding] = (),
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> DataCheck:
+    """Whether recordings are sound and enough.
+
+    Parameters
+    ----------
+    window : samples of the windows that are to be cut.
+    error_rate : error rate that the confidence of a classifier is to hold.
+    unreadable : what `load_recordings` reported of files that are not among the recordings.
+    seed : of the test whether facts tell the class.
+    progress : called with the number of recordings that are done, and of all.
+    """
+    inspection = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=progress)
+    unfit = {
+        report.recording_id
+        for report in inspection.recordings
+        if any(finding.severity == "error" for finding in report.findings)
+    }
+    usable = [recording for recording in recordings if recording.recording_id not in unfit]
+    copies, findings, notes = _leaks(usable, seed)
+    conditions = _conditions(usable)
+    counts = _counts(usable, conditions)
+    labeled = [recording for recording in usable if recording.label and not recording.synthetic]
+    lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
+    notes = (*(f"no recording of {name} is usable." for name in sorted(map(str, lost))), *notes)
+    return DataCheck(
+        inspection=inspection,
+        copies=copies,
+        confounding=findings,
+        counts=counts,
+        gaps=_gaps(counts),
+        uses=tuple(_uses(labeled, error_rate)),
+        notes=notes,
+    )
+
+
+def _leaks(
+    recordings: Sequence[Recording], seed: int
+) -> tuple[tuple[Copy, ...], tuple[Confounding, ...], tuple[str, ...]]:
+    samples = sum(recording.n_samples * recording.n_channels for recording in recordings)
+    if samples > _MOST_SAMPLES:
+        return (), (), (f"copies and confounded classes were not looked for: {samples:.3g} samples are too many.",)
+    copies = tuple(copy for copy in copied_recordings(recordings) if not copy.exact)
+    if len({recording.label for recording in recordings if recording.label}) < 2:
+        return copies, (), ()
+    return copies, confounding(recordings, seed=seed), ()
+
+
+def _conditions(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Condition of each recording in words; a dash where it cannot be named."""
+    import numpy as np
+
+    speed = np.array([2 * math.pi * (stated_speed(recording) or math.nan) for recording in recordings])
+    pressure = np.array([stated_pressure(recording) for recording in recordings])
+    names = [recording.recording_id for recording in recordings]
+    words = dict.fromkeys(names, "-")
+    for stated in ((True, True), (True, False), (False, True)):
+        chosen = (~np.isnan(speed) == stated[0]) & (~np.isnan(pressure) == stated[1])
+        members = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
+        if members:
+            words |= dict(zip(members, condition_names(members, speed[chosen], pressure[chosen]), strict=True))
+    return words
+
+
+def _counts(recordings: Sequence[Recording], conditions: dict[str, str]) -> tuple[ClassCount, ...]:
+    cells: dict[tuple[str, str], list[Recording]] = {}
+    for recording in recordings:
+        cells.setdefault((recording.label or "", conditions[recording.recording_id]), []).append(recording)
+    return tuple(
+        ClassCount(
+            label,
+            condition,
+            len(members),
+            tuple(sorted({recording.specimen for recording in members if recording.specimen})),
+            sum(recording.duration for recording in members),
+        )
+        for (label, condition), members in cells.items()
+    )
+
+
+def _gaps(counts: Sequence[ClassCount]) -> tuple[tuple[str, str], ...]:
+    labels = dict.fromkeys(count.label for count in counts if count.label)
+    conditions = dict.fromkeys(count.condition for count in counts)
+    cells = {(count.label, count.condition) for count in counts}
+    return tuple((label, condition) for label in labels for condition in conditions if (label, condition) not in cells)
+
+
+def _uses(labeled: Sequence[Recording], error_rate: float) -> list[Use]:
+    classes = Counter(str(recording.label) for recording in labeled)
+    uses = [_training(classes)]
+    uses += [
+        _test(labeled, "recording", "test on recordings that were not trained on", True),
+        _test(labeled, "specimen", "test on specimens that were not trained on", False),
+        _test(labeled, "condition", "test at operating conditions that were not trained at", False),
+        _confidence(len(labeled), error_rate),
+        _calibration(labeled),
+    ]
+    return uses
+
+
+def _training(classes: Counter[str]) -> Use:
+    if len(classes) < 2:
+        reason = f"{len(classes)} class{'es' * (len(classes) != 1)} with a label; a classifier tells two or more apart."
+        return Use("training of a classifier", "no", True, reason)
+    healthy = any(is_healthy(name) for name in classes)
+    listed = ", ".join(f"{count} {name}" for name, count in classes.items())
+    reason = f"{listed}." if healthy else f"{listed}; none is healthy, so false alarms cannot be counted."
+    return Use("training of a classifier", "yes" if healthy else "partly", True, reason)
+
+
+def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool) -> Use:
+    try:
+        groups = recording_groups(labeled, group)
+    except (DataError, InputError) as cause:
+        return Use(name, "no", is_required, str(cause))
+    members: dict[str, set[str]] = {}
+    for recording in labeled:
+        members.setdefault(str(recording.label), set()).add(groups[recording.recording_id])
+    few = sorted(label for label, names in members.items() if len(names) < 2)
+    total = len(set(groups.values()))
+    if few or not members:
+        short = f"{', '.join(few)}: one {group} only, two are needed" if few else "no recording has a class"
+        return Use(name, "no", is_required, f"{short}.")
+    share = f"--group {group} " if group != "recording" else ""
+    return Use(name, "yes", is_required, f"{total} {group}s, two or more of each class: train {share}holds them out.")
+
+
+def _confidence(n_recordings: int, error_rate: float) -> Use:
+    name = "calibrated confidence"
+    left = n_recordings - round(_TEST_FRACTION * n_recordings)
+    plan = plan_validation(left, error_rate)
+    after = f"{left} recordings are left after a test of --test-fraction {_TEST_FRACTION:g}"
+    if plan.is_enough:
+        reason = (
+            f"train --validation-fraction {plan.fraction:g} holds back about {plan.n_validation}, {plan.needed} are "
+            f"needed; {after}."
+        )
+        return Use(name, "yes", False, reason)
+    lacking = f"--error-rate {error_rate:g} needs {plan.needed} validation recordings; {after}"
+    if plan.n_validation < 2:
+        return Use(name, "no", False, f"{lacking}.")
+    reason = (
+        f"{lacking}. train --validation-fraction {plan.fraction:g} holds back about {plan.n_validation}, which allow "
+        f"--error-rate {plan.error_rate:g}."
+    )
+    return Use(name, "partly", False, reason)
+
+
+def _calibration(labeled: Sequence[Recording]) -> Use:
+    name = "calibration of a twin"
+    healthy = [recording for recording in labeled if is_healthy(recording.label)]
+    stated = [recording for recording in healthy if recording.condition is not None]
+    long = [
+        recording for recording in stated if recording.duration * (stated_speed(recording) or 0) >= _CALIBRATION_TURNS
+    ]
+    if not healthy:
+        return Use(name, "no", False, "no recording of a healthy pump (normal).")
+    if not stated:
+        reason = f"{len(healthy)} healthy recordings, none with speed and discharge pressure; add both to the index."
+        return Use(name, "no", False, reason)
+    if not long:
+        return Use(name, "no", False, f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer.")
+    specimens = {recording.specimen for recording in long if recording.specimen}
+    choice = f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
+    reason = f"{len(long)} healthy recordings with speed and pressure{choice}."
+    return Use(name, "yes" if len(long) == len(healthy) else "partly", False, reason)

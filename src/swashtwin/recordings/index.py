@@ -133,7 +133,7 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
     root = (source.parent / table.get("root", "")).resolve()
     table.pop("root", None)
     if root != path.parent.resolve():
-        table["root"] = Path(os.path.relpath(root, path.parent.resolve())).as_posix()
+        table["root"] = path_from(path.parent.resolve(), root)
     last = ("defaults", "recording")  # tables stand after the plain keys
     return save_index({key: table[key] for key in sorted(table, key=lambda key: key in last)}, path)
 
@@ -214,8 +214,7 @@ def _check_class(label: str | None, classes: Sequence[str] | None, index: Path, 
 def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]:
     """Entry that gives back what the file's format loses."""
     absolute = file if file.is_absolute() else folder / file
-    relative = os.path.relpath(absolute, folder)
-    entry: dict[str, Any] = {"file": Path(relative).as_posix()}
+    entry: dict[str, Any] = {"file": path_from(folder, absolute)}
     if recording.recording_id != stem_of(file):
         entry["id"] = recording.recording_id
     entry |= {name: getattr(recording, name) for name in ("label", "specimen") if getattr(recording, name)}
@@ -246,6 +245,14 @@ def _is_positive(text: object, unit: str) -> bool:
         return parse(text, unit) > 0
     except UnitError:
         return False
+
+
+def path_from(folder: Path, path: Path) -> str:
+    """`path` as an index in `folder` states it: relative, but for another drive of Windows."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return path.absolute().as_posix()
 
 
 def rate_text(rate: float) -> str:

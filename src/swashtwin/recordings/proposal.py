@@ -1,6 +1,5 @@
 """A first index for a folder of files, from their names, a table that came with them, and what they carry."""
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -12,6 +11,7 @@ from swashtwin.recordings.entry import Entry
 from swashtwin.recordings.fact_origins import Facts, facts_of, sentences
 from swashtwin.recordings.formats.raw import Options, RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
+from swashtwin.recordings.index import path_from
 from swashtwin.recordings.loading import choose_columns, rate_in_file
 from swashtwin.recordings.stated_facts import (
     bare_pressures,
@@ -255,7 +255,7 @@ def _index_of(
             entry["id"] = entry["file"].replace("/", "_")
     index: dict[str, Any] = {"format": 1}
     if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
-        index["root"] = Path(os.path.relpath(folder.resolve(), Path(index_folder).resolve())).as_posix()
+        index["root"] = path_from(Path(index_folder).resolve(), folder.resolve())
     labels = list(dict.fromkeys(entry["label"] for entry in entries if "label" in entry))
     if labels and len([entry for entry in entries if "label" in entry]) == len(entries):
         index["classes"] = labels

@@ -81,3 +81,22 @@ def test_a_console_without_unicode_shows_tables_and_json(encoding: str) -> None:
     lines = process.stdout.decode(encoding).splitlines()
     assert r"\u4e2d ± 1" in "".join(lines)
     assert json.loads(lines[-1]) == {"a": "中ä"}
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_a_table_is_whole_on_a_narrow_terminal(
+    width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "_UNLIMITED", width)
+    header = ("recording", "channel", *(f"order amplitude {order}x [m/s^2]" for order in range(9)))
+    numbers = [[1001.0 + 10 * row + order for order in range(9)] for row in range(3)]
+    rows = [(f"A01_normal_{row}", "housing", *values) for row, values in enumerate(numbers)]
+    rows[1] = (*rows[1][:-1], None)
+    console.table("levels", header, rows)
+    lines = capsys.readouterr().out.splitlines()
+    text = " ".join(lines)
+    assert max(map(len, lines)) <= width
+    assert "…" not in text
+    assert all(text.count(f" {order}x ") == 1 for order in range(9))
+    assert all(f" {value:.0f} " in text for values in numbers for value in values[:-1])
+    assert text.count("levels") == 1

@@ -24,6 +24,7 @@ T = TypeVar("T")
 
 _UNLIMITED = 200  # columns where no terminal limits a table
 _WORD = 20  # characters of a single word that a column is not broken within
+_NARROW = 8  # characters of a word that stay together on a narrow terminal
 _PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
 
 
@@ -87,21 +88,60 @@ def note_merged(notes: Iterable[tuple[str, str]]) -> None:
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output, numbers to the right; it is wide where no terminal limits it."""
+    """Print a table to standard output, numbers to the right.
+
+    Where the terminal is too narrow, further columns follow below, each time beside those that say which row is which.
+    No number is cut. The table is wide where no terminal limits it.
+    """
     from rich.box import SIMPLE_HEAD
+    from rich.cells import cell_len
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
-    grid = Table(title=Text(_word(title)), title_justify="left", box=SIMPLE_HEAD)
+    numeric, least, most = [], [], []
     for column, name in enumerate(header):
-        numeric = bool(rows) and all(isinstance(row[column], (int, float)) for row in rows)
-        whole = numeric or all(_is_word(row[column]) for row in rows)
-        grid.add_column(Text(_word(name)), justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
-    for row in rows:
-        grid.add_row(*(Text(_word(value)) for value in row))
-    console.print(grid)
+        values = [row[column] for row in rows]
+        numeric.append(any(_is_number(value) for value in values) and all(map(_is_number_or_none, values)))
+        cells, words = [cell_len(_word(value)) for value in values], [cell_len(word) for word in _word(name).split()]
+        whole = numeric[-1] or all(map(_is_word, values))
+        least.append(max([*words, *(cells if whole else [min(_WORD, *cells, _WORD)]), 1]))
+        most.append(max([cell_len(_word(name)), *cells, 1]))
+    keys = list(range(numeric.index(True) if True in numeric else len(header)))
+    if _width(least, keys) > console.width // 2:
+        for column in keys:
+            least[column] = min(least[column], _NARROW)
+    parts: list[list[int]] = [[]]
+    for column in range(len(keys), len(header)):
+        if parts[-1] and _width(least, [*keys, *parts[-1], column]) > console.width:
+            parts.append([])
+        parts[-1].append(column)
+    for number, part in enumerate(parts):
+        columns = [*keys, *part]
+        room = console.width - _width(least, columns)
+        grid = Table(title=None if number else Text(_word(title)), title_justify="left", box=SIMPLE_HEAD)
+        for column in columns:
+            extra = max(0, min(most[column] - least[column], room))
+            room -= extra
+            justify: Any = "right" if numeric[column] else "left"
+            grid.add_column(Text(_word(header[column])), justify=justify, overflow="fold", width=least[column] + extra)
+        for row in rows:
+            grid.add_row(*(Text(_word(row[column])) for column in columns))
+        console.print(grid)
+
+
+def _width(widths: Sequence[int], columns: Sequence[int]) -> int:
+    """Characters of a line with some columns, with the blanks between them."""
+    return sum(widths[column] for column in columns) + 3 * len(columns) + 1
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _is_number_or_none(value: object) -> bool:
+    return value is None or isinstance(value, (int, float))
 
 
 def _is_word(value: object) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from swashtwin.foundation import ArtifactError, DataError, require_memory
+from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
 from swashtwin.recordings.columns import Column, SideBySide
 from swashtwin.recordings.formats.hdf5_kinds import CONDITION, FORMAT, KIND, STORE_FORMAT, STORE_KIND
 from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, require_plausible_size
@@ -23,6 +23,9 @@ _COLUMNS = 10_000
 def read(path: Path, options: Options) -> RawFile:
     """A recording of our own format, or every numeric vector of another HDF5 file."""
     file = _open(path, _CACHE)
+    if (chunk := _largest_chunk(file)) > _CACHE:
+        file.close()
+        file = _open(path, 2 * min(chunk, memory_limit() // 4))  # a chunk that is not kept is unpacked for each slice
     name = _text(file.attrs.get("format")) or ""
     if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
@@ -37,6 +40,18 @@ def read_store(path: Path, options: Options) -> dict[str, RawFile]:
     file = _open(path, 0)  # slices are of whole chunks, and no chunk is read twice
     require_format(path, file, STORE_FORMAT)
     return {name: _complete(path, file[name]) for name in sorted(file)}
+
+
+def _largest_chunk(file: h5py.File) -> int:
+    """Bytes of the largest chunk of any data set."""
+    sizes = [0]
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.chunks:
+            sizes.append(prod(item.chunks) * item.dtype.itemsize)
+
+    file.visititems(visit)
+    return max(sizes)
 
 
 def _open(path: Path, cache: int) -> h5py.File:

@@ -1,6 +1,7 @@
 """What a calibration's file says of its recordings and its fit."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,3 +79,12 @@ def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: C
     path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
     with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 5'"):
         load_calibration(path)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999", "9" * 5_000_000])
+def test_a_calibration_with_a_number_that_is_none_is_refused_in_one_line(calibration, tmp_path, number):
+    path = calibration.save(tmp_path / "calibration.json")
+    path.write_text(re.sub(r'"wall_s": [\d.e-]+', f'"wall_s": {number}', path.read_text()))
+    with pytest.raises(ArtifactError, match="not a calibration, or a damaged one") as caught:
+        load_calibration(path)
+    assert len(str(caught.value)) < 500

@@ -13,6 +13,7 @@ from swashtwin.foundation import (
     ArtifactError,
     InputError,
     MissingFileError,
+    parse_json,
     read_artifact,
     read_run,
     refuse_misfits,
@@ -140,3 +141,11 @@ def test_a_run_goes_on_with_its_own_file_only(tmp_path):
         read_run(path, "run", 1, {"seed": 4, "classes": ("a", "b")})
     with pytest.raises(ArtifactError, match="delete it to start again"):
         read_run(path, "run", 2, {"seed": 3})
+
+
+@pytest.mark.parametrize(
+    "text", ["NaN", "[Infinity]", '{"a": -Infinity}', "1e999", "9" * 5_000_000, "[" * 100_000, "", '{"a": 1,}']
+)
+def test_json_that_is_no_number_or_no_json_is_refused(text):
+    with pytest.raises((ValueError, RecursionError)):
+        parse_json(text)

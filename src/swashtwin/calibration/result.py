@@ -13,7 +13,7 @@ from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, Spectra, Waveforms, mean_agreement
 from swashtwin.calibration.twin_table import twin_from_dict, twin_to_dict
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
-from swashtwin.foundation import ArtifactError, MissingFileError, read_text, write_text
+from swashtwin.foundation import ArtifactError, MissingFileError, parse_json, read_text, write_text
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
 from swashtwin.recordings import Manifest, join_manifests
@@ -165,11 +165,11 @@ def load_calibration(path: Path | str) -> Calibration:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such calibration.")
     try:
-        table = json.loads(read_text(path))
+        table = parse_json(read_text(path))
         if (saved := table["format"]) == FORMAT:
             return _calibration_from(table)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as cause:
-        raise ArtifactError(f"{path}: not a calibration, or a damaged one: {cause!s}.") from cause
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, RecursionError) as cause:
+        raise ArtifactError(f"{path}: not a calibration, or a damaged one: {str(cause)[:300]}.") from cause
     raise ArtifactError(f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again.")
 
 

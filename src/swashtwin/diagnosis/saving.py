@@ -4,18 +4,21 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, from_numpy
+from torch import Tensor, device, from_numpy
 
 from swashtwin.foundation import (
     ArtifactError,
     add_prefix,
     read_artifact,
     refuse_misfits,
+    require_form,
     select_prefix,
     write_artifact,
 )
 from swashtwin.learning import (
+    BUILT_IN,
     NETWORKS,
+    NORMALIZATIONS,
     Confidence,
     Epoch,
     FittedClassifier,
@@ -29,6 +32,27 @@ from swashtwin.learning import (
 from swashtwin.recordings import join_manifests
 
 _KIND, _VERSION = "classifier", 3
+_EPOCH = {
+    "number": int, "loss": float, "accuracy": float,
+    "validation_loss": (float, None), "validation_accuracy": (float, None),
+}  # fmt: skip
+_FORM: dict[str, Any] = {
+    "network": {"name": str, "settings": dict},
+    "classes": [str],
+    "layout": {"sample_rate": float, "channels": [str], "unit": str, "length": int},
+    "normalization": str,
+    "settings": dict,
+    "seed": int,
+    "history": [_EPOCH],
+    "manifest": {str: [str]},
+    "pressures": [float],
+    "speeds": [float],
+    "training_reference": ({"recording_id": [str], "label": [str]}, None),
+    "confidence": ({"temperature": float, "error_rate": float}, None),
+}
+"""Form of a card (`require_form`)."""
+_USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
+"""A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
 
 
 def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
@@ -60,7 +84,8 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     advice = "a classifier is saved with save_classifier(classifier, path), or by swashtwin train"
     card, tensors = read_artifact(path, _KIND, _VERSION, advice=advice)
     with refuse_misfits(path, _KIND):
-        name = str(card["network"]["name"])
+        require_form(card, _FORM, "card")
+        name = card["network"]["name"][:60]
         if not has_network(name):
             raise ArtifactError(
                 f"{path} has the network {name!r}, which is not registered here; call register_network({name!r}, ...) "
@@ -104,9 +129,11 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
 
 
 def _classifier(card: dict[str, Any], tensors: dict[str, Tensor]) -> FittedClassifier:
+    weights, scaling = select_prefix("network", tensors), select_prefix("normalization", tensors)
+    _require_consistent(card, tensors)
+    _require_size(card["network"], card["layout"]["length"], weights)
     network = build_network(card["network"]["name"], **card["network"]["settings"])
-    network.load_state_dict(select_prefix("network", tensors))
-    scaling = select_prefix("normalization", tensors)
+    network.load_state_dict(weights)
     return FittedClassifier(
         network=network.eval(),
         classes=tuple(card["classes"]),
@@ -121,6 +148,60 @@ def _classifier(card: dict[str, Any], tensors: dict[str, Tensor]) -> FittedClass
         training_reference=_reference(card["training_reference"], tensors),
         confidence=_confidence(card["confidence"], tensors),
     )
+
+
+def _require_consistent(card: dict[str, Any], tensors: dict[str, Tensor]) -> None:
+    """Refuse a card whose parts contradict each other or the tensors."""
+    layout, settings, classes = card["layout"], card["network"]["settings"], card["classes"]
+    n_channels = len(layout["channels"])
+    if not classes or len(set(classes)) < len(classes):
+        raise ValueError("its classes are none, or one of them twice")
+    if layout["length"] < 2 or not layout["sample_rate"] > 0 or not n_channels:
+        raise ValueError("its windows have a length below 2, no positive sample rate, or no channel")
+    sizes = settings.get("n_channels"), settings.get("n_classes")
+    if sizes != (n_channels, len(classes)) or bool in map(type, sizes):
+        raise ValueError(f"its network is not for {n_channels} channel(s) and {len(classes)} classes")
+    if card["normalization"] not in NORMALIZATIONS:
+        raise ValueError(f"its normalization {card['normalization'][:60]!r} is none of {', '.join(NORMALIZATIONS)}")
+    _require_tensors(card, tensors, n_channels)
+
+
+def _require_tensors(card: dict[str, Any], tensors: dict[str, Tensor], n_channels: int) -> None:
+    for name in ("mean", "deviation"):
+        if tensors[f"normalization.{name}"].shape != (n_channels,):
+            raise ValueError(f"normalization.{name} has not one value for each of {n_channels} channel(s)")
+    if not bool((tensors["normalization.deviation"] > 0).all()):
+        raise ValueError("normalization.deviation is not positive")
+    if (names := card["training_reference"]) is not None:
+        features = tensors["training_reference.features"]
+        if features.ndim != 2 or not len(features) == len(names["recording_id"]) == len(names["label"]) > 0:
+            raise ValueError("training_reference.features has not one row for each recording")
+    for name in ("nonconformity_score", "ood_score") if card["confidence"] is not None else ():
+        score = tensors[f"confidence.{name}"]
+        if score.ndim != 1 or not bool((score.diff() >= 0).all()):
+            raise ValueError(f"confidence.{name} is not in ascending order")
+
+
+def _require_size(network: dict[str, Any], length: int, weights: dict[str, Tensor]) -> None:
+    """Refuse settings that ask for other weights than the file holds, before memory is taken for them."""
+    most = max(_USUAL_SIZE, length, sum(tensor.numel() for tensor in weights.values()))
+    for name, value in network["settings"].items():
+        entries = value if isinstance(value, list) else [value]
+        if len(entries) > _MOST_LAYERS:
+            raise ValueError(f"the network's {name[:60]} has {len(entries)} entries")
+        for entry in entries:
+            if not isinstance(entry, (int, float, str)) and entry is not None:
+                raise ValueError(f"the network's {name[:60]} is neither a number nor a text")
+            if isinstance(entry, (int, float)) and abs(entry) > most:
+                raise ValueError(f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most")
+    if network["name"] not in BUILT_IN:
+        return
+    with device("meta"):
+        needed = build_network(network["name"], **network["settings"]).state_dict()
+    for name in [*needed, *weights]:
+        shapes = [tuple(side[name].shape) if name in side else None for side in (needed, weights)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"weight {name} has the shape {shapes[1]}, its settings ask for {shapes[0]}")
 
 
 def _reference(names: dict[str, Any] | None, tensors: dict[str, Tensor]) -> TrainingReference | None:

@@ -2,9 +2,11 @@
 
 from .artifacts import add_prefix as add_prefix
 from .artifacts import optimizer_tensors as optimizer_tensors
+from .artifacts import parse_json as parse_json
 from .artifacts import read_artifact as read_artifact
 from .artifacts import read_run as read_run
 from .artifacts import refuse_misfits as refuse_misfits
+from .artifacts import require_form as require_form
 from .artifacts import restore_optimizer as restore_optimizer
 from .artifacts import select_prefix as select_prefix
 from .artifacts import write_artifact as write_artifact
@@ -90,6 +92,7 @@ __all__ = [
     "optimizer_tensors",
     "parallel",
     "parse",
+    "parse_json",
     "plain_text",
     "read_artifact",
     "read_run",
@@ -97,6 +100,7 @@ __all__ = [
     "refuse_misfits",
     "replacing",
     "require_disk_space",
+    "require_form",
     "require_memory",
     "restore_optimizer",
     "rpm",

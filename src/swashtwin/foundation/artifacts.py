@@ -7,6 +7,7 @@ purpose can write a new checksum. A crash while writing leaves the file as it wa
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,8 @@ from torch import Tensor
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
 from swashtwin.foundation.files import replacing
 
+_MOST_DIGITS = 40
+_LONGEST_REASON = 300
 _KEY = "swashtwin"
 """The one entry of a file's metadata; safetensors would write several in an order of its own."""
 
@@ -90,7 +93,7 @@ def read_artifact(
         what = f"has the former format {former[0]}" if former else "was not written by swashtwin"
         raise ArtifactError(f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}.")
     try:
-        note = json.loads(metadata[_KEY])
+        note = parse_json(metadata[_KEY])
         identity, card, checksum = (str(note["kind"]), note["version"]), note["card"], note["sha256"]
     except (ValueError, KeyError, TypeError, RecursionError) as cause:
         raise ArtifactError(f"{path} is damaged: its card cannot be read; {advice}.") from cause
@@ -106,6 +109,74 @@ def read_artifact(
     return card, tensors
 
 
+def parse_json(text: str) -> Any:
+    """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a number can be."""
+    return json.loads(text, parse_constant=_refuse_constant, parse_int=_parse_int, parse_float=_parse_float)
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"{text} is no finite number")
+
+
+def _parse_int(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"a number has {len(text)} digits")
+    return int(text)
+
+
+def _parse_float(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(f"{text[:_MOST_DIGITS]} is no finite number")
+    return number
+
+
+def require_form(value: Any, form: Any, where: str) -> None:
+    """Refuse a value of a card that has another form.
+
+    Parameters
+    ----------
+    form : a type; ``[form]`` for a list of such; ``{"name": form}`` for an object with these entries and no other, or
+        ``{str: form}`` for one with any names; or ``(form, None)`` for what may be null. An int is a float too.
+    where : what messages call it.
+
+    Raises
+    ------
+    ValueError
+        It has another form; the message names the first entry that differs.
+
+    Examples
+    --------
+    >>> require_form({"rate": 1, "names": ["a", 2]}, {"rate": float, "names": [str]}, "card")
+    Traceback (most recent call last):
+    ValueError: card.names[1] is 2, no str
+    """
+    if isinstance(form, tuple):
+        if value is not None or None not in form:
+            require_form(value, next(kind for kind in form if kind is not None), where)
+    elif isinstance(form, type):
+        kinds = (int, float) if form is float else form
+        if not isinstance(value, kinds) or (isinstance(value, bool) and form is not bool):
+            raise ValueError(f"{where} is {_short(value)}, no {form.__name__}")
+    elif isinstance(form, list):
+        if not isinstance(value, list):
+            raise ValueError(f"{where} is {_short(value)}, no list")
+        for number, item in enumerate(value):
+            require_form(item, form[0], f"{where}[{number}]")
+    else:
+        _require_object(value, form, where)
+
+
+def _require_object(value: Any, form: Mapping[Any, Any], where: str) -> None:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} is {_short(value)}, no object")
+    names = form if str not in form else dict.fromkeys(value, form[str])
+    for name in [*names, *value]:
+        if name not in value or name not in names:
+            raise ValueError(f"{where} has {'no' if name not in value else 'an unknown'} entry {_short(name)!r}")
+    for name, kind in names.items():
+        require_form(value[name], kind, f"{where}.{_short(name)}")
+
+
 @contextmanager
 def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
     """Within it, building an object from a card turns every misfit into an `ArtifactError` of one line."""
@@ -113,8 +184,10 @@ def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
         yield
     except ArtifactError:
         raise
-    except (InputError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as cause:
-        reason = (str(cause).splitlines() or [type(cause).__name__])[0]
+    except (
+        InputError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError, MemoryError
+    ) as cause:  # fmt: skip
+        reason = (str(cause).splitlines() or [type(cause).__name__])[0][:_LONGEST_REASON]
         raise ArtifactError(
             f"{path} is a {kind} that does not fit this swashtwin ({reason}); was it saved by a newer one?"
         ) from cause

@@ -34,6 +34,7 @@ from .leakage.table import read_audit_rows as read_audit_rows
 from .leakage.table import rows_of as rows_of
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.network import Network as Network
+from .networks.registry import BUILT_IN as BUILT_IN
 from .networks.registry import NETWORKS as NETWORKS
 from .networks.registry import build_network as build_network
 from .networks.registry import has_network as has_network
@@ -49,6 +50,7 @@ from .training.confidence import plan_validation as plan_validation
 from .training.confidence import require_enough as require_enough
 from .training.loop import fit as fit
 from .training.normalization import Normalization as Normalization
+from .training.settings import NORMALIZATIONS as NORMALIZATIONS
 from .training.settings import PAPER_TRAINING as PAPER_TRAINING
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
@@ -73,8 +75,10 @@ from .windows.window_set import WindowSet as WindowSet
 
 __all__ = [
     "BASELINES",
+    "BUILT_IN",
     "LEVELS",
     "NETWORKS",
+    "NORMALIZATIONS",
     "PAPER_TRAINING",
     "RANGE",
     "RECOMMENDED_TRAINING",

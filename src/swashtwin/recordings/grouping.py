@@ -74,8 +74,11 @@ def stated_speed(recording: Recording) -> float | None:
     if recording.attributes.get("domain") == "angle":
         text = recording.attributes.get("samples_per_turn")
         try:
-            return recording.sample_rate / float(text or 0)
-        except (ValueError, ZeroDivisionError) as cause:
+            per_turn = float(text or 0)
+            if not 0 < per_turn < math.inf:
+                raise ValueError("not positive")
+            return recording.sample_rate / per_turn
+        except ValueError as cause:
             raise DataError(
                 f"{recording.recording_id} runs along the shaft's angle, but its samples_per_turn ({text!r}) is no "
                 "positive number; convert it again with --samples-per-turn."

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from swashtwin.calibration.objective.unknowns import Unknowns
 from swashtwin.calibration.uncertainty.posterior import QUANTILE
-from swashtwin.foundation import ArtifactError, InputError, MissingFileError, read_text, write_text
+from swashtwin.foundation import ArtifactError, InputError, MissingFileError, parse_json, read_text, write_text
 
 FORMAT = "swashtwin population 1"
 SPREAD_WIDTH = 0.5
@@ -116,9 +116,9 @@ def load_population(path: Path | str) -> Population:
     if not path.is_file():
         raise MissingFileError(f"{path}: no such population.")
     try:
-        return _population(json.loads(read_text(path)))
-    except (KeyError, TypeError, ValueError, AttributeError) as cause:
-        raise ArtifactError(f"{path}: not a population, or a damaged one: {cause!s}.") from cause
+        return _population(parse_json(read_text(path)))
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as cause:
+        raise ArtifactError(f"{path}: not a population, or a damaged one: {str(cause)[:300]}.") from cause
 
 
 def _population(table: Mapping[str, Any]) -> Population:

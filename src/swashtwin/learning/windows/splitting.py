@@ -53,8 +53,8 @@ def split_by_recording(
     windows.require_labels("a split by class")
     groups = window_groups(windows, group)
     _require_two_groups(windows, groups, f"{group_name(group)}(s)")
-    kept = sorted(seen_recordings(join_manifests([keep_in_training]), windows.recordings))
-    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, kept)])
+    names = sorted(seen_recordings(join_manifests([keep_in_training]), windows.recordings))
+    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, names)])
     if is_kept.any():
         _require_two_groups(
             windows.subset(~is_kept), groups[~is_kept], f"{group_name(group)}(s) without a part in synthetic ones"

@@ -1,0 +1,46 @@
+"""Models whose card lies, with a checksum that fits: refused in one line, with no more memory than the weights take."""
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hostile_cards import hostile_cards
+
+from swashtwin.diagnosis import load_classifier, save_classifier
+from swashtwin.foundation import ArtifactError, read_artifact, write_artifact
+from swashtwin.learning import BiTCN, TrainingSettings, cut_windows, fit
+from swashtwin.recordings import Recording
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    draw = np.random.default_rng(0)
+    labels = ("normal", "piston", "normal", "piston")
+    recordings = [Recording(draw.normal(size=(1, 160)), 1e3, str(n), label=label) for n, label in enumerate(labels)]
+    windows = cut_windows(recordings, length=80)
+    classifier = fit(BiTCN(1, 2, channels=(8, 12), kernel_size=3), windows, settings=TrainingSettings(epochs=1))
+    return save_classifier(classifier, tmp_path_factory.mktemp("model") / "model.safetensors")
+
+
+def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path):
+    card, tensors = read_artifact(saved, "classifier", 3, advice="")
+    load_classifier(write_artifact(tmp_path / "model.safetensors", "classifier", 3, card, tensors))
+    wrong, count = [], 0
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for number, (name, changed) in enumerate(hostile_cards(card)):
+        if number % 4 and "." in name.split()[0]:
+            continue  # benchmarks/fuzz_readers.py takes all
+        path = write_artifact(tmp_path / "hostile.safetensors", "classifier", 3, changed, tensors)
+        try:
+            load_classifier(path)
+            wrong.append(f"{name}: loaded")
+        except ArtifactError as error:
+            if "\n" in str(error) or len(str(error)) > 600:
+                wrong.append(f"{name}: {str(error)[:700]}")
+        except Exception as error:
+            wrong.append(f"{name}: {type(error).__name__}: {error}")
+        count += 1
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "kB beside what was in memory"
+    assert not wrong, "\n".join(wrong)
+    assert count >= 60

@@ -25,6 +25,7 @@ from swashtwin.signals import (
     stated_angle,
     tachometer_speed,
 )
+from swashtwin.signals.indicators import stretches
 from swashtwin.signals.indicators.cepstrum import harmonic_family_index, real_cepstrum
 from swashtwin.signals.indicators.envelope import envelope_spectrum
 from swashtwin.signals.indicators.kurtogram import kurtogram
@@ -303,3 +304,20 @@ def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
     for band in ((1000.0, 99_000.0), (3000.0, 2000.0), (-5.0, 100.0)):
         with pytest.raises(InputError, match="half the sample rate"):
             spectrum_of(pump(), "envelope", band=band)
+
+
+def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those_of_all_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = np.arange(200_000) / RATE
+    signal = np.random.default_rng(0).standard_normal((2, time.size)) + 0.5 * np.sin(2 * np.pi * 25 * time)
+    recording = Recording(signal, RATE, "long", ("x", "y"), attributes={"speed": "1500 rpm"})
+    whole = indicators_of(recording, pistons=9)
+    monkeypatch.setattr(stretches, "LONGEST", 100_000)
+    monkeypatch.setattr(stretches, "_STRETCH", 60_000)
+    parts = stretches.long_indicators(recording, lambda part: indicators_of(part, pistons=9))
+    assert (parts.rows, parts.columns) == (whole.rows, whole.columns)
+    for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
+        assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)
+    for name in ("velocity_rms", "band_rms 10-1000 Hz", "order_amplitude 1x"):
+        assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=0.05)

@@ -294,22 +294,25 @@ def _indicators_of(
 ) -> "IndicatorTable":
     """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found."""
     from swashtwin.foundation import DataError, InputError
-    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, stacked
+    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, long_indicators, stacked
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
-    tables, refusals = [], []
-    for recording in with_bar(recordings, "indicators"):
+    refusals: dict[str, DataError | InputError] = {}
+
+    def describe(recording: "Recording") -> "IndicatorTable":
         angle, names = None, families or list(FAMILIES)
         try:
             angle = shaft.angle_of(recording)
         except (DataError, InputError) as refusal:
-            refusals.append(refusal)
+            refusals[recording.recording_id] = refusal
             names = [name for name in names if name != "orders"]
         vibration = shaft.vibration_of(recording)
-        tables.append(indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names))
+        return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
+
+    tables = [long_indicators(recording.unloaded(), describe) for recording in with_bar(recordings, "indicators")]
     if refusals and len(refusals) == len(recordings):
-        raise refusals[0]
-    for reason in refusals:
+        raise next(iter(refusals.values()))
+    for reason in refusals.values():
         note(f"no orders: {reason}")
     return stacked(tables)
 

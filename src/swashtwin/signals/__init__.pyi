@@ -20,6 +20,7 @@ from .indicators.registry import Band as Band
 from .indicators.registry import Indicator as Indicator
 from .indicators.statistics import TIME_STATISTICS as TIME_STATISTICS
 from .indicators.statistics import time_statistics as time_statistics
+from .indicators.stretches import long_indicators as long_indicators
 from .indicators.table import IndicatorTable as IndicatorTable
 from .indicators.table import Row as Row
 from .indicators.table import indicators_of as indicators_of
@@ -73,6 +74,7 @@ __all__ = [
     "indicators_of",
     "inverse_transform",
     "line_frequencies",
+    "long_indicators",
     "order_spectrum",
     "peak_error",
     "periodic_signal",

@@ -6,10 +6,12 @@ and other code that torch differentiates call `torch.fft` themselves.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from jaxtyping import Complex, Float, Inexact, Int
+from numpy.lib.stride_tricks import sliding_window_view
 
 from swashtwin.foundation import InputError
 
@@ -47,6 +49,10 @@ def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarra
     return np.abs(np.fft.ifft(spectrum, n=length, axis=-1))
 
 
+_AT_ONCE = 1 << 16
+"""Samples of each channel that are transformed together: they stay in the processor's cache."""
+
+
 def power_density(
     signal: Float[np.ndarray, "*batch time"], sample_rate: float, length: int | None = None
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "*batch frequency"]]:
@@ -56,9 +62,26 @@ def power_density(
     ----------
     length : samples of the half-overlapping segments over which it is averaged (Welch); None takes the whole signal.
     """
-    if length is None:
-        return scipy.signal.periodogram(signal, sample_rate, "hann", detrend="constant")
-    return scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, detrend="constant")
+    length = signal.shape[-1] if length is None else min(length, signal.shape[-1])
+    taper = _periodic_taper(length)
+    segments = sliding_window_view(np.asarray(signal, dtype=np.float64), length, axis=-1)
+    segments = segments[..., :: max(1, length - length // 2), :]
+    density = np.zeros((*segments.shape[:-2], length // 2 + 1))
+    at_once = max(1, _AT_ONCE // length)
+    for first in range(0, segments.shape[-2], at_once):
+        part = segments[..., first : first + at_once, :]
+        lines = scipy.fft.rfft((part - part.mean(axis=-1, keepdims=True)) * taper, axis=-1, overwrite_x=True)
+        density += (lines.real**2 + lines.imag**2).sum(axis=-2)
+    density *= 2 / (sample_rate * (taper @ taper) * segments.shape[-2])
+    density[..., 0] /= 2
+    if length % 2 == 0:
+        density[..., -1] /= 2
+    return line_frequencies(length, sample_rate), density
+
+
+@lru_cache(maxsize=16)
+def _periodic_taper(length: int) -> Float[np.ndarray, " time"]:
+    return hann_taper(length)
 
 
 def fourier_lines(revolution: Float[np.ndarray, "*batch step"]) -> Complex[np.ndarray, "*batch order"]:
@@ -138,6 +161,14 @@ class OrderSpectrum:
         return self.orders * self.shaft_frequency
 
 
+def segment_densities(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, segments: int = 4
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]]:
+    """`power_density` of each of several equal parts of the signal; a rest at the end is left out."""
+    length = signal.shape[-1] // segments
+    return power_density(signal[:, : segments * length].reshape(signal.shape[0], segments, length), sample_rate)
+
+
 def order_spectrum(
     signal: Float[np.ndarray, "channel time"],
     sample_rate: float,
@@ -146,6 +177,7 @@ def order_spectrum(
     *,
     jitter: float = 0.006,
     segments: int = 4,
+    densities: tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]] | None = None,
 ) -> OrderSpectrum:
     """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
 
@@ -158,6 +190,7 @@ def order_spectrum(
     signal : at least `segments` x 4 revolutions.
     jitter : half-width of the speed's variation, relative.
     segments : the scatter of the amplitudes between so many parts of the signal gives `deviation`.
+    densities : `segment_densities` of the signal, where they are at hand.
 
     Raises
     ------
@@ -177,8 +210,7 @@ def order_spectrum(
             f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the sample rate "
             f"({sample_rate / 2:.0f} Hz)."
         )
-    parts = signal[:, : segments * length].reshape(signal.shape[0], segments, length)
-    frequency, density = power_density(parts, sample_rate)
+    frequency, density = segment_densities(signal, sample_rate, segments) if densities is None else densities
     line_width = frequency[1]
     centers = orders * shaft_frequency
     spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))

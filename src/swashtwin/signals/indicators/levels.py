@@ -15,10 +15,27 @@ SEGMENT = 2.0
 """Length of the segments [s], so that lines lie 0.5 Hz apart; the whole signal where it is shorter."""
 
 
+Spectrum = tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"]]
+
+
+def segment_length(n_samples: int, sample_rate: float) -> int:
+    """Samples of the segments whose `power_density` the levels are read from."""
+    return min(n_samples, round(SEGMENT * sample_rate))
+
+
 def band_rms(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, low: float, high: float
+    signal: Float[np.ndarray, "channel time"],
+    sample_rate: float,
+    low: float,
+    high: float,
+    *,
+    spectrum: Spectrum | None = None,
 ) -> Float[np.ndarray, " channel"]:
     """Root mean square between `low` and `high` [Hz], in the signal's unit; its square is the band's energy.
+
+    Parameters
+    ----------
+    spectrum : `power_density` of the signal in segments of `segment_length`, where it is at hand.
 
     Raises
     ------
@@ -31,11 +48,16 @@ def band_rms(
     >>> print(band_rms(np.sin(2 * np.pi * 50 * time)[None], 1000.0, 10, 100).round(4))
     [0.7071]
     """
-    return _level(signal, sample_rate, low, high, integrated=False)
+    return _level(signal, sample_rate, low, high, integrated=False, spectrum=spectrum)
 
 
 def velocity_rms(
-    acceleration: Float[np.ndarray, "channel time"], sample_rate: float, low: float = 10.0, high: float = 1000.0
+    acceleration: Float[np.ndarray, "channel time"],
+    sample_rate: float,
+    low: float = 10.0,
+    high: float = 1000.0,
+    *,
+    spectrum: Spectrum | None = None,
 ) -> Float[np.ndarray, " channel"]:
     """Root mean square [m/s] of the velocity between `low` and `high` [Hz], of an acceleration [m/s^2].
 
@@ -48,22 +70,28 @@ def velocity_rms(
     InputError
         No band, one that reaches above half the sample rate, or one below which the recording holds no full period.
     """
-    return _level(acceleration, sample_rate, low, high, integrated=True)
+    return _level(acceleration, sample_rate, low, high, integrated=True, spectrum=spectrum)
 
 
 def _level(
-    signal: Float[np.ndarray, "channel time"], rate: float, low: float, high: float, *, integrated: bool
+    signal: Float[np.ndarray, "channel time"],
+    rate: float,
+    low: float,
+    high: float,
+    *,
+    integrated: bool,
+    spectrum: Spectrum | None = None,
 ) -> Float[np.ndarray, " channel"]:
     n_samples = signal.shape[-1]
     if not 0 <= low < high <= rate / 2:
         raise InputError(f"a band of {low:g} to {high:g} Hz is none at {rate:g} Hz; it lies in 0 to {rate / 2:g} Hz.")
-    length = min(n_samples, round(SEGMENT * rate))
+    length = segment_length(n_samples, rate)
     width = rate / length
     if high - low < width or (integrated and low < 2 * width):
         raise InputError(
             f"{n_samples / rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record longer."
         )
-    frequency, density = power_density(signal, rate, length)
+    frequency, density = power_density(signal, rate, length) if spectrum is None else spectrum
     share = np.clip(np.minimum(frequency + width / 2, high) - np.maximum(frequency - width / 2, low), 0, None)
     if integrated:
         share[1:] /= (2 * np.pi * frequency[1:]) ** 2  # the first line is below the band

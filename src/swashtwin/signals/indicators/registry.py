@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -15,11 +15,11 @@ from swashtwin.recordings import Recording
 from swashtwin.signals.indicators.cepstrum import harmonic_family_index
 from swashtwin.signals.indicators.envelope import envelopes
 from swashtwin.signals.indicators.kurtogram import kurtogram
-from swashtwin.signals.indicators.levels import band_rms, velocity_rms
+from swashtwin.signals.indicators.levels import Spectrum, band_rms, segment_length, velocity_rms
 from swashtwin.signals.indicators.statistics import TIME_STATISTICS, time_statistics
 from swashtwin.signals.indicators.synchronous import synchronous_lines
 from swashtwin.signals.orders.shaft_angle import ShaftAngle
-from swashtwin.signals.spectra import order_spectrum
+from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
@@ -100,6 +100,12 @@ class Measured:
     bands: tuple[Band, ...]
     """Bands whose levels are wanted."""
 
+    @cached_property
+    def level_spectrum(self) -> Spectrum:
+        """Power density that velocity and band levels are read from."""
+        rate = self.recording.sample_rate
+        return power_density(self.recording.signal, rate, segment_length(self.recording.n_samples, rate))
+
 
 Compute = Callable[[np.ndarray, float], np.ndarray]
 Values = Iterator[tuple[Indicator, Float[np.ndarray, " channel"]]]
@@ -131,17 +137,25 @@ def _or_nan(
         return np.full(measured.recording.n_channels, math.nan)
 
 
-def _order_amplitude(shaft: float, order: int) -> Compute:
-    def compute(signal: np.ndarray, rate: float) -> np.ndarray:
-        return order_spectrum(signal, rate, shaft, np.array([order])).amplitude[:, 0]
+def _order_amplitudes(shaft: float) -> Callable[[int], Compute]:
+    """What computes the amplitude of an order, all orders from one power density of the signal."""
+    densities: list[tuple[np.ndarray, np.ndarray]] = []
 
-    return compute
+    def of_order(order: int) -> Compute:
+        def compute(signal: np.ndarray, rate: float) -> np.ndarray:
+            if not densities:
+                densities.append(segment_densities(signal, rate))
+            return order_spectrum(signal, rate, shaft, np.array([order]), densities=densities[0]).amplitude[:, 0]
+
+        return compute
+
+    return of_order
 
 
 def _velocity(measured: Measured) -> Values:
     if measured.recording.unit == "m/s^2":
         indicator = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
-        yield indicator, _or_nan(measured, velocity_rms)
+        yield indicator, _or_nan(measured, partial(velocity_rms, spectrum=measured.level_spectrum))
 
 
 def _levels(measured: Measured) -> Values:
@@ -149,7 +163,7 @@ def _levels(measured: Measured) -> Values:
         factor = measured.shaft if band.in_orders else 1.0
         if factor is None:
             continue
-        level = partial(band_rms, low=band.low * factor, high=band.high * factor)
+        level = partial(band_rms, low=band.low * factor, high=band.high * factor, spectrum=measured.level_spectrum)
         indicator = Indicator(
             f"band_rms {band.name}", measured.recording.unit, "rms in the band; its square is the energy"
         )
@@ -162,10 +176,11 @@ def _lines(measured: Measured) -> Values:
     shaft, angle, unit = measured.shaft, measured.angle, measured.recording.unit
     gathered = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
     turning = "peak amplitude of the line that turns with the shaft's angle"
+    amplitude_of = _order_amplitudes(shaft)
     for order in measured.orders:
         if angle is None:
             indicator = Indicator(f"order_amplitude {order}x", unit, gathered)
-            yield indicator, _or_nan(measured, _order_amplitude(shaft, order))
+            yield indicator, _or_nan(measured, amplitude_of(order))
             continue
         try:
             lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
@@ -196,11 +211,12 @@ def _envelope(measured: Measured) -> Values:
     if measured.shaft is None:
         return
     envelope = envelopes(signal, rate, bands)
+    amplitude_of = _order_amplitudes(measured.shaft)
     for order in measured.orders:
         indicator = Indicator(
             f"envelope_amplitude {order}x", measured.recording.unit, "peak amplitude of the envelope's line"
         )
-        yield indicator, _or_nan(measured, _order_amplitude(measured.shaft, order), envelope)
+        yield indicator, _or_nan(measured, amplitude_of(order), envelope)
 
 
 def _families(measured: Measured) -> Values:

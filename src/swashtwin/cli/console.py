@@ -100,32 +100,34 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     from rich.text import Text
 
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
-    numeric, least, most = [], [], []
+    numeric, narrowest, widest = [], [], []
     for column, name in enumerate(header):
         values = [row[column] for row in rows]
         numeric.append(any(_is_number(value) for value in values) and all(map(_is_number_or_none, values)))
         cells, words = [cell_len(_word(value)) for value in values], [cell_len(word) for word in _word(name).split()]
         whole = numeric[-1] or all(map(_is_word, values))
-        least.append(max([*words, *(cells if whole else [min(_WORD, *cells, _WORD)]), 1]))
-        most.append(max([cell_len(_word(name)), *cells, 1]))
+        narrowest.append(max([*words, *(cells if whole else [min(_WORD, *cells, _WORD)]), 1]))
+        widest.append(max([cell_len(_word(name)), *cells, 1]))
     keys = list(range(numeric.index(True) if True in numeric else len(header)))
-    if _width(least, keys) > console.width // 2:
+    if _width(narrowest, keys) > console.width // 2:
         for column in keys:
-            least[column] = min(least[column], _NARROW)
+            narrowest[column] = min(narrowest[column], _NARROW)
     parts: list[list[int]] = [[]]
     for column in range(len(keys), len(header)):
-        if parts[-1] and _width(least, [*keys, *parts[-1], column]) > console.width:
+        if parts[-1] and _width(narrowest, [*keys, *parts[-1], column]) > console.width:
             parts.append([])
         parts[-1].append(column)
     for number, part in enumerate(parts):
         columns = [*keys, *part]
-        room = console.width - _width(least, columns)
+        spare = console.width - _width(narrowest, columns)
         grid = Table(title=None if number else Text(_word(title)), title_justify="left", box=SIMPLE_HEAD)
         for column in columns:
-            extra = max(0, min(most[column] - least[column], room))
-            room -= extra
+            extra = max(0, min(widest[column] - narrowest[column], spare))
+            spare -= extra
             justify: Any = "right" if numeric[column] else "left"
-            grid.add_column(Text(_word(header[column])), justify=justify, overflow="fold", width=least[column] + extra)
+            grid.add_column(
+                Text(_word(header[column])), justify=justify, overflow="fold", width=narrowest[column] + extra
+            )
         for row in rows:
             grid.add_row(*(Text(_word(row[column])) for column in columns))
         console.print(grid)

@@ -5,7 +5,7 @@
 The commands are rig, convert, train, calibrate and study, all on tiny data. Half of the kills strike while a file is
 being written. The same command then runs again, and is killed again, up to five times, before it may end. All files
 must then equal those of the undisturbed run byte by byte, but for times of day and durations; no other file may be left
-in the folder or among the temporary files, and no process may live longer than three seconds after a kill. The last is
+in the folder or among the temporary files, and no process may live longer than twenty seconds after a kill. The last is
 asked where the system lists processes in /proc.
 """
 
@@ -31,8 +31,8 @@ import numpy as np
 KILLS_IN_A_ROW = 5
 PATIENCE = 300.0
 """Seconds that a tiny command may take."""
-LONGEST_LIFE = 3.0
-"""Seconds within which the workers of a killed command must end."""
+LONGEST_LIFE = 20.0
+"""Seconds within which the workers of a killed command must end; one that just starts must first import much."""
 
 COMMANDS: Mapping[str, Callable[[Path], str]] = {
     "rig": lambda rig: "bench rig rig",
@@ -81,7 +81,7 @@ class Row:
     left_behind: list[str] = field(default_factory=list)
     """Files that an undisturbed run does not leave."""
     alive: int | None = None
-    """Processes that outlived a kill by three seconds; None where the system does not list them."""
+    """Processes that outlived a kill by twenty seconds; None where the system does not list them."""
     seconds: float = 0.0
 
     @property
@@ -240,7 +240,7 @@ def _difference(expected: bytes, content: bytes) -> str:
 
 
 def _survivors(folder: Path) -> int | None:
-    """Processes of a killed command that still live after three seconds."""
+    """Processes of a killed command that still live after twenty seconds."""
     if not Path("/proc/self/environ").is_file():
         return None
     until = time.monotonic() + LONGEST_LIFE

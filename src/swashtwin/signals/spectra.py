@@ -49,7 +49,7 @@ def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarra
     return np.abs(np.fft.ifft(spectrum, n=length, axis=-1))
 
 
-_AT_ONCE = 1 << 16
+AT_ONCE = 1 << 16
 """Samples of each channel that are transformed together: they stay in the processor's cache."""
 
 
@@ -67,7 +67,7 @@ def power_density(
     segments = sliding_window_view(np.asarray(signal, dtype=np.float64), length, axis=-1)
     segments = segments[..., :: max(1, length - length // 2), :]
     density = np.zeros((*segments.shape[:-2], length // 2 + 1))
-    at_once = max(1, _AT_ONCE // length)
+    at_once = max(1, AT_ONCE // length)
     for first in range(0, segments.shape[-2], at_once):
         part = segments[..., first : first + at_once, :]
         lines = scipy.fft.rfft((part - part.mean(axis=-1, keepdims=True)) * taper, axis=-1, overwrite_x=True)

@@ -3,13 +3,15 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Complex, Float, Float32, Int
+from numpy.lib.stride_tricks import sliding_window_view
 
 from swashtwin.foundation import InputError
-from swashtwin.signals.spectra import transform
+from swashtwin.signals.spectra import AT_ONCE, transform
 
 _LEVELS = 7
 """Halvings of the whole band, at most."""
@@ -23,6 +25,8 @@ _SURE = 3.0
 """Standard deviations of noise taken off a band's kurtosis before bands are compared."""
 _CLEAR = 6.0
 """The same, that the best of hundreds of bands must exceed; noise reached 5.4 in 180 trials."""
+_LONG = 1 << 19
+"""Lines of a spectrum from which its filters take too much memory to be kept for the next one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +85,8 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
         raise InputError(f"{n_samples} samples, or constant ones, have no kurtogram; it takes {2 * _LEAST_VALUES}.")
     time = np.arange(n_samples) - (n_samples - 1) / 2
     spectrum = transform(signal - signal.mean() - (time @ signal) / (time @ time) * time)
-    edges = []
+    edges, screened = [], []
+    single = spectrum.astype(np.complex64)
     halves = [2**level for level in range(_LEVELS + 1)]
     for count in sorted([*halves, *(3 * half for half in halves[:-1])]):
         width = sample_rate / 2 / count
@@ -89,35 +94,75 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
         if count > 1 and (values < _LEAST_VALUES or width < least_bandwidth):
             continue
         edges += [(index / count, (index + 1) / count, 2 / math.sqrt(values)) for index in range(count)]
+        screened.append(_screened(single, count))
     low, high, deviation = np.array(edges).T
-    single = spectrum.astype(np.complex64)
-    kurtosis = np.array([_kurtosis(single, *edge, is_exact=False) for edge in zip(low, high, strict=True)])
+    kurtosis = np.concatenate(screened)
     score = np.where(low > 0, kurtosis - _SURE * deviation, -np.inf)
     margin = deviation + 0.1 * (kurtosis + 2)
-    candidates = score + margin >= (score - margin).max()
-    candidates[0] = True
-    for index in np.flatnonzero(candidates):
+    kurtosis[0] = _kurtosis(spectrum, low[0], high[0])
+    best = -math.inf
+    for index in np.argsort(-score - margin):
+        if score[index] + margin[index] < best:
+            break
         kurtosis[index] = _kurtosis(spectrum, low[index], high[index])
+        best = max(best, kurtosis[index] - _SURE * deviation[index])
     return Kurtogram(low * sample_rate / 2, high * sample_rate / 2, kurtosis, deviation)
 
 
-def _kurtosis(spectrum: np.ndarray, low: float, high: float, *, is_exact: bool = True) -> float:
-    """Spectral kurtosis of the share `low` to `high` of the spectrum.
+def _screened(spectrum: Complex[np.ndarray, " line"], count: int) -> Float[np.ndarray, " band"]:
+    """Spectral kurtosis of `count` bands that share a spectrum, enough to tell which of them can be the best.
 
-    Not exact, the envelope is sampled at a number of points that is fast to transform, which shifts it by less than
-    the scatter of noise: enough to tell which bands can be the best.
+    The envelopes are sampled at a number of points that is fast to transform, which shifts their kurtosis by less than
+    the scatter of noise.
     """
+    last = len(spectrum) - 1
+    first, width, weights = (_filters if last < _LONG else _filters.__wrapped__)(last, count)
+    bands = sliding_window_view(
+        np.concatenate([spectrum, np.zeros(weights.shape[1], spectrum.dtype)]), weights.shape[1]
+    )
+    at_once = max(1, AT_ONCE // weights.shape[1])
+    edges = sorted({0, *range(1, count, at_once), count - 1, count})  # the outermost bands have one slope only
+    kurtosis = np.empty(count)
+    for start, stop in pairwise(edges):
+        part, points = slice(start, stop), int(width[start:stop].max())
+        lines = np.zeros((stop - start, scipy.fft.next_fast_len(points)), spectrum.dtype)
+        np.multiply(bands[first[part], :points], weights[part, :points], out=lines[:, :points])
+        envelope = scipy.fft.ifft(lines, axis=-1, overwrite_x=True)[:, _EDGE:-_EDGE]
+        power = envelope.real**2
+        power += envelope.imag**2
+        mean = power.mean(axis=-1)
+        power /= np.where(mean > 0, mean, 1)[:, None]
+        kurtosis[part] = np.einsum("bt,bt->b", power, power) / power.shape[-1] - 2
+    return kurtosis
+
+
+def _kurtosis(spectrum: Complex[np.ndarray, " line"], low: float, high: float) -> float:
+    """Spectral kurtosis of the share `low` to `high` of the spectrum."""
     first, weight = _filter(len(spectrum) - 1, low, high)
-    lines = spectrum[first : first + len(weight)] * weight.astype(spectrum.real.dtype)
-    count = len(weight) if is_exact else scipy.fft.next_fast_len(len(weight))
-    envelope = scipy.fft.ifft(lines, count, overwrite_x=True)[_EDGE:-_EDGE]
+    envelope = scipy.fft.ifft(spectrum[first : first + len(weight)] * weight, overwrite_x=True)[_EDGE:-_EDGE]
     power = envelope.real**2
     power += envelope.imag**2
-    mean = float(power.mean(dtype=np.float64))
+    mean = float(power.mean())
     return float((power @ power) / power.size / mean**2 - 2) if mean > 0 else -2.0
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=2 * _LEVELS)
+def _filters(
+    last: int, count: int
+) -> tuple[Int[np.ndarray, " band"], Int[np.ndarray, " band"], Float32[np.ndarray, "band line"]]:
+    """First lines, numbers of lines and weights of the filters of `count` bands that share `last` + 1 lines."""
+    edges = np.arange(count + 1) / count
+    slope = _SLOPE * last / count
+    first = np.maximum(1, np.floor(edges[:-1] * last - slope)).astype(int)
+    end = np.minimum(last, np.ceil(edges[1:] * last + slope)).astype(int)
+    width = end - first + 1
+    weights = np.zeros((count, int(width.max())), np.float32)
+    for band in range(count):
+        _, weight = _filter(last, edges[band], edges[band + 1])
+        weights[band, : len(weight)] = weight
+    return first, width, weights
+
+
 def _filter(last: int, low: float, high: float) -> tuple[int, Float[np.ndarray, " line"]]:
     """First line and weights of the filter of a band of a spectrum of `last` + 1 lines."""
     slope = _SLOPE * (high - low) * last

@@ -135,7 +135,7 @@ def indicators_of(
     if pistons is not None and pistons < 1:
         raise InputError(f"pistons ({pistons}) must be 1 or more.")
     picked = recording if channels is None else recording.picked(channels)
-    refuse_unfit(picked)
+    refuse_unfit(picked.replace(signal=picked.signal))  # a file is read once
     if angle is not None:
         angle.require_fits(recording)
         shaft: float | None = angle.mean_speed / (2 * math.pi)

@@ -16,6 +16,7 @@ FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
 
 
 def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 2000.0) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
     draw = np.random.default_rng(sum(path.name.encode()))
     samples = np.sin(2 * np.pi * frequency / rate * np.arange(count)) + 0.1 * draw.standard_normal(count)
     np.savetxt(path, samples, header="acc_z", comments="", fmt="%.6f")
@@ -32,6 +33,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run("index", path, *FACTS)
     run("train", path, "--out", path / "m.safetensors", "--window", 128, "--test-fraction", 0, *TINY)
     return path
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(folder: Path, tmp_path: Path) -> None:
+    files = [write_tone(tmp_path / day / "pump" / "run.csv", 100) for day in ("mo", "tu")]
+    plain = write_tone(tmp_path / "mo" / "other.csv", 100)
+    answer = run_json("inspect", *files, plain, *FACTS, code=3)
+    assert [item["recording_id"] for item in answer["recordings"]] == ["mo/pump/run", "tu/pump/run", "other"]
+    shown = run("diagnose", folder / "m.safetensors", *files, *FACTS).stdout
+    assert "mo/pump/run" in shown
+    assert "tu/pump/run" in shown
 
 
 def message(*words: object) -> str:

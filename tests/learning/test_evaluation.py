@@ -120,6 +120,12 @@ def test_a_class_called_healthy_has_a_false_alarm_rate():
     assert repr(scores).startswith("<Scores: accuracy 0.667 over 3 windows, ")
 
 
+def test_false_alarms_of_two_healthy_classes_are_faults_alone():
+    classes = ("gut", "normal", "b")
+    scores = evaluate(Oracle(sure([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes))
+    assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.permutations(range(3)), st.permutations(range(3)), st.integers(0, 2**20))
 def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test_order, seed):

@@ -50,6 +50,12 @@ def kinds(report: RecordingReport) -> list[str]:
     return [finding.kind for finding in report.findings]
 
 
+def test_two_healthy_classes_are_named() -> None:
+    recordings = [replace(good(number, seconds=1.0), label=label) for number, label in enumerate(("normal", "gut"))]
+    messages = {finding.kind: finding.message for finding in inspect_recordings(recordings).findings}
+    assert messages["several_healthy"] == "2 classes are healthy by name: gut, normal; relabel one."
+
+
 def test_a_good_recording_raises_no_alarm() -> None:
     report = inspect_recording(good())
     assert report.findings == ()

@@ -23,7 +23,7 @@ from swashtwin.cli.options import (
     as_folder,
     present,
 )
-from swashtwin.cli.sources import load_sources
+from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import confidence_advice
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def diagnose(
         discharge_pressure=pressure,
         resample=resample,
     )
-    recordings = load_sources(paths, **facts)
+    recordings = load_distinct(paths, **facts)
     verdicts = [
         diagnosis.diagnose(classifier, recording, error_rate=error_rate)
         for recording in with_bar(recordings, "diagnosing")

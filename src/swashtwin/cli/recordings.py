@@ -28,7 +28,7 @@ from swashtwin.cli.options import (
     present,
     read_pairs,
 )
-from swashtwin.cli.sources import load_sources
+from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import All, show_check, show_inspection
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def inspect(
     )
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_sources(paths, unreadable, **facts)
+        recordings = load_distinct(paths, unreadable, **facts)
         report = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     tell(result, as_json, lambda: show_inspection(report, recordings, show_all))
@@ -165,7 +165,7 @@ def check(
 
     with progress("checking recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_sources([source], unreadable)
+        recordings = load_distinct([source], unreadable)
         result = check_recordings(
             recordings, window=window, error_rate=error_rate, unreadable=unreadable, seed=seed, progress=bar
         )

@@ -23,7 +23,7 @@ from swashtwin.cli.options import (
     present,
 )
 from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
-from swashtwin.cli.sources import load_sources, refuse_source
+from swashtwin.cli.sources import load_distinct, load_sources, refuse_source
 from swashtwin.cli.summaries import MOST_ROWS, All, number_or_none, show_medians, show_trend
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def features(
         resample=resample,
     )
     shaft = Shaft(tachometer, pulses, track)
-    indicators = _indicators_of(load_sources(source, **facts), pistons, band, family, shaft)
+    indicators = _indicators_of(load_distinct(source, **facts), pistons, band, family, shaft)
     if out is not None:
         from swashtwin.foundation import write_text
 
@@ -263,7 +263,7 @@ def trend(
         resample=resample,
     )
     shaft = Shaft(tachometer, pulses, track)
-    indicators = _indicators_of(load_sources(source, **facts), pistons, band, None, shaft)
+    indicators = _indicators_of(load_distinct(source, **facts), pistons, band, None, shaft)
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

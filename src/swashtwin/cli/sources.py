@@ -1,5 +1,6 @@
 """The recordings that a command's arguments name."""
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,16 +20,39 @@ def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /
     ----------
     unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
     """
+    return [recording for recording, _ in _with_folders(paths, unreadable, facts)]
+
+
+def load_distinct(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
+    """The same as `load_sources`; recordings of several paths that share an id get their folders' names before it."""
+    pairs = _with_folders(paths, unreadable, facts)
+    names = [recording.recording_id for recording, _ in pairs]
+    for name, count in Counter(names).items():
+        alike = [number for number, other in enumerate(names) if other == name] if count > 1 else []
+        for depth in range(1, max((len(pairs[number][1]) for number in alike), default=0) + 1):
+            longer = ["/".join((*pairs[number][1][-depth:], name)) for number in alike]
+            if len(set(longer)) == count:
+                names = [longer[alike.index(number)] if number in alike else old for number, old in enumerate(names)]
+                break
+    return [recording.replace(recording_id=name) for (recording, _), name in zip(pairs, names, strict=True)]
+
+
+def _with_folders(
+    paths: list[Path], unreadable: "list[Finding] | None", facts: dict[str, Any]
+) -> "list[tuple[Recording, tuple[str, ...]]]":
+    """Recordings, each with the names of the folders that its source is in."""
     from swashtwin.recordings import load_recordings
 
-    recordings: list[Recording] = []
+    pairs: list[tuple[Recording, tuple[str, ...]]] = []
     for path in paths:
+        folder = path.absolute() if path.is_dir() else path.absolute().parent
         if is_collection(path, facts):
-            recordings += load_recordings(path, unreadable=unreadable)
+            recordings = load_recordings(path, unreadable=unreadable)
         else:
             with single_file_options():
-                recordings += load_recordings(path, **facts)
-    return recordings
+                recordings = load_recordings(path, **facts)
+        pairs += [(recording, folder.parts[1:]) for recording in recordings]
+    return pairs
 
 
 def refuse_source(target: Path, paths: list[Path]) -> None:

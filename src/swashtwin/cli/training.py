@@ -121,7 +121,7 @@ def train(
     if checkpoint is not None and checkpoint.exists() and not resume:
         raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
     recordings = load_recordings(source)
-    _require_two_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
+    _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     groups = recording_groups(recordings, group)
     windows = cut_windows(
         recordings,
@@ -194,9 +194,13 @@ def _recipe(
     return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}), shape
 
 
-def _require_two_classes(labels: set[str | None], source: Path) -> None:
+def _check_classes(labels: set[str | None], source: Path) -> None:
+    """Refuse a single class, and note several that are healthy."""
     from swashtwin.foundation import DataError
+    from swashtwin.recordings import several_healthy
 
+    for finding in several_healthy(labels):
+        note(f"note: {finding.message}")
     classes = sorted(name for name in labels if name is not None)
     if len(classes) == 1:
         raise DataError(

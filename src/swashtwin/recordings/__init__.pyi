@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .checks.channels import clipped_samples as clipped_samples
+from .checks.comparison import several_healthy as several_healthy
 from .checks.findings import Finding as Finding
 from .checks.findings import InspectionReport as InspectionReport
 from .checks.findings import RecordingReport as RecordingReport
@@ -90,6 +91,7 @@ __all__ = [
     "save_index",
     "say_seen",
     "seen_recordings",
+    "several_healthy",
     "source_files",
     "stated_pressure",
     "stated_speed",

@@ -1,6 +1,7 @@
 """Numbers from predictions. Each takes its classes as declared, also where the test set lacks one."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -42,13 +43,13 @@ def g_mean_laplace(confusion: Int[np.ndarray, "actual predicted"]) -> float:
     return float(np.exp(np.mean(np.log((np.diag(confusion) + 0.5) / (count + 1)))))
 
 
-def false_alarm_rate(confusion: Int[np.ndarray, "actual predicted"], normal: int) -> float:
-    """Share of the normal windows that were not called normal; NaN where there is none."""
-    count = confusion[normal].sum()
-    return float(1 - confusion[normal, normal] / count) if count else float("nan")
+def false_alarm_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
+    """Share of the windows of the `normal` classes that were called none of them; NaN where there is none."""
+    rows = confusion[list(normal)]
+    return float(1 - rows[:, list(normal)].sum() / rows.sum()) if rows.sum() else float("nan")
 
 
-def missed_fault_rate(confusion: Int[np.ndarray, "actual predicted"], normal: int) -> float:
+def missed_fault_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
     """Share of the faulty windows that were called normal, or have no verdict; NaN where there is none."""
     faulty = np.delete(confusion, normal, axis=0)
     missed = faulty[:, normal].sum() + faulty[:, len(confusion) :].sum()

@@ -137,7 +137,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     right = predicted == target
     recording, group = np.unique(test.recording_id, return_inverse=True)
     confusion = _confusion(target, predicted, len(classes))
-    normal = next((index for index, name in enumerate(classes) if is_healthy(name)), None)
+    normal = [index for index, name in enumerate(classes) if is_healthy(name)]
     present = np.unique(target)
     recall = metrics.recalls(confusion)
     values = {
@@ -145,8 +145,8 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         "macro_f1": float(f1_score(target, predicted, labels=present, average="macro", zero_division=0)),
         "g_mean": metrics.g_mean(confusion),
         "g_mean_laplace": metrics.g_mean_laplace(confusion),
-        "false_alarm_rate": math.nan if normal is None else metrics.false_alarm_rate(confusion, normal),
-        "missed_fault_rate": math.nan if normal is None else metrics.missed_fault_rate(confusion, normal),
+        "false_alarm_rate": metrics.false_alarm_rate(confusion, normal) if normal else math.nan,
+        "missed_fault_rate": metrics.missed_fault_rate(confusion, normal) if normal else math.nan,
         "macro_auroc": metrics.macro_auroc(target, finite),
         "calibration_error": metrics.expected_calibration_error(right, finite.max(axis=1)),
     }

@@ -6,6 +6,7 @@ import statistics as figures
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
+from swashtwin.pump import is_healthy
 from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.checks.layout import by_value, layout_findings, window_findings
@@ -40,6 +41,7 @@ class Comparison:
         yield from unequal_lengths(self._recordings)
         yield from self._duplicates()
         yield from self._odd_levels()
+        yield from several_healthy(recording.label for recording in self._recordings)
         yield from thin_classes(self._recordings)
 
     def _duplicates(self) -> Iterator[Finding]:
@@ -105,6 +107,15 @@ def unequal_lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
             f"lengths differ from {min(lengths):.4g} s to {max(lengths):.4g} s; long ones will outweigh the others."
         )
         yield Finding("length", "warning", None, message)
+
+
+def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:
+    """A note where classes of several names are all healthy."""
+    names = sorted({label for label in labels if label and is_healthy(label)})
+    if len(names) > 1:
+        others = "one" if len(names) == 2 else "all but one"
+        message = f"{len(names)} classes are healthy by name: {', '.join(names)}; relabel {others}."
+        yield Finding("several_healthy", "note", None, message)
 
 
 def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:

@@ -1,6 +1,8 @@
 """Attack the readers and the models, and make one table of what comes of it.
 
-    python benchmarks/fuzz_readers.py --count 2000 --jobs 2 --out docs/robustness.md
+    python benchmarks/fuzz_readers.py --jobs 2 --out docs/robustness.md
+
+Parts of it replace their rows of the table only: `--format csv,models,kills`.
 
 Of the files of each format three quarters are mutated (bytes changed, left out, repeated; files cut off), and one
 quarter is whole but lies (`lying_files`): rates, units, shapes, number types and facts that cannot be or contradict.
@@ -18,7 +20,6 @@ wrong is a failure. Each format is fuzzed in a process of its own, so that a cra
 
 import argparse
 import gzip
-import io
 import json
 import subprocess
 import sys
@@ -27,8 +28,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import redirect_stdout
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 from pathlib import Path
 from select import select
@@ -48,9 +48,15 @@ CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
 FAILURES = ("wrong_rate", "wrong_samples", "wrong_unit", "exception", "two_lines", "crash", "hang")
 SILENT = ("wrong_rate", "wrong_samples", "wrong_unit")
 _PATIENCE = 90.0
-ATTACKS = {"bombs": 35, "models": 120, "threads": 8}
-"""What is tried beside the formats (`hostile_files`), and how often."""
+ATTACKS = {"bombs": ("hostile_files", 35), "models": ("hostile_models", 320), "threads": ("hostile_models", 8)}
+"""What is tried beside the formats: the module, and how often."""
+KILLS = "kills"
+"""Name of the commands that are killed (`kill_and_resume`), as a part."""
 MARK = "<!-- table of benchmarks/fuzz_readers.py -->"
+HEADER = (
+    "| what | tried | refused | crashes | tracebacks | silent wrong | hangs | seconds |\n"
+    "| --- | --- | --- | --- | --- | --- | --- | --- |"
+)
 LYING = 4
 """Each so many files one is whole and lies."""
 STATES_UNIT = (
@@ -149,6 +155,8 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "mdf": _plain("mf4"),
 }
 """Writer of a valid file of each format."""
+PARTS = (*FORMATS, *ATTACKS, KILLS)
+"""Lines of the table."""
 
 
 def mutated(content: bytes, generator: np.random.Generator) -> bytes:
@@ -250,17 +258,8 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
     failures: list[dict[str, object]] = []
     finished, started, slowest = 0, time.perf_counter(), 0.0
     while finished < count:
-        command = [
-            sys.executable,
-            "-W",
-            "ignore",
-            __file__,
-            "--inside",
-            name,
-            str(finished),
-            str(count - finished),
-            str(seed),
-        ]
+        what = (name, str(finished), str(count - finished), str(seed))
+        command = [sys.executable, "-W", "ignore", __file__, "--inside", *what]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             assert process.stdout is not None
             asked_at, last = time.perf_counter(), ""
@@ -293,10 +292,34 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
     }
 
 
-def _print_rows(rows: list[dict[str, object]]) -> None:
-    print(MARK)
-    print("| what | tried | refused | crashes | tracebacks | silent wrong | hangs | seconds |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+def _killed_commands(count: int, seed: int) -> dict[str, object]:
+    """Outcomes of `kill_and_resume`, which ends with 0 where each command went on to the undisturbed result."""
+    started = time.perf_counter()
+    command = [sys.executable, str(Path(__file__).with_name("kill_and_resume.py")), "--count", str(count), "--seed"]
+    run = subprocess.run([*command, str(seed), "--json"], capture_output=True, text=True, check=False)
+    counts: Counter[str] = Counter()
+    failures: list[dict[str, object]] = []
+    try:
+        killed = json.loads(run.stdout)["rows"]
+    except ValueError:
+        killed, said = [], (run.stderr.splitlines() or [""])[-1]
+        failures.append({"number": 0, "kind": "exception", "said": said})
+    for row in killed:
+        for what, kind in (("refused", "exception"), ("different", "wrong_samples"), ("left_behind", "wrong_samples")):
+            failures += [{"number": 0, "kind": kind, "said": f"{row['command']}: {what}: {said}"} for said in row[what]]
+        if row["alive"]:
+            failures.append(
+                {"number": 0, "kind": "hang", "said": f"{row['command']}: {row['alive']} processes live on"}
+            )
+    counts.update(str(failure["kind"]) for failure in failures)
+    seconds = round(time.perf_counter() - started, 1)
+    tried = sum(row["kills"] for row in killed)
+    return {"format": KILLS, "count": tried, "outcomes": dict(counts), "failures": failures, "seconds": seconds}
+
+
+def _lines(rows: list[dict[str, object]]) -> dict[str, str]:
+    """Line of the table for each row, by its name."""
+    lines = {}
     for row in rows:
         counts = row["outcomes"]
         assert isinstance(counts, dict)
@@ -305,62 +328,58 @@ def _print_rows(rows: list[dict[str, object]]) -> None:
             counts.get("exception", 0) + counts.get("two_lines", 0), sum(counts.get(kind, 0) for kind in SILENT),
             counts.get("hang", 0), row["seconds"],
         ]  # fmt: skip
-        print("| " + " | ".join(str(cell) for cell in cells) + " |")
+        lines[str(row["format"])] = "| " + " | ".join(str(cell) for cell in cells) + " |"
+    return lines
 
 
-def _write_table(path: Path, rows: list[dict[str, object]]) -> None:
-    """Replace the table of a page, which begins at `MARK` and ends at an empty line."""
-    text = io.StringIO()
-    with redirect_stdout(text):
-        _print_rows(rows)
-    before, _, after = path.read_text(encoding="utf-8").partition(MARK)
-    path.write_text(before + text.getvalue() + "\n" + after.partition("\n\n")[2], encoding="utf-8")
+def _write_table(page: Path, lines: dict[str, str]) -> None:
+    """Replace lines of the table of a page, which begins at `MARK` and ends at an empty line."""
+    before, _, after = page.read_text(encoding="utf-8").partition(MARK)
+    table, _, rest = after.partition("\n\n")
+    saved = {line.split(" | ")[0].removeprefix("| "): line for line in table.splitlines()} | lines
+    table = "\n".join(saved[name] for name in PARTS if name in saved)
+    page.write_text(f"{before}{MARK}\n{HEADER}\n{table}\n\n{rest}", encoding="utf-8")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=2000, help="files of each format")
-    parser.add_argument("--format", default="all", choices=["all", *FORMATS, *ATTACKS], help="only this one")
-    parser.add_argument("--kills", type=int, default=50, help="commands that are killed; 0 for none")
-    parser.add_argument("--jobs", type=int, default=1, help="formats at the same time")
+    parser.add_argument("--format", default=",".join(PARTS), help="parts, such as csv,models; by default all")
+    parser.add_argument("--kills", type=int, default=50, help="commands that are killed")
+    parser.add_argument("--jobs", type=int, default=1, help="parts at the same time")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, help="page whose table is replaced")
+    parser.add_argument("--out", type=Path, help="page whose lines of these parts are replaced")
     parser.add_argument("--inside", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
         name, first, count, seed = options.inside
         with tempfile.TemporaryDirectory() as folder:
-            source = fuzz if name in FORMATS else getattr(import_module("hostile_files"), name)
+            source = fuzz if name in FORMATS else getattr(import_module(ATTACKS[name][0]), name)
             source(name, int(first), int(count), int(seed), Path(folder),
                    lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
         return 0
-    counts = dict.fromkeys(FORMATS, options.count) | ATTACKS
-    names = [*FORMATS, *ATTACKS] if options.format == "all" else [options.format]
+    names = options.format.split(",")
+    if unknown := set(names) - set(PARTS):
+        parser.error(f"no part {', '.join(sorted(unknown))}; parts are {', '.join(PARTS)}")
+
+    def row(name: str) -> dict[str, object]:
+        if name == KILLS:
+            return _killed_commands(options.kills, options.seed)
+        return _run(name, ATTACKS[name][1] if name in ATTACKS else options.count, options.seed)
+
+    slowest_first = sorted(names, key=PARTS.index, reverse=True)
+    rows = []
+    print(HEADER)
     with ThreadPoolExecutor(options.jobs) as threads:
-        rows = list(threads.map(lambda name: _run(name, counts[name], options.seed), names))
-    if options.format == "all" and options.kills:
-        rows.append(_killed_commands(options.kills))
-    _print_rows(rows)
-    for row in rows:
-        for failure in row["failures"][:8]:
-            print(row["format"], failure)
-    if options.out:
-        _write_table(options.out, rows)
+        for done in as_completed([threads.submit(row, name) for name in slowest_first]):
+            rows.append(done.result())
+            lines = _lines(rows[-1:])
+            print(*lines.values(), flush=True)
+            for failure in rows[-1]["failures"][:8]:
+                print(rows[-1]["format"], failure)
+            if options.out:
+                _write_table(options.out, lines)
     return int(any(row["failures"] for row in rows))
-
-
-def _killed_commands(count: int) -> dict[str, object]:
-    """Outcomes of `kill_and_resume`, which ends with 0 where each command went on to the undisturbed result."""
-    started = time.perf_counter()
-    script = Path(__file__).with_name("kill_and_resume.py")
-    run = subprocess.run(
-        [sys.executable, str(script), "--count", str(count)], capture_output=True, text=True, check=False
-    )
-    said = (run.stdout + run.stderr).splitlines()[-3:]
-    failures = [{"number": 0, "kind": "wrong_samples", "said": " ".join(said)}] if run.returncode else []
-    outcomes = {"wrong_samples": len(failures)}
-    seconds = round(time.perf_counter() - started, 1)
-    return {"format": "kill -9", "count": count, "outcomes": outcomes, "failures": failures, "seconds": seconds}
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""Files that ask for too much, models whose card or weights were changed and sealed again, trainings in threads."""
+"""Small files that ask for too much memory or time."""
 
 import gzip
-import json
 import os
 import resource
 import struct
@@ -9,22 +8,20 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import torch
 from numpy.lib import format
 
-from swashtwin import FaultClassifier, Recording
-from swashtwin.foundation import MEMORY_VARIABLE, SwashTwinError, read_artifact, write_artifact
-from swashtwin.recordings import load_recording, load_recordings, write_recording
+from swashtwin import Recording
+from swashtwin.foundation import MEMORY_VARIABLE, SwashTwinError
+from swashtwin.recordings import load_recording, write_recording
 
 Report = Callable[[int, str, str], None]
 GIGABYTE = 10**9
-_MEMORY_KB = 1_500_000
+MEMORY_KB = 1_500_000
 """Memory that this process may take in all [KiB]."""
 
 
@@ -163,7 +160,7 @@ def bombs(name: str, first: int, count: int, seed: int, folder: Path, report: Re
         else:
             write_recording(Recording(np.zeros((1, 25600)), 25600.0, "a"), path)
             facts = {"resample": "1e9 Hz"}
-        before, began = _memory(), time.monotonic()
+        before, began = peak_memory(), time.monotonic()
         try:
             loaded = load_recording(path, **facts)
             samples = sum(block.n_samples for block in loaded.blocks())
@@ -172,115 +169,12 @@ def bombs(name: str, first: int, count: int, seed: int, folder: Path, report: Re
             kind, said = ("two_lines" if "\n" in str(error) else "refused"), str(error)
         except Exception as error:  # what is looked for
             kind, said = "exception", f"{type(error).__name__}: {error}"
-        if _memory() - before > _MEMORY_KB:
-            kind, said = "exception", f"{_memory() - before} KiB taken"
+        if peak_memory() - before > MEMORY_KB:
+            kind, said = "exception", f"{peak_memory() - before} KiB taken"
         report(number, kind, f"{path.name}: {said} ({time.monotonic() - began:.1f} s)")
         path.unlink()
 
 
-def _memory() -> int:
+def peak_memory() -> int:
+    """Most memory that this process ever had [KiB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def _small_recordings() -> list[Recording]:
-    rng = np.random.default_rng(0)
-    return [
-        Recording(rng.normal(size=(1, 2000)) * scale, 2000.0, f"{label}{number}", label=label, channels=("x",))
-        for label, scale in (("normal", 1.0), ("piston", 3.0))
-        for number in range(3)
-    ]
-
-
-_VALUES: tuple[Any, ...] = (
-    None, -1, 0, 10**9, 10**18, 1e308, "x", "", [], {}, [[]], True, "\x1b[2J", {"a": {"b": []}}, ["x"] * 1000,
-)  # fmt: skip
-
-
-def _paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Way to each value within a card."""
-    if path:
-        yield path
-    items = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
-    for key, inner in items:
-        yield from _paths(inner, (*path, key))
-
-
-def _hostile_card(card: dict[str, Any], tensors: dict[str, Any], rng: np.random.Generator) -> str:
-    """What was changed of a card, or of the weights, in a way that no honest writer does."""
-    draw = rng.random()
-    if draw < 0.2:
-        name = str(rng.choice(sorted(tensors)))
-        value = tensors[name]
-        kind = int(rng.integers(4))
-        if kind == 0:
-            del tensors[name]
-        elif kind == 1:
-            tensors[name] = torch.zeros(3, 1, 2)
-        elif kind == 2:
-            tensors[name] = torch.full_like(value.to(torch.float32), torch.nan)
-        else:
-            tensors[name] = value.to(torch.int8)
-        return f"tensor {name} {kind}"
-    ways = list(_paths(card))
-    way = ways[int(rng.integers(len(ways)))]
-    holder = card
-    for key in way[:-1]:
-        holder = holder[key]
-    if draw < 0.35 and isinstance(holder, dict):
-        del holder[way[-1]]
-        return f"no {way}"
-    value = _VALUES[int(rng.integers(len(_VALUES)))]
-    holder[way[-1]] = value
-    return f"{way} = {str(value)[:40]}"
-
-
-def models(name: str, first: int, count: int, seed: int, folder: Path, report: Report) -> None:
-    """Tell the outcome of each hostile model: refused, or it gives finite probabilities, or the same as before."""
-    path = folder / "model.safetensors"
-    settings: dict[str, Any] = {"epochs": 1, "batch_size": 8, "network_settings": {"channels": (4,)}}
-    loaded = load_recordings_of(_small_recordings(), folder)
-    classifier = FaultClassifier("bitcn", window=200, seed=0, **settings).fit(loaded)
-    classifier.save(path)
-    note = {"advice": "save it again", "may_be_nan": None}
-    for number in range(first, first + count):
-        card, tensors = read_artifact(path, "classifier", _version(path), **note)
-        rng = np.random.default_rng([seed, number])
-        change = _hostile_card(card, tensors, rng)
-        hostile = write_artifact(folder / "h.safetensors", "classifier", _version(path), card, tensors, may_be_nan=None)
-        try:
-            score = FaultClassifier.load(hostile).predict_proba(loaded)
-            kind, said = ("read", "") if np.isfinite(score).all() else ("wrong_samples", "not finite")
-        except SwashTwinError as error:
-            kind, said = ("two_lines" if "\n" in str(error) else "refused"), str(error)
-        except Exception as error:  # what is looked for
-            kind, said = "exception", f"{type(error).__name__}: {error}"
-        report(number, kind, f"{change}: {said}"[:300])
-
-
-def _version(path: Path) -> int:
-    content = path.read_bytes()
-    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
-    return int(json.loads(header["__metadata__"]["swashtwin"])["version"])
-
-
-def load_recordings_of(recordings: list[Recording], folder: Path) -> Any:
-    """The recordings, from files."""
-    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
-    return load_recordings(files)
-
-
-def threads(name: str, first: int, count: int, seed: int, folder: Path, report: Report) -> None:
-    """Tell whether each training in one of `count` threads gives the bits of the same training by itself."""
-    recordings = load_recordings_of(_small_recordings(), folder)
-
-    def train(number: int) -> bytes:
-        settings: dict[str, Any] = {"epochs": 1, "batch_size": 8, "network_settings": {"channels": (4,)}}
-        classifier = FaultClassifier("bitcn", window=200, seed=number, **settings).fit(recordings)
-        return classifier.predict_proba(recordings).tobytes()
-
-    numbers = range(first, first + count)
-    alone = [train(number) for number in numbers]
-    with ThreadPoolExecutor(count) as pool:
-        together = list(pool.map(train, numbers))
-    for number, one, other in zip(numbers, alone, together, strict=True):
-        report(number, "same" if one == other else "wrong_samples", "")

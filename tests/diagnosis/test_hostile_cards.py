@@ -5,33 +5,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile_cards import hostile_cards
 
 from swashtwin.diagnosis import load_classifier, save_classifier
 from swashtwin.foundation import ArtifactError, read_artifact, write_artifact
 from swashtwin.learning import BiTCN, TrainingSettings, cut_windows, fit
 from swashtwin.recordings import Recording
 
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     draw = np.random.default_rng(0)
-    labels = ("normal", "piston", "normal", "piston")
-    recordings = [Recording(draw.normal(size=(1, 160)), 1e3, str(n), label=label) for n, label in enumerate(labels)]
+    recordings = [Recording(draw.normal(size=(1, 80)), 1e3, label, label=label) for label in ("normal", "piston")]
     windows = cut_windows(recordings, length=80)
-    classifier = fit(BiTCN(1, 2, channels=(8, 12), kernel_size=3), windows, settings=TrainingSettings(epochs=1))
+    classifier = fit(BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1))
     return save_classifier(classifier, tmp_path_factory.mktemp("model") / "model.safetensors")
 
 
-def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path):
-    card, tensors = read_artifact(saved, "classifier", 3, advice="")
-    load_classifier(write_artifact(tmp_path / "model.safetensors", "classifier", 3, card, tensors))
+def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from hostile_models import CONTRADICTIONS, VERSION, hostile_cards
+
+    card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
+    load_classifier(write_artifact(tmp_path / "model.safetensors", "classifier", VERSION, card, tensors))
     wrong, count = [], 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for number, (name, changed) in enumerate(hostile_cards(card)):
-        if number % 4 and "." in name.split()[0]:
+        if number % 6 and name not in CONTRADICTIONS:
             continue  # benchmarks/fuzz_readers.py takes all
-        path = write_artifact(tmp_path / "hostile.safetensors", "classifier", 3, changed, tensors)
+        path = write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, changed, tensors)
         try:
             load_classifier(path)
             wrong.append(f"{name}: loaded")

@@ -66,7 +66,7 @@ def facts(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(facts=facts(), suffix=st.sampled_from(["h5", "mat"]))
 def test_an_index_gives_back_whatever_was_written(facts: dict[str, Any], suffix: str, tmp_path: Path) -> None:
     condition = OperatingCondition(**facts["condition"]) if facts["condition"] else None

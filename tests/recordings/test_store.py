@@ -309,12 +309,13 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
         cut_windows(recordings, length=1024), settings=settings, seed=0,
     )  # fmt: skip
     save_classifier(classifier, tmp_path / "model.swt")
+    noise = np.random.default_rng(0).normal(size=(2, 1 << 20))
     for name, count in (("small", 1 << 20), ("large", 1 << 22)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             data = file.create_dataset("acc", (2, count), np.float32)
             data.attrs.update({"fs": 1000.0, "unit": "m/s^2"})
             for start in range(0, count, 1 << 20):
-                data[:, start : start + (1 << 20)] = np.random.default_rng(start).normal(size=(2, 1 << 20))
+                data[:, start : start + (1 << 20)] = noise
     environment = {**os.environ, "PYTHONPATH": str(SOURCES), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY]
     process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)

@@ -71,14 +71,12 @@ def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
     with pytest.raises(DataError, match=r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"):
         read("crash")
     np.testing.assert_array_equal(read("fine").slice(1, 3).signal[0], [1.0, 2.0])
-    first = worker_id()
+    before = worker_id()
     monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "1")
-    subprocess_reader.stop()
     with pytest.raises(DataError, match=r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"):
         read("bomb")
-    second = worker_id()
     assert read("fine").sample_rate == 10.0
-    assert first != second == worker_id()  # refused by the system, and the process goes on
+    assert worker_id() == before  # refused by the system, and the process goes on
     monkeypatch.setattr(subprocess_reader, "_PATIENCE", 0.6)
     with pytest.raises(DataError, match=r"hang\.wav is damaged: no end was found in 1 s"):
         read("hang")
@@ -94,14 +92,14 @@ def test_a_changed_byte_in_a_matlab_file_ends_another_process_only(tmp_path: Pat
 
     savemat(tmp_path / "a.mat", {"x": np.arange(40.0).reshape(2, 20), "fs": 25600.0, "s": {"a": np.arange(3.0)}})
     content = bytearray((tmp_path / "a.mat").read_bytes())
-    crashes = 0
     for at in (552, 553, 616):
         (tmp_path / "a.mat").write_bytes(content[:at] + b"\xff" + content[at + 1 :])
         try:
             load_recording(tmp_path / "a.mat", unit="1")
         except DataError as error:
-            crashes += "a.mat is damaged: the library that reads it crashed" in str(error)
-    assert crashes >= 1
+            if "a.mat is damaged: the library that reads it crashed" in str(error):
+                return
+    raise AssertionError("no changed byte crashes the library")
 
 
 def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The process that reads files: it may die, never this one; it serves one file after the other and ends with this."""
 
+import json
 import os
 import pickle
 import signal
@@ -16,6 +17,7 @@ from recording_files import some_recording
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Options, RawFile, Recording, load_recording, write_recording
+from swashtwin.recordings.columns import file_stamp
 from swashtwin.recordings.formats import csv, subprocess_reader, worker
 
 DEADLY = """
@@ -176,6 +178,35 @@ def test_a_file_is_parsed_once_for_its_facts_and_its_samples(tmp_path: Path, mon
     files.content({**sources[1], "stamp": [1, 0, 0]})
     files.content(sources[0])
     assert len(paths) == 4
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs the list of open files")
+@pytest.mark.parametrize("stays", [True, False])
+def test_no_file_stays_open_where_that_blocks_its_deletion(
+    stays: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "_STAY_OPEN", stays)
+    monkeypatch.setattr(worker, "_limit_memory", lambda: None)
+    monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "4")
+    requests, paths = [], []
+    for suffix, module in {"h5": "hdf5", "wav": "wav", "tdms": "tdms", "csv": "csv"}.items():
+        path = write_recording(some_recording(), tmp_path / f"a.{suffix}").resolve()
+        source = {"module": module, "function": "read", "path": str(path), "options": {}, "stamp": file_stamp(path)}
+        request = {"source": source, "seconds": 30.0, "memory": "4", "part": "", "column": 0, "start": 3, "stop": 9}
+        requests.append(json.dumps(request).encode() + b"\n")
+        paths.append(path)
+    (tmp_path / "requests").write_bytes(b"".join(requests))
+    open_files: list[set[Path]] = []
+
+    def note() -> None:
+        open_files.append({file.resolve() for file in Path("/proc/self/fd").iterdir()} & set(paths))
+
+    clock = SimpleNamespace(dump_traceback_later=lambda *_, **__: None, cancel_dump_traceback_later=note)
+    monkeypatch.setattr(worker, "faulthandler", clock)
+    with (tmp_path / "requests").open("rb") as asked, (tmp_path / "answers").open("wb") as answers:
+        worker._serve(asked, answers)
+    assert (tmp_path / "answers").read_bytes().count(b'"count": 6') == 4
+    assert [len(files) for files in open_files] == ([1, 2, 3, 3] if stays else [0, 0, 0, 0])
 
 
 def test_where_no_limit_can_be_set_the_memory_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:

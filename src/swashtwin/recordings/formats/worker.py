@@ -2,7 +2,7 @@
 
 Run as a module it answers requests, each a line of JSON, by a line of JSON and, for samples, their bytes. A request
 names the file and how to read it, so that a process that was started anew can answer the next one. The files that were
-asked for last stay open.
+asked for last stay open, but on Windows, where an open file can be neither deleted nor replaced.
 """
 
 import errno
@@ -23,6 +23,8 @@ from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end
 from swashtwin.recordings.columns import Column, number_type, require_unchanged
 from swashtwin.recordings.formats.raw import Options, RawFile
 
+_STAY_OPEN = os.name != "nt"
+"""Whether files stay open between two requests."""
 _FILES = 64
 """Most files that stay open."""
 _BYTES = 1 << 28
@@ -69,8 +71,14 @@ class _Files:
             del self._contents[next(iter(self._contents))]  # the one that was not asked for the longest
         return content
 
+    def close(self) -> None:
+        """Nothing; every file that is open is closed, and what is in memory as a whole stays there."""
+        for key, (content, _) in list(self._contents.items()):
+            if not all(isinstance(column, np.ndarray) for raw in content.values() for column in raw.columns.values()):
+                del self._contents[key]
+
     def clear(self) -> None:
-        """Nothing; every file is closed."""
+        """Nothing; every file is closed and forgotten."""
         self._contents.clear()
 
 
@@ -156,6 +164,8 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
                 text, samples = json.dumps(_failure(cause)), None
                 if isinstance(cause, MemoryError):
                     files.clear()
+            if not _STAY_OPEN:
+                files.close()
             answers.write(text.encode() + b"\n")
             if samples is not None and samples.size:
                 answers.write(samples.data.cast("B"))

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.report import spectrum_drawing
 from swashtwin.report.indicator_figures import MOST_POINTS
-from swashtwin.signals import LineSpectrum, spectrum_of
+from swashtwin.signals import IndicatorTable, LineSpectrum, long_indicators, spectrum_of
 
 RATE, SHAFT = 4000.0, 15.0
 
@@ -76,6 +77,28 @@ def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
     assert "healthy7" not in medians
     assert "healthy7" in run("signal", "features", tmp_path, "--tachometer", "tacho", "--all").stdout
+
+
+def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, out, described = tmp_path / "whole.csv", tmp_path / "out.csv", []
+    words = ("signal", "features", folder, "--family", "statistics", "--family", "bands", "--out")
+    run(*words, whole)
+
+    def stopping(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
+        described.append(recording.recording_id)
+        if len(described) == 4:
+            raise KeyboardInterrupt
+        return long_indicators(recording, describe)
+
+    monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
+    assert "out.csv.partial holds the rows that are done" in one_line(run(*words, out, code=130))
+    assert not out.exists()
+    with (tmp_path / "out.csv.partial").open("a") as file:
+        file.write('[{"columns"')  # killed while it wrote a line
+    run(*words, out)
+    assert len(described) == 4 + 5
+    assert out.read_bytes() == whole.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "whole.csv"]
 
 
 def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder: Path) -> None:

@@ -120,9 +120,9 @@ def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path,
     model = tmp_path / "c.safetensors"
     words = ("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *TINY)
     plain = " ".join(run(*words).stderr.split())
-    assert "that takes 9 more recordings beside those to train on (there are 6)" in plain
+    assert "train --validation-fraction 0.5 --error-rate 0.25 does that with about 3 of its 6 recordings" in plain
     said = run(*words, "--validation-fraction", 0.3)
-    assert "2 validation recordings allow an error rate of 0.33 at best" in " ".join(said.stderr.split())
+    assert "needs 9 validation recordings, and --validation-fraction 0.3 is about 2;" in " ".join(said.stderr.split())
     assert run("diagnose", model, folder / "piston_0.csv", *FACTS).stdout
     assert (
         "needs 9 validation recordings" in run(*words, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3).stderr

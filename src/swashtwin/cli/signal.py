@@ -1,14 +1,15 @@
 """Commands of the group signal, which need no classifier: features, spectrum, trend."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
-from swashtwin.cli.exits import require_target
+from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -97,12 +98,29 @@ def features(
         resample=resample,
     )
     shaft = Shaft(tachometer, pulses, track)
-    indicators = _indicators_of(load_distinct(source, **facts), pistons, band, family, shaft)
-    if out is not None:
-        from swashtwin.foundation import write_text
+    recordings = load_distinct(source, **facts)
+    if out is None:
+        indicators = _indicators_of(recordings, pistons, band, family, shaft)
+    else:
+        from swashtwin.foundation import partial_results, write_text
 
-        write_text(out, indicators.csv)
+        settings = {"pistons": pistons, "bands": band, "families": family, "shaft": asdict(shaft), "facts": facts}
+        partial = out.with_name(f"{out.name}.partial")
+        with (
+            resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
+            partial_results(partial, {**settings, "sources": _stamps(source)}) as results,
+        ):
+            indicators = _indicators_of(recordings, pistons, band, family, shaft, results)
+            write_text(out, indicators.csv)
     tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out, show_all))
+
+
+def _stamps(sources: Sequence[Path]) -> list[tuple[str, int, int]]:
+    """Path, size and time of change of each file of the sources."""
+    from swashtwin.recordings import source_files
+
+    files = [file for path in sources for file in source_files(path)]
+    return [(str(file.absolute()), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
 
 
 def _show_indicators(indicators: "IndicatorTable", out: Path | None, show_all: bool) -> None:
@@ -291,28 +309,54 @@ def _indicators_of(
     bands: list[str] | None,
     families: list[str] | None,
     shaft: Shaft,
+    results: tuple[list[Any], Callable[[Any], None]] | None = None,
 ) -> "IndicatorTable":
-    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found."""
+    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found.
+
+    Parameters
+    ----------
+    results : `partial_results` of the first recordings, and the function that adds those of the next.
+    """
     from swashtwin.foundation import DataError, InputError
-    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, long_indicators, stacked
+    from swashtwin.signals import (
+        BANDS,
+        FAMILIES,
+        Band,
+        IndicatorTable,
+        indicators_of,
+        long_indicators,
+        stacked,
+    )
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
-    refusals: dict[str, DataError | InputError] = {}
+    refusals: list[str] = []
 
     def describe(recording: "Recording") -> "IndicatorTable":
         angle, names = None, families or list(FAMILIES)
         try:
             angle = shaft.angle_of(recording)
         except (DataError, InputError) as refusal:
-            refusals[recording.recording_id] = refusal
+            refusals.append(str(refusal))
             names = [name for name in names if name != "orders"]
         vibration = shaft.vibration_of(recording)
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 
-    tables = [long_indicators(recording.unloaded(), describe) for recording in with_bar(recordings, "indicators")]
+    finished, add = results or ([], None)
+    tables = []
+    for number, recording in enumerate(with_bar(recordings, "indicators")):
+        if number < len(finished):
+            table_of, refusal = finished[number]
+            tables.append(IndicatorTable.from_dict(table_of))
+            refusals += refusal
+            continue
+        count = len(refusals)
+        tables.append(long_indicators(recording.unloaded(), describe))
+        del refusals[count + 1 :]  # of stretches, one each
+        if add is not None:
+            add((tables[-1].to_dict(), refusals[count:]))
     if refusals and len(refusals) == len(recordings):
-        raise next(iter(refusals.values()))
-    for reason in refusals.values():
+        raise DataError(refusals[0])
+    for reason in refusals:
         note(f"no orders: {reason}")
     return stacked(tables)
 

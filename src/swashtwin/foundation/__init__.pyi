@@ -24,6 +24,7 @@ from .errors import UnitError as UnitError
 from .files import TEXT as TEXT
 from .files import file_name as file_name
 from .files import open_pieces as open_pieces
+from .files import partial_results as partial_results
 from .files import read_text as read_text
 from .files import replacing as replacing
 from .files import require_disk_space as require_disk_space
@@ -93,6 +94,7 @@ __all__ = [
     "parallel",
     "parse",
     "parse_json",
+    "partial_results",
     "plain_text",
     "read_artifact",
     "read_run",

@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -208,6 +208,50 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
         raise ArtifactError(f"{path} is damaged ({cause}); choose a new folder.") from cause
     if difference := _difference(saved, settings, ""):
         raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
+
+
+@contextmanager
+def partial_results(path: Path, settings: Mapping[str, Any]) -> Iterator[tuple[list[Any], Callable[[Any], None]]]:
+    """Results that an interrupted run with equal settings left in `path`, and a function that adds the next one.
+
+    Each result is a line of JSON. The file is removed when the block ends well or by an error; it stays after an
+    interrupt or a kill.
+
+    Parameters
+    ----------
+    settings : whatever the results depend on, as JSON can hold it.
+    """
+    header = json.dumps({"version": VERSION, **settings}, sort_keys=True)
+    results = []
+    if path.is_file():
+        first, *lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1] or [
+            ""
+        ]  # the last line is empty or unfinished
+        with suppress(ValueError):
+            results = [json.loads(line) for line in (lines if first == header else ())]
+    file: IO[str] | None = None
+
+    def add(result: Any) -> None:
+        nonlocal file
+        if file is None:
+            write_text(path, "".join(f"{line}\n" for line in (header, *map(json.dumps, results))))
+            file = path.open("a", **TEXT)
+        file.write(f"{json.dumps(result)}\n")
+        file.flush()
+
+    is_over = True
+    try:
+        yield list(results), add
+    except Exception:
+        raise
+    except BaseException:
+        is_over = False
+        raise
+    finally:
+        if file is not None:
+            file.close()  # Windows removes no open file
+        if is_over:
+            path.unlink(missing_ok=True)
 
 
 def _difference(saved: Any, settings: Any, name: str) -> str:

@@ -98,6 +98,18 @@ class IndicatorTable:
         ]
         return {"columns": columns, "rows": rows}
 
+    @classmethod
+    def from_dict(cls, table: dict[str, Any]) -> "IndicatorTable":
+        """The table from what `to_dict` gave."""
+        columns = tuple(Indicator(**column) for column in table["columns"])
+        rows = tuple(
+            Row(row["recording"], row["channel"], row["class"], row["specimen"], row["date"], row["speed_rad_s"],
+                row["pressure_pa"])
+            for row in table["rows"]
+        )  # fmt: skip
+        values = [[row["values"][column.name] for column in columns] for row in table["rows"]]
+        return cls(rows, columns, np.array(values, dtype=float).reshape(len(rows), len(columns)))
+
 
 def indicators_of(
     recording: Recording,

@@ -100,3 +100,8 @@ def test_a_table_is_whole_on_a_narrow_terminal(
     assert all(text.count(f" {order}x ") == 1 for order in range(9))
     assert all(f" {value:.0f} " in text for values in numbers for value in values[:-1])
     assert text.count("levels") == 1
+
+
+def test_a_label_of_megabytes_is_cut_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    console.table("classes", ("class", "recordings"), [("x" * 3_000_000, 1)])
+    assert len(capsys.readouterr().out) < 10_000

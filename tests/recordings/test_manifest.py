@@ -41,6 +41,9 @@ def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_we
     assert load_recording(path).picked(["y"]).content_hashes() == hashes[1:]
     assert measured().picked(["y"]).content_hashes() == hashes[1:]
     assert load_recording(path, resample="500 Hz").picked(["y"]).content_hashes() == hashes[1:]
+    loaded = load_recording(path, resample="500 Hz")
+    assert loaded.picked(["y"]).signal.tolist() == loaded.signal[1:].tolist()
+    assert loaded.picked(["y"]).content_hashes() == hashes[1:]
     assert measured().slice(10, 90).content_hashes() == hashes
     filtered = measured().replace(signal=2 * measured().signal)
     assert pickle.loads(pickle.dumps(filtered)).content_hashes() == hashes

@@ -70,6 +70,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         ({"calibration_factor": ["1 g"], "sample_rate": 1000}, DataError, "1 calibration factors for 2 channels"),
         ({"calibration_factor": "1 g", "sample_rate": 1000}, DataError, "'a' holds fractions"),
         ({"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"}, DataError, "ratio of whole numbers"),
+        ({"unit": "g", "sample_rate": 1000, "resample": "1e308 Hz"}, DataError, "no rate of a measurement"),
         ({"unit": "g", "sample_rate": 1000, "sha256": "0" * 64}, DataError, "not the file that was indexed"),
         ({"unit": "g", "sample_rate": 1000, "time_column": "z"}, DataError, "no column 'z' for time_column"),
         ({"unit": "g", "sample_rate": 1000, "separator": ";", "decimal": ","}, DataError, "no table of numbers"),

@@ -24,6 +24,7 @@ T = TypeVar("T")
 
 _UNLIMITED = 200  # columns where no terminal limits a table
 _WORD = 20  # characters of a single word that a column is not broken within
+_LONGEST = 2000  # characters of a cell; a label of megabytes would take minutes to fold
 _NARROW = 8  # characters of a word that stay together on a narrow terminal
 _PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
 
@@ -210,7 +211,10 @@ def with_bar(items: Sequence[T], title: str) -> Iterator[T]:
 def _word(value: object) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else escape_controls(str(value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    text = escape_controls(str(value))
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _plain(value: Any) -> Any:

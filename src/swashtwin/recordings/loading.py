@@ -16,7 +16,7 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.lossless import condition_in
-from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor
+from swashtwin.recordings.formats.raw import RATES, Options, RawFile, acceleration_factor
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples, hash_channels
@@ -326,6 +326,8 @@ def _resampling(entry: Entry, rate: float, where: str) -> _Resampling | None:
     if entry.resample is None:
         return None
     target = parse(entry.resample, "Hz", name=f"{where}: resample")
+    if not RATES[0] <= target <= RATES[1]:
+        raise DataError(f'{where}: resample = {entry.resample!r} is no rate of a measurement; write such as "12 kHz".')
     if target == rate:
         return None
     ratio = Fraction(target / rate).limit_denominator(1000) if target > 0 else Fraction(0)

@@ -151,10 +151,13 @@ class Samples:
 
     def pick(self, rows: Sequence[int]) -> "Samples":
         """The samples of some channels."""
-        if self._arrays is not None or self._open_columns is None:
+        if self._open_columns is None:
             return Samples.in_memory(self.name, self.signal[list(rows)], self.speed, self._origin)
         open_picked = partial(_pick, self._open_columns, tuple(rows))
-        return Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
+        samples = Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
+        if self._arrays is not None:
+            samples._hold(self.signal[list(rows)], self.speed)
+        return samples
 
     def unopened(self) -> "Samples":
         """The same samples, with no file open and nothing in memory that the file has."""

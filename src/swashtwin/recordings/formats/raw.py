@@ -14,7 +14,7 @@ RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate"
 
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 """Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""
-_RATES = (1e-3, 1e9)
+RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
 _PACKING = 100
 """How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead channel to more."""
@@ -151,7 +151,7 @@ def require_plausible_size(path: Path, size: float, name: str) -> None:
 def require_plausible_rates(path: Path, raw: RawFile) -> None:
     """Refuse a file that states a sample rate that nothing measures at."""
     for rate in (raw.sample_rate, *raw.rates.values()):
-        if rate is not None and not _RATES[0] <= rate <= _RATES[1]:
+        if rate is not None and not RATES[0] <= rate <= RATES[1]:
             raise DataError(f"{path} states a sample rate of {rate:g} Hz; the file is damaged, or its time no time.")
 
 

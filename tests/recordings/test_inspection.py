@@ -124,6 +124,14 @@ def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
     refuse_unfit(clipped)
 
 
+def test_a_sample_far_beyond_all_others_is_called_a_spike() -> None:
+    signal = good().signal.copy()
+    signal[0, 5000] = 1e20
+    (finding,) = inspect_recording(replace(good(), signal=signal, condition=None)).findings
+    assert (finding.kind, finding.severity) == ("spikes", "warning")
+    assert "to 1e+20 m/s^2: spikes" in finding.message
+
+
 def test_a_finely_sampled_sine_is_not_called_clipped() -> None:
     time = np.arange(38400) / RATE
     coarse = np.round(200 * np.sin(2 * np.pi * 14.3 * time)) / 10

@@ -1,5 +1,6 @@
 """Units, scales and rates come from the file or the index, which must not contradict each other."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from recording_files import some_recording
 from scipy.io import savemat
 
-from swashtwin.foundation import DataError, UnitError
+from swashtwin.foundation import DataError, MPa, UnitError, celsius, rpm
+from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, load_recording, write_recording
 
 
@@ -135,3 +137,15 @@ def test_a_unit_of_acceleration_is_given_to_no_temperature(heading: str, tmp_pat
     with pytest.raises(DataError, match=r"is no acceleration.*channels = \[...\]: x, y"):
         load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit="g")
     assert load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit="g", channels=["x", "y"]).n_channels == 2
+
+
+def test_a_condition_in_a_file_is_completed_and_not_contradicted(tmp_path: Path) -> None:
+    condition = OperatingCondition(rpm(860), MPa(15))
+    path = tmp_path / "a.h5"
+    write_recording(Recording(np.arange(8.0)[None], 1000.0, "a", condition=condition), path)
+    assert load_recording(path, speed="865 rpm", oil_temperature="50 degC").condition == replace(
+        condition, speed=rpm(865), oil_temperature=celsius(50)
+    )
+    assert load_recording(path, discharge_pressure="150 bar").condition == condition
+    with pytest.raises(DataError, match=r"says it ran at 860 rpm and 15 MPa, the index says 860 rpm and 12 MPa"):
+        load_recording(path, discharge_pressure="120 bar")

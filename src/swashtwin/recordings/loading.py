@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from functools import partial
-from math import ceil
+from math import ceil, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,7 +72,7 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         )
     stated = raw.facts
     attributes = dict(raw.attributes) | dict(entry.attributes)
-    condition = _condition(entry, str(path), attributes)
+    condition = _condition(entry, condition_in(stated), str(path), attributes)
     name = entry.id or stated.get("recording_id") or stem_of(path)
     samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
     resampling = _resampling(entry, view.rate, str(path))
@@ -85,7 +86,7 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         channels=names,
         unit=view.unit,
         label=entry.label or stated.get("label"),
-        condition=condition or condition_in(stated),
+        condition=condition,
         specimen=entry.specimen or stated.get("specimen"),
         synthetic=entry.synthetic or bool(stated.get("synthetic")),
         attributes=attributes | {"file": entry.file} | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
@@ -287,8 +288,13 @@ def _calibration(entry: Entry, count: int, where: str) -> list[tuple[float, str]
     return pairs
 
 
-def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> OperatingCondition | None:
-    """Operating condition of an entry; a speed alone goes to the attributes."""
+def _condition(
+    entry: Entry, in_file: OperatingCondition | None, where: str, attributes: dict[str, str]
+) -> OperatingCondition | None:
+    """Operating condition of the index and the file, which must not contradict each other.
+
+    A speed alone goes to the attributes.
+    """
     values = {}
     for name in ("speed", *_PUMP_KEYS):
         text = getattr(entry, name)
@@ -297,15 +303,25 @@ def _condition(entry: Entry, where: str, attributes: dict[str, str]) -> Operatin
         values[name] = parse(text, QUANTITIES[name], name=f"{where}: {name}")
     if values.get("speed", 1.0) <= 0:
         raise DataError(f"{where}: speed = {entry.speed!r} must be above zero.")
-    if "speed" in values and "discharge_pressure" in values:
+    if in_file is not None or {"speed", "discharge_pressure"} <= values.keys():
         try:
-            return OperatingCondition(**values)
+            condition = OperatingCondition(**values) if in_file is None else replace(in_file, **values)
         except InputError as cause:
             raise DataError(f"{where}: {cause}") from cause
+        if in_file is not None and not in_file.matches(condition):
+            raise DataError(
+                f"{where} says it ran at {_operating_point(in_file)}, the index says {_operating_point(condition)}; "
+                "correct the index."
+            )
+        return condition
     if "discharge_pressure" in values:
         raise DataError(f'{where}: discharge_pressure without speed; add speed = "860 rpm".')
     attributes |= {name: str(getattr(entry, name)) for name in values}
     return None
+
+
+def _operating_point(condition: OperatingCondition) -> str:
+    return f"{condition.speed * 30 / pi:.4g} rpm and {condition.discharge_pressure / 1e6:.4g} MPa"
 
 
 class _Resampling(NamedTuple):

@@ -240,7 +240,7 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
         "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
         "unit": not has_units and entry.unit is None and entry.calibration_factor is None,
         "label": not entry.label and not raw.facts.get("label"),
-        "speed": entry.discharge_pressure is not None and entry.speed is None,
+        "speed": entry.discharge_pressure is not None and entry.speed is None and "condition" not in raw.facts,
     }
     return [key for key, is_missing in missing.items() if is_missing]
 

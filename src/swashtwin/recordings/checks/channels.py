@@ -41,8 +41,15 @@ def _findings(
     recording: Recording, number: int, channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]
 ) -> Iterator[Finding]:
     name = recording.channels[number]
-    clipped = sum(extreme.crowded(_CLIP_RUN) for extreme in extremes)
-    if clipped:
+    crowds = [extreme.crowded(_CLIP_RUN) for extreme in extremes]
+    clipped = sum(crowds)
+    if max(crowds) > recording.n_samples / 2:
+        message = (
+            f"{max(crowds)} samples ({max(crowds) / recording.n_samples:.2%}) are as good as equal beside the others, "
+            f"of {channel.least:.4g} to {channel.most:.4g} {recording.unit}: spikes, or the pulses of a tachometer?"
+        )
+        yield Finding("spikes", "warning", name, message)
+    elif clipped:
         share = clipped / recording.n_samples
         message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
         yield Finding("clipping", "warning", name, message)

@@ -119,6 +119,16 @@ def test_the_deviation_of_a_line_is_that_of_noise() -> None:
     assert stated == pytest.approx(scatter, rel=0.35)
 
 
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_line_in_noise_has_no_phase(absolute: bool) -> None:
+    angle = ShaftAngle(2 * np.pi * 12 * TIME, RATE, 0.0, 1.0, absolute, "truth")
+    noise = np.random.default_rng(0).standard_normal((2, len(TIME)))
+    lines = synchronous_lines(noise + [[1.0], [0.0]] * np.cos(7 * angle.angle + 0.4), angle, np.arange(2, 60))
+    phases = dict(zip(lines.orders.tolist(), lines.phase.T, strict=True))
+    assert phases.pop(7) == pytest.approx([0.4 if absolute else 0, math.nan], abs=0.05, nan_ok=True)
+    assert np.isfinite(list(phases.values())).sum() <= 1
+
+
 def test_too_few_turns_for_lines_are_refused() -> None:
     angle = ShaftAngle(2 * np.pi * 3 * TIME, RATE, 0.0, 1.0, True, "truth")
     with pytest.raises(InputError, match="record 16"):

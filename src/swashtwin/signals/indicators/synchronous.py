@@ -12,6 +12,8 @@ from swashtwin.signals.orders.shaft_angle import ShaftAngle
 _PARTS = 4
 """The scatter between so many parts of the recording says how well a line is known."""
 _LEAST_TURNS = 16
+_CLEAR = 5.2
+"""Amplitude over noise from which a line has a phase: noise reaches it once in 1000 lines (F of 2 and 6 degrees)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +26,8 @@ class SynchronousLines:
     """Peak amplitude times exp(i phase)."""
     deviation: Float[np.ndarray, "channel order"]
     """Standard deviation of the amplitude, from the scatter between four parts of the recording."""
+    noise: Float[np.ndarray, "channel order"]
+    """Root mean square of the complex line's error, from the scatter of its value between four parts."""
     reference: str
     """What phases count from: ``"tachometer"``, whose pulse is angle 0, or ``"first channel"``, whose phases are 0."""
 
@@ -34,8 +38,14 @@ class SynchronousLines:
 
     @property
     def phase(self) -> Float[np.ndarray, "channel order"]:
-        """Phase [rad] in (-pi, pi]; positive where the line peaks before the reference."""
-        return np.angle(self.lines)
+        """Phase [rad] in (-pi, pi]; positive where the line peaks before the reference.
+
+        NaN where the line, or the reference's, does not stand clear of noise: its angle would be random.
+        """
+        clear = self.amplitude > _CLEAR * self.noise
+        if self.reference == "first channel":
+            clear = clear & clear[:1]
+        return np.where(clear, np.angle(self.lines), math.nan)
 
 
 def synchronous_lines(
@@ -66,9 +76,10 @@ def synchronous_lines(
     parts = np.array_split(np.arange(signal.shape[1]), _PARTS)
     scatter = np.stack([_averaged(signal[:, part], angle.angle[part], orders) for part in parts])
     deviation = np.abs(scatter).std(axis=0, ddof=1) / math.sqrt(_PARTS)
+    noise = scatter.std(axis=0, ddof=1) / math.sqrt(_PARTS)
     if not angle.absolute:
         whole = whole * np.exp(-1j * np.angle(whole[0]))
-    return SynchronousLines(orders, whole, deviation, "tachometer" if angle.absolute else "first channel")
+    return SynchronousLines(orders, whole, deviation, noise, "tachometer" if angle.absolute else "first channel")
 
 
 def _averaged(

@@ -15,7 +15,7 @@ from swashtwin.bench.rivals.models import DEFAULT
 from swashtwin.bench.studies.dataset import calibration_tasks
 from swashtwin.bench.studies.scenario import MACHINED, split_scenario
 from swashtwin.bench.studies.training_sets import TrainingSet
-from swashtwin.foundation import ArtifactError, DataError
+from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
 from swashtwin.synthesis import Jitter
@@ -175,21 +175,10 @@ def test_the_settings_behind_a_name_are_part_of_a_tasks_key(monkeypatch: pytest.
     assert not before & {task.key for task in filled.tasks(0, "data")}
 
 
-def test_a_fleet_whose_building_is_interrupted_leaves_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(folder: Path, **how: object) -> None:
-        folder.mkdir()
-        (folder / "half.h5").touch()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("swashtwin.bench.studies.sources.build_rig", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        Fleets(tmp_path).recordings_for(0)
-    assert list(tmp_path.iterdir()) == []
+def test_a_folder_of_other_files_is_no_fleet(tmp_path: Path) -> None:
     (tmp_path / "rig-small-0").mkdir()
     (tmp_path / "rig-small-0" / "half.h5").touch()
-    with pytest.raises(DataError, match="delete it, and the same command"):
+    with pytest.raises(InputError, match="choose a new folder"):
         Fleets(tmp_path).recordings_for(0)
 
 

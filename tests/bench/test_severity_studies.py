@@ -59,7 +59,7 @@ def test_the_map_holds_moves_of_each_kind_and_recalls_of_held_out_pumps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.SEVERITIES", (1.0,))
-    monkeypatch.setattr("swashtwin.bench.questions.fault_map.HEALTHY", 2)
+    monkeypatch.setattr("swashtwin.bench.questions.fault_map.HEALTHY", 3)
     trends = {name: TRENDS[name] for name in ("swash_plate", "piston")}
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.TRENDS", trends)
     monkeypatch.setattr("swashtwin.bench.rigs.trending.TRENDS", trends)

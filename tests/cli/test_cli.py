@@ -330,7 +330,7 @@ def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path)
     for name, members in {"mixed": [*recordings, other], "lone": recordings[:1]}.items():
         files = [write_recording(recording, tmp_path / name / f"{recording.recording_id}.h5") for recording in members]
         write_index(members, files, tmp_path / name)
-    assert "sample rate 25600 Hz against 12800 Hz" in one_line(run("train", tmp_path / "mixed", *TINY, code=3))
+    assert "12800 Hz: slow (swash_plate)" in one_line(run("train", tmp_path / "mixed", *TINY, code=3))
     assert run_json("inspect", tmp_path / "mixed", code=3)["has_errors"]
     assert "needs two classes" in one_line(run("train", tmp_path / "lone", *TINY, code=3))
 
@@ -338,7 +338,7 @@ def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path)
 def test_an_unknown_class_in_an_index_is_answered_with_the_nearest(rig: Path, tmp_path: Path) -> None:
     text = (rig / "recordings.toml").read_text(encoding="utf-8").replace('label = "normal"', 'label = "norml"', 1)
     (rig / "misspelt.toml").write_text(text, encoding="utf-8")
-    assert "did you mean 'normal'?" in one_line(run("inspect", rig / "misspelt.toml", code=3))
+    assert "did you mean 'normal'?" in run("inspect", rig / "misspelt.toml", code=3).stdout
 
 
 def test_a_bare_number_in_a_pump_file_is_refused(tmp_path: Path) -> None:

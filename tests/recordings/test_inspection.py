@@ -132,6 +132,18 @@ def test_a_sample_far_beyond_all_others_is_called_a_spike() -> None:
     assert "to 1e+20 m/s^2: spikes" in finding.message
 
 
+@pytest.mark.parametrize(("value", "errors"), [(1e300, ["too_large"]), (1.7e308, ["too_large"]), (3e-300, [])])
+def test_samples_whose_squares_overflow_or_vanish_are_inspected(value: float, errors: list[str]) -> None:
+    signal = np.zeros((1, 38400))
+    signal[0, ::7] = value
+    recordings = [replace(good(), signal=signal, condition=None, recording_id=name) for name in "ab"]
+    report = inspect_recordings(recordings)
+    assert [finding.kind for finding in report.recordings[0].findings if finding.severity == "error"] == errors
+    if errors:
+        with pytest.raises(DataError, match="larger than a window can hold"):
+            refuse_unfit(recordings[0])
+
+
 def test_a_finely_sampled_sine_is_not_called_clipped() -> None:
     time = np.arange(38400) / RATE
     coarse = np.round(200 * np.sin(2 * np.pi * 14.3 * time)) / 10

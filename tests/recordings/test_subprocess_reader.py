@@ -225,3 +225,14 @@ def test_where_no_limit_can_be_set_the_memory_is_watched(monkeypatch: pytest.Mon
     reader._watch_memory(process)
     assert reader._excess
     assert process.wait(10) != 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the process limits itself on Linux only")
+def test_a_lower_limit_of_the_system_is_kept(tmp_path: Path) -> None:
+    code = (
+        "import resource; from swashtwin.recordings.formats import worker\n"
+        "resource.setrlimit(resource.RLIMIT_DATA, (2**31, 2**31)); worker._limit_memory()\n"
+        "print(resource.getrlimit(resource.RLIMIT_DATA))"
+    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == f"({2**31}, {2**31})"

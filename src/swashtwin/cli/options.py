@@ -92,7 +92,7 @@ Source = Annotated[
     typer.Argument(
         metavar="FILE|INDEX",
         help="A file, an index, or a folder with one.",
-        callback=lambda path: as_sources([path])[0],
+        callback=as_source,
     ),
 ]
 Sources = Annotated[

@@ -237,6 +237,8 @@ def _training(classes: Counter[str]) -> Use:
 
 
 def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool) -> Use:
+    if not labeled:
+        return Use(name, "no", is_required, "no recording has a class.")
     try:
         groups = recording_groups(labeled, group)
     except (DataError, InputError) as cause:
@@ -246,9 +248,8 @@ def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool
         members.setdefault(str(recording.label), set()).add(groups[recording.recording_id])
     few = sorted(label for label, names in members.items() if len(names) < 2)
     total = len(set(groups.values()))
-    if few or not members:
-        short = f"{', '.join(few)}: one {group} only, two are needed" if few else "no recording has a class"
-        return Use(name, "no", is_required, f"{short}.")
+    if few:
+        return Use(name, "no", is_required, f"{', '.join(few)}: one {group} only, two are needed.")
     share = f"--group {group} " if group != "recording" else ""
     return Use(name, "yes", is_required, f"{total} {group}s, two or more of each class: train {share}holds them out.")
 

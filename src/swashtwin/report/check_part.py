@@ -63,6 +63,12 @@ def _findings(check: DataCheck) -> tuple[Bullets, ...]:
     blocks = []
     for severity, title in _SEVERITIES.items():
         items = [text for kind, text in check.inspection.merged(by_kind=True) if kind == severity]
+        if severity == "error":
+            items += [
+                f"{copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id} at another "
+                "gain; use one."
+                for copy in check.copies
+            ]
         if severity == "warning":
             items += [finding.message for finding in check.confounding if finding.is_warning]
             items += [f"{words(label)} was not measured at {condition}." for label, condition in check.gaps]

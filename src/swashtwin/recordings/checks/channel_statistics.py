@@ -116,10 +116,12 @@ class ChannelStatistics(ChannelRange):
         before = self.count
         finite = super().add(row)
         if finite.size:
-            mean = float(finite.mean())
-            centered = finite - mean
-            self._square += float(centered @ centered) + (mean - self.mean) ** 2 * before * finite.size / self.count
-            self.mean += (mean - self.mean) * finite.size / self.count
+            with np.errstate(over="ignore", invalid="ignore"):  # a sample of 1e300 has no square
+                mean = finite.mean()
+                centered = finite - mean
+                step = mean - self.mean
+                self._square += float(centered @ centered + step * step * before * finite.size / self.count)
+                self.mean += float(step * finite.size / self.count)
         self.block_ranges.append((float(finite.min(initial=math.inf)), float(finite.max(initial=-math.inf))))
         return finite
 

@@ -69,7 +69,7 @@ def _findings(
             f"at {starts[longest] / recording.sample_rate:.4g} s: dropouts?"
         )
         yield Finding("flat", "warning", name, message)
-    if abs(channel.mean) > _OFFSET_RATIO * channel.std:
+    if abs(channel.mean) > _OFFSET_RATIO * channel.std > 0:
         ratio = abs(channel.mean) / channel.std
         message = (
             f"the offset {channel.mean:.4g} {recording.unit} is {ratio:.1f} times the vibration's std "

@@ -71,7 +71,7 @@ class Comparison:
         levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
         for recording, channels in zip(self._recordings, self._statistics, strict=True):
             for name, channel in zip(recording.channels, channels, strict=True):
-                if channel.count and not channel.is_constant:
+                if channel.std > 0 and math.isfinite(channel.std):
                     key = recording.label, recording.unit, name
                     levels.setdefault(key, []).append((channel.std, recording))
         for (label, unit, name), members in levels.items():

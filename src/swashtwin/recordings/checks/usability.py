@@ -2,11 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from swashtwin.foundation import DataError
 from swashtwin.recordings.checks.channel_statistics import ChannelRange, channel_ranges
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
+
+_LARGEST = float(np.finfo(np.float32).max)
+"""Windows are in single precision."""
 
 
 def refuse_unfit(recording: Recording) -> None:
@@ -15,7 +20,8 @@ def refuse_unfit(recording: Recording) -> None:
     Raises
     ------
     DataError
-        Missing samples, a constant channel, gaps in time, or less than one revolution where the speed is known.
+        Missing samples, a sample beyond single precision, a constant channel, gaps in time, or less than one revolution
+        where the speed is known.
     """
     for finding in unfit(recording, channel_ranges(recording)):
         where = recording.recording_id if finding.channel is None else f"{recording.recording_id}, {finding.channel}"
@@ -36,6 +42,12 @@ def unfit(recording: Recording, ranges: Sequence[ChannelRange]) -> Iterator[Find
                 f"{extent.first_bad / recording.sample_rate:.6g} s; cut them out or repair the file."
             )
             yield Finding("nan", "error", name, message)
+        elif (peak := max(extent.most, -extent.least)) > _LARGEST:
+            message = (
+                f"a sample of {peak:.3g} {recording.unit} is larger than a window can hold ({_LARGEST:.2g}); cut it "
+                "out, or repair the file."
+            )
+            yield Finding("too_large", "error", name, message)
         elif extent.is_constant:
             yield Finding("constant", "error", name, f"every sample is {extent.least:g}: a dead or unplugged sensor?")
     gaps = recording.attributes.get("time_gaps")

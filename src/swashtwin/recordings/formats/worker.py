@@ -134,8 +134,9 @@ def _limit_memory() -> None:
         return
 
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    limit = pages * resource.getpagesize() + memory_limit() + _LIBRARIES
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (pages * resource.getpagesize() + memory_limit() + _LIBRARIES, hard))
+    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def _failure(cause: Exception) -> dict[str, str]:

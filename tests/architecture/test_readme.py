@@ -15,7 +15,8 @@ def test_readme_stays_below_700_words() -> None:
 
 
 def test_what_is_installed_from_a_shell_is_installed_in_the_same_way_on_windows() -> None:
-    unix = [line.strip() for block in blocks("sh") for line in re.split(r"&&|\n", block) if ".venv" in line]
+    steps = [line.strip() for block in blocks("sh") for line in re.split(r"&&|\n", block) if ".venv" in line]
+    unix = list(dict.fromkeys(steps))
     windows = [line for block in blocks("bat") for line in block.splitlines()]
     assert [line.replace("python3 ", "py ").replace(".venv/bin/", ".venv\\Scripts\\") for line in unix] == windows
 

@@ -89,6 +89,8 @@ def test_copied_windows_say_whether_they_stand_in_two_roles():
 def test_constant_samples_are_no_copies():
     flat = [Recording(np.full((1, 50), 2.0), 10.0, name) for name in "ab"]
     assert copied_recordings(flat) == ()
+    counted = [recording.replace(signal=np.arange(50.0)[None] + n) for n, recording in enumerate(flat)]
+    assert copied_recordings(counted) == ()
 
 
 def test_random_classes_get_a_warning_no_more_often_than_said():

@@ -9,12 +9,15 @@ import pytest
 from swashtwin.recordings import (
     BLOCK,
     Recording,
+    inspect_recordings,
     join_manifests,
     load_recording,
+    load_recordings,
     manifest_of,
     repeated_recordings,
     seen_recordings,
     write_recording,
+    write_store,
 )
 
 
@@ -50,6 +53,15 @@ def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_we
     assert measured().replace(signal=2 * measured().signal, recording_id="b").content_hashes() != hashes
 
 
+def test_a_store_of_resampled_or_filtered_recordings_knows_what_was_recorded(tmp_path):
+    resampled = load_recording(written(measured(), tmp_path / "a.h5"), resample="500 Hz")
+    filtered = measured().replace(signal=2 * measured().signal, recording_id="b")
+    first = write_store([resampled, filtered], tmp_path / "first.h5")
+    again = write_store(load_recordings(first), tmp_path / "again.h5")
+    hashes = [recording.content_hashes() for recording in (resampled, filtered)]
+    assert [recording.content_hashes() for recording in load_recordings(again)] == hashes
+
+
 def test_blocks_do_not_change_a_hash_nor_does_the_sign_of_zero():
     signal = np.zeros((1, BLOCK + 7))
     signal[0, 5] = 1.0
@@ -58,8 +70,20 @@ def test_blocks_do_not_change_a_hash_nor_does_the_sign_of_zero():
 
 
 def test_a_channel_that_never_changes_makes_no_two_recordings_one():
-    first, second = (Recording(np.stack([np.zeros(9), np.arange(9.0) + n]), 1.0, "a", ("x", "y")) for n in (0, 1))
+    first, second = (Recording(np.stack([np.zeros(9), np.arange(9.0) ** 2 + n]), 1.0, "a", ("x", "y")) for n in (0, 1))
+    assert len(first.content_hashes()) == 1
     assert not set(first.content_hashes()) & set(second.content_hashes())
+
+
+@pytest.mark.parametrize("step", [1.0, -3.0, 1 / 25600])
+def test_a_counter_or_a_time_makes_no_two_recordings_one(step):
+    ramp = np.round(step * np.arange(BLOCK + 9.0), 6)
+    noise = np.random.default_rng(0).normal(size=(2, ramp.size))
+    first, second = (Recording(np.stack([ramp, row]), 1.0, "a", ("n", "y")) for row in noise)
+    assert len(first.content_hashes()) == 1
+    assert not set(first.content_hashes()) & set(second.content_hashes())
+    assert not [finding for finding in inspect_recordings([first, second.replace(recording_id="b")]).findings
+                if finding.kind == "duplicate"]  # fmt: skip
 
 
 def test_one_name_for_two_contents_is_two_recordings_and_a_name_alone_is_believed():

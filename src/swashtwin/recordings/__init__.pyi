@@ -47,6 +47,7 @@ from .manifest import seen_recordings as seen_recordings
 from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
+from .samples import rises_evenly as rises_evenly
 from .series import write_series as write_series
 from .splitting import best_test_rows as best_test_rows
 from .store import is_store as is_store
@@ -88,6 +89,7 @@ __all__ = [
     "register_format",
     "repeated_recordings",
     "require_sample_unit",
+    "rises_evenly",
     "save_index",
     "say_seen",
     "seen_recordings",

@@ -13,6 +13,9 @@ from jaxtyping import Float, Shaped
 from swashtwin.foundation import DataError, InputError, SwashTwinError, require_memory
 from swashtwin.recordings.columns import BLOCK, Column, number_type
 
+_UNEQUAL = 0.25
+"""Share by which the steps of a ramp may differ: those of a time that was written with few digits do."""
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -168,9 +171,10 @@ class Samples:
         return samples
 
     def content_hashes(self) -> tuple[str, ...]:
-        """SHA-256 of each channel's samples as recorded, 32 hexadecimal digits; none of a channel that never changes.
+        """SHA-256 of each channel's samples as recorded, 32 hexadecimal digits; an empty text where they tell nothing.
 
-        The samples count in single precision and in the recording's unit, before any resampling. Names, rates, formats
+        That is a channel that never changes, or rises by equal steps, as a counter, an index or a time does. The
+        samples count in single precision and in the recording's unit, before any resampling. Names, rates, formats
         and the order of channels do not count. A slice, and samples put in the place of others
         (`Recording.replace`), have the hashes of what they were made of.
         """
@@ -178,12 +182,15 @@ class Samples:
             self._hashes["content"] = self._recorded_hashes()
         return self._hashes["content"]
 
-    def _recorded_hashes(self) -> tuple[str, ...]:
+    def original_hashes(self) -> tuple[str, ...]:
+        """`content_hashes` where the samples are another form of what was recorded; else empty."""
         if self._origin is not None:
             return self._origin.content_hashes()
-        recorded = () if self._open_columns is None else self._opened().hashes
-        if recorded:
-            return recorded
+        return () if self._open_columns is None else self._opened().hashes
+
+    def _recorded_hashes(self) -> tuple[str, ...]:
+        if original := self.original_hashes():
+            return original
         return hash_channels(self.signal_part(at, at + BLOCK) for at in range(0, self.shape[1], BLOCK))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -261,21 +268,32 @@ def _pick(open_columns: Callable[[], Columns], rows: tuple[int, ...]) -> Columns
     return Columns(channels, tuple(columns.factors[row] for row in rows), columns.speed, hashes)
 
 
+def rises_evenly(samples: Shaped[np.ndarray, " time"], step: float) -> bool:
+    """Whether samples rise or fall by `step` each time, as a counter or a time does, or are constant if that is 0."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return bool((abs(np.diff(samples) - step) <= _UNEQUAL * abs(step)).all())
+
+
 def hash_channels(parts: Iterable[Float[np.ndarray, "channel time"]]) -> tuple[str, ...]:
     """`Samples.content_hashes` of samples that come in parts."""
     digests: list[Any] = []
     first = np.empty((0, 1), np.float32)
-    is_constant: list[bool] = []
+    last = step = np.empty((0, 1))
+    is_constant = is_ramp = np.empty(0, bool)
     for part in parts:
         with np.errstate(over="ignore"):
             rows = part.astype(np.float32, order="C")
         rows += 0.0  # one zero, whatever its sign
         if not digests:
             digests, first = [hashlib.sha256() for _ in rows], rows[:, :1].copy()
-            is_constant = [True] * len(rows)
+            last, step = part[:, :0], np.diff(part[:, :2])
+            is_constant, is_ramp = np.full(len(rows), True), np.full(len(rows), step.shape[1] == 1)
         for number, row in enumerate(rows):
             digests[number].update(row.data)
-            is_constant[number] = is_constant[number] and bool((row == first[number]).all())
+            is_constant[number] = is_constant[number] and (row == first[number]).all()
+            if is_ramp[number]:
+                is_ramp[number] = rises_evenly(np.concatenate([last[number], part[number]]), float(step[number, 0]))
+        last = part[:, -1:].copy()
     return tuple(
-        "" if constant else digest.hexdigest()[:32] for digest, constant in zip(digests, is_constant, strict=True)
+        "" if empty else digest.hexdigest()[:32] for digest, empty in zip(digests, is_constant | is_ramp, strict=True)
     )

@@ -1,5 +1,6 @@
 """A store: one HDF5 file of many recordings, in chunks, each with its facts as attributes."""
 
+import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -131,3 +132,5 @@ def _write(recording: Recording, group: "h5py.Group", target: "PatientFile", cou
         counter.add(block.nbytes)
     write_facts(group, recording)
     group.attrs["factor"] = np.array(recording.factors)
+    if hashes := recording.samples.original_hashes():
+        group.attrs["hashes"] = np.bytes_(json.dumps(hashes).encode())

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from swashtwin.foundation import stream
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, rises_evenly
 
 SAME_SHAPE = 1 - 1e-6
 """Correlation from which two stretches are one measurement at another gain and offset. Two measurements of one machine
@@ -55,7 +55,8 @@ class Copy:
 def copied_windows(roles: WindowSet | Mapping[str, WindowSet]) -> tuple[Copy, ...]:
     """Every window that is another one again, channel by channel, within a set and across sets.
 
-    Windows of one length are compared. Constant ones are passed over: all of these are alike.
+    Windows of one length are compared. Constant ones and ramps, such as those of a counter, are passed
+    over: all of these are alike.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def copied_windows(roles: WindowSet | Mapping[str, WindowSet]) -> tuple[Copy, ..
 
 
 def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
-    """Every channel of a recording that is another one again; only those of one length are compared."""
+    """Every channel of a recording that is another one again; only those of one length are compared, and no ramps."""
     locations, rows = [], []
     for recording in recordings:
         for channel, row in zip(recording.channels, recording.signal, strict=True):
@@ -93,7 +94,7 @@ def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
 def _copies(locations: Sequence[Location], rows: Sequence[np.ndarray]) -> Iterator[Copy]:
     lengths: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
-        if np.isfinite(row).all() and np.ptp(row) > 0:
+        if np.isfinite(row).all() and np.ptp(row) > 0 and not rises_evenly(row, float(row[1] - row[0])):
             lengths.setdefault(len(row), []).append(index)
     for members in lengths.values():
         firsts: dict[bytes, int] = {}

@@ -1,6 +1,5 @@
 """What shows only when recordings are compared: unequal rates, units and lengths, copies, thin classes."""
 
-import hashlib
 import math
 import statistics as figures
 from collections import Counter
@@ -11,6 +10,7 @@ from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.checks.layout import by_value, layout_findings, window_findings
 from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.samples import hash_channels
 
 _LEVEL_RATIO = 30.0
 """Level over the median of its class from which gain or unit must differ: faults change it less."""
@@ -53,8 +53,9 @@ class Comparison:
                     rows[number, channel] = figures_of.key
         counts = Counter(rows.values())
         alike = [where for where, key in rows.items() if counts[key] > 1]
-        groups = by_value((_digest(self._recordings[number], channel), self._recordings[number])
+        groups = by_value((_hash(self._recordings[number], channel), self._recordings[number])
                            for number, channel in alike)  # fmt: skip
+        groups.pop("", None)
         reported = set()
         for group in groups.values():
             ids = tuple(recording.recording_id for recording in group)
@@ -88,11 +89,9 @@ class Comparison:
                 yield Finding("level", "warning", name, message)
 
 
-def _digest(recording: Recording, channel: int) -> str:
-    digest = hashlib.sha256()
-    for block in recording.unloaded().blocks():
-        digest.update(block.signal[channel].tobytes())
-    return digest.hexdigest()
+def _hash(recording: Recording, channel: int) -> str:
+    """Hash of a channel's samples; empty where they are a ramp, such as a counter."""
+    return hash_channels(block.signal[[channel]] for block in recording.unloaded().blocks())[0]
 
 
 def _listed(names: Sequence[str]) -> str:

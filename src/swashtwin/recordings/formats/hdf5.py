@@ -127,10 +127,12 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
         require_data_within(path, dataset)
     channels, attributes = json.loads(stated["channels"]), json.loads(stated["attributes"])
     factors = [float(factor) for factor in stated.get("factor", np.ones(len(channels)))]
-    lengths = {len(channels), len(factors), *signal.shape[:1]}
+    hashes = json.loads(stated["hashes"]) if "hashes" in stated else []
+    lengths = {len(channels), len(factors), len(hashes or channels), *signal.shape[:1]}
     if not np.isfinite(factors).all():
         raise ArtifactError(f"{path} is damaged: a factor of its channels is no number ({factors}).")
-    texts = isinstance(channels, list) and isinstance(attributes, dict) and _are_texts(channels, *attributes.values())
+    texts = isinstance(channels, list) and isinstance(attributes, dict) and isinstance(hashes, list)
+    texts = texts and _are_texts(channels, *hashes, *attributes.values())
     if not (texts and signal.ndim == 2 and len(lengths) == 1):
         raise ArtifactError(f"{path} is damaged: its channels, factors or attributes are not what they should be.")
     facts: dict[str, Any] = {
@@ -141,6 +143,7 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
         "specimen": _text(stated.get("specimen")),
         "synthetic": bool(stated["synthetic"]),
         "factors": factors,
+        "hashes": hashes,
     }
     if "condition.speed" in stated:
         facts["condition"] = {name: float(stated[f"condition.{name}"]) for name in CONDITION}

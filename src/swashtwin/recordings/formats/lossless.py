@@ -44,7 +44,7 @@ def _recording(path: Path, raw: RawFile) -> Recording:
     if "recording_id" not in facts or raw.sample_rate is None:
         raise DataError(f"{path} is no recording of swashtwin.")
     require_plausible_rates(path, raw)
-    columns = Columns(tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds)
+    columns = Columns(tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds, tuple(facts["hashes"]))
     name = facts["recording_id"]
     return Recording(
         samples=Samples.from_columns(name, columns, partial(_same, columns)).unopened(),

@@ -83,7 +83,7 @@ def test_the_command_prints_the_table_and_guard_the_copies(tmp_path):
     )
     assert table["study"] == "leakage"
     assert {"split", "balanced_accuracy", "random_window", "premium"} <= set(table["rows"][0])
-    guarded = run_json("data", "guard", index)
+    guarded = run_json("data", "guard", index, code=3)
     assert [copy["again"]["recording_id"] for copy in guarded["copies"]] == ["again"]
     assert any(
         finding["attribute"] == "level of acceleration" and finding["is_warning"] for finding in guarded["confounding"]

@@ -12,6 +12,20 @@ def test_a_copy_at_another_gain_stands_among_what_must_be_mended() -> None:
     recordings = [Recording(signal, 1000.0, "first"), Recording(2 * signal, 1000.0, "again")]
     check = check_recordings(recordings)
     assert not check.is_sound
+    assert sum(count.recordings for count in check.counts) == 1
     text = repr(check_part(check, ""))
     assert "is a copy of first at another gain" in text
     assert "Nothing suspicious" not in text
+
+
+def test_exact_copies_are_not_counted_as_usable() -> None:
+    signals = np.random.default_rng(0).normal(size=(2, 1, 4096))
+    labels = ("normal", "worn")
+    recordings = [
+        Recording(signal, 1000.0, f"{label} {number}", label=label)
+        for label, signal in zip(labels, signals, strict=True)
+        for number in range(3)
+    ]
+    check = check_recordings(recordings)
+    assert [count.recordings for count in check.counts] == [1, 1]
+    assert not check.is_enough

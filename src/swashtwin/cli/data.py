@@ -227,7 +227,10 @@ def _sides(
 def guard(
     source: Dataset, public_set: PublicSet = None, only: Only = None, seed: Seed = 0, as_json: Json = False
 ) -> None:
-    """Look for what would fool a classifier: copies, and classes that rate, gain, date or one machine give away."""
+    """Look for what would fool a classifier: copies, and classes that rate, gain, date or one machine give away.
+
+    The exit code is 3 where there are copies, as it is of inspect and check.
+    """
     from swashtwin.learning import confounding, copied_recordings
 
     with progress("looking for copies and confounded classes"):
@@ -251,6 +254,8 @@ def guard(
         say(f"{counts} among {len(recordings)} recordings; {len(findings)} facts and levels were looked at.")
 
     tell(result, as_json, show)
+    if copies:
+        raise typer.Exit(BAD_DATA)
 
 
 def audit(

@@ -17,7 +17,9 @@ from swashtwin.recordings import (
     Recording,
     condition_names,
     inspect_recordings,
+    manifest_of,
     recording_groups,
+    repeated_recordings,
     stated_pressure,
     stated_speed,
 )
@@ -72,7 +74,7 @@ class DataCheck:
     confounding: tuple[Confounding, ...]
     """Facts and levels that alone tell the class."""
     counts: tuple[ClassCount, ...]
-    """Recordings of each class and condition."""
+    """Recordings of each class and condition, without copies."""
     gaps: tuple[tuple[str, str], ...]
     """Class and condition that others have and it has not."""
     uses: tuple[Use, ...]
@@ -146,10 +148,14 @@ def check_recordings(
     }
     usable = [recording for recording in recordings if recording.recording_id not in unfit]
     copies, findings, notes = _leaks(usable, seed)
+    repeated = {*repeated_recordings(manifest_of(usable)), *(copy.again.recording_id for copy in copies)}
+    usable = [recording for recording in usable if recording.recording_id not in repeated]
     conditions = _conditions(usable)
     counts = _counts(usable, conditions)
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
+    if repeated:
+        notes = (f"{len(repeated)} of the recordings are copies of others and are not counted.", *notes)
     notes = (*(f"no recording of {name} is usable." for name in sorted(map(str, lost))), *notes)
     return DataCheck(
         inspection=inspection,

@@ -108,6 +108,7 @@ def train(
         load_recordings,
         recording_groups,
         repeated_recordings,
+        seen_recordings,
     )
 
     if resume and checkpoint is None:
@@ -136,7 +137,7 @@ def train(
     validation = None
     asked_rate = allowed_rate = _ERROR_RATE if error_rate is None else error_rate
     if validation_fraction:
-        n_left = len(set(training.recording_id.tolist()) - set(manifest))
+        n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
         plan = plan_validation(n_left, asked_rate, validation_fraction)
         try:
             training, validation = split_by_recording(

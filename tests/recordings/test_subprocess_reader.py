@@ -203,8 +203,8 @@ def test_no_file_stays_open_where_that_blocks_its_deletion(
 
     clock = SimpleNamespace(dump_traceback_later=lambda *_, **__: None, cancel_dump_traceback_later=note)
     monkeypatch.setattr(worker, "faulthandler", clock)
-    with (tmp_path / "requests").open("rb") as asked, (tmp_path / "answers").open("wb") as answers:
-        worker._serve(asked, answers)
+    with (tmp_path / "requests").open("rb") as stream, (tmp_path / "answers").open("wb") as answers:
+        worker._serve(stream, answers)
     assert (tmp_path / "answers").read_bytes().count(b'"count": 6') == 4
     assert [len(files) for files in open_files] == ([1, 2, 3, 3] if stays else [0, 0, 0, 0])
 

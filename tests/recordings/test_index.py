@@ -1,6 +1,7 @@
 """One index says what every file of a folder is, and nothing in it is taken on trust."""
 
 import errno
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -145,8 +146,11 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\nnames = [1, 2]\n{FACTS}', "names = .* must be a list of texts"),
         ("format = 1\nclasses = [1, 2]\n[[recording]]\nfile = 'a.csv'", "classes = .1, 2. must be a list of texts"),
-        ("format = 1\nx = " + "[" * 5000, "is not valid TOML"),
-        ("format = " + "9" * 1_000_000, "is not valid TOML"),
+        ("format = 1\nx = " + "[" * 5000, "is not valid TOML: its lists or tables are nested too deep"),
+        ("format = " + "9" * 1_000_000, "is not valid TOML: a number in it has thousands of digits"),
+        ("format = true", "format = True cannot be read"),
+        ("format = 1\ndefaults = 'normal'", "defaults = 'normal' must be a table"),
+        ("format = 1\nroot = 3", "root = 3 must be a text"),
         *(
             (f'format = 1\n[[recording]]\nfile = "a.csv"\n{fact}\n{FACTS}', message)
             for fact, message in {
@@ -177,6 +181,13 @@ def test_a_wrong_index_is_refused_in_one_line(text: str, message: str, tmp_path:
     with pytest.raises(SwashTwinError, match=message) as caught:
         load_recordings(save(tmp_path, text))
     assert "\n" not in str(caught.value)
+
+
+def test_an_index_in_another_encoding_is_named_once(tmp_path: Path) -> None:
+    path = tmp_path / "recordings.toml"
+    path.write_bytes('format = 1\nclasses = ["größer"]'.encode("latin-1"))
+    with pytest.raises(DataError, match=f"^{re.escape(str(path))} is no UTF-8 text"):
+        load_recordings(tmp_path)
 
 
 def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:

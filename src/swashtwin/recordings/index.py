@@ -172,21 +172,27 @@ def index_path(path: Path) -> Path:
 
 
 def _load(index: Path) -> dict[str, Any]:
+    text = read_text(index)
     try:
-        table = tomllib.loads(read_text(index))
-    except (ValueError, RecursionError) as cause:  # a number of too many digits, or tables within tables
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}") from cause
+    except ValueError as cause:
+        raise DataError(f"{index} is not valid TOML: a number in it has thousands of digits.") from cause
+    except RecursionError as cause:
+        raise DataError(f"{index} is not valid TOML: its lists or tables are nested too deep.") from cause
     unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
     if unknown:
         raise DataError(
             f"{index}: unknown key {unknown[0]!r}; known: format, classes, root, [defaults], [[recording]]."
         )
-    if table.get("format") != 1:
+    if table.get("format") != 1 or isinstance(table["format"], bool):
         raise DataError(f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1.")
     kinds = {"classes": list, "root": str, "defaults": dict, "recording": list}
+    words = {list: "a list", str: "a text", dict: "a table"}
     for key, kind in kinds.items():
         if key in table and not isinstance(table[key], kind):
-            raise DataError(f"{index}: {key} = {table[key]!r} must be a {kind.__name__}.")
+            raise DataError(f"{index}: {key} = {table[key]!r} must be {words[kind]}.")
     if not all(isinstance(name, str) and plain_text(name) for name in table.get("classes", [])):
         raise DataError(f"{index}: classes = {table['classes']!r} must be a list of texts.")
     if not table.get("recording"):

@@ -10,13 +10,14 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from recording_files import some_recording
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Options, RawFile, Recording, load_recording, write_recording
+from swashtwin.recordings import Options, RawFile, Recording, load_recording, open_raw, write_recording
 from swashtwin.recordings.columns import file_stamp
 from swashtwin.recordings.formats import csv, subprocess_reader, worker
 
@@ -118,6 +119,25 @@ def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(tmp
     assert worker_id() != before
 
 
+def test_a_table_of_many_short_columns_is_read_in_a_few_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {f"c{number}": np.arange(7.0) + number for number in range(300)}
+    np.savez(tmp_path / "wide.npz", **values, x=np.arange(7), fs=np.array(100.0))
+    lines, exchange = [], subprocess_reader._Process._exchange
+
+    def counting(process: Any, source: Any, line: bytes, *rest: Any) -> Any:
+        lines.append(line)
+        return exchange(process, source, line, *rest)
+
+    monkeypatch.setattr(subprocess_reader._Process, "_exchange", counting)
+    columns = open_raw(tmp_path / "wide.npz", Options()).columns
+    for span in (slice(None), slice(2, 5)):
+        for name, samples in values.items():
+            np.testing.assert_array_equal(columns[name][span], samples[span])
+    assert len(lines) < 10
+
+
 def test_columns_are_pickled_without_their_samples(tmp_path: Path) -> None:
     recording = load_recording(write_recording(some_recording(), tmp_path / "a.h5"))
     content = pickle.dumps(recording)
@@ -192,7 +212,7 @@ def test_no_file_stays_open_where_that_blocks_its_deletion(
     for suffix, module in {"h5": "hdf5", "wav": "wav", "tdms": "tdms", "csv": "csv"}.items():
         path = write_recording(some_recording(), tmp_path / f"a.{suffix}").resolve()
         source = {"module": module, "function": "read", "path": str(path), "options": {}, "stamp": file_stamp(path)}
-        request = {"source": source, "seconds": 30.0, "memory": "4", "part": "", "column": 0, "start": 3, "stop": 9}
+        request = {"source": source, "seconds": 30.0, "memory": "4", "part": "", "column": 0, "count": 1, "start": 3, "stop": 9}
         requests.append(json.dumps(request).encode() + b"\n")
         paths.append(path)
     (tmp_path / "requests").write_bytes(b"".join(requests))

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from io import BufferedReader
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,10 @@ _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
 _TOGETHER = 1 << 24
 """Samples of all columns of a file that are read together."""
+_MANY = 64
+"""Columns from which on neighbors are read together: a table of thousands of short columns takes a few answers."""
+_NEIGHBORS = 1 << 16
+"""Samples of neighboring columns that are read with the one that is asked for."""
 _KINDS = {
     kind.__name__: kind
     for kind in (ArtifactError, DataError, InputError, MissingExtraError, MissingFileError, UnitError)
@@ -93,27 +98,59 @@ class _Source:
 def _raw_file(source: _Source, part: str, content: dict[str, Any]) -> RawFile:
     listed = content["columns"]
     step = max(1024, min(BLOCK, _TOGETHER // max(1, len(listed))))
-    columns = {
-        name: _Column(source, part, number, length, np.dtype(dtype), step)
-        for number, (name, length, dtype) in enumerate(listed)
-    }
+    shapes = [(length, np.dtype(dtype)) for _, length, dtype in listed]
+    neighbors = _Neighbors(source, part, shapes)
+    columns = {name: _Column(neighbors, number, step) for number, (name, _, _) in enumerate(listed)}
     speeds = None
     if content["speeds"] is not None:
         length, dtype = content["speeds"]
-        speeds = _Column(source, part, None, length, np.dtype(dtype), step)
+        speeds = _Column(_Neighbors(source, part, [(length, np.dtype(dtype))]), None, step)
     facts = {name: content[name] for name in ("sample_rate", "units", "attributes", "facts", "full_scale", "rates")}
     return RawFile(columns, speeds=speeds, **facts)
+
+
+class _Neighbors:
+    """Columns of one recording, some of which the other process reads together."""
+
+    def __init__(self, source: _Source, part: str, shapes: list[tuple[int, np.dtype]]) -> None:
+        self._source = source
+        self._part = part
+        self.shapes = shapes
+        self._ahead: dict[tuple[int, int, int], np.ndarray] = {}
+        """Samples that were read with an earlier column, by column, start and stop."""
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return _Neighbors, (self._source, self._part, self.shapes)
+
+    def read(self, number: int | None, start: int, samples: np.ndarray) -> None:
+        """Fill `samples` with those of a column from `start` on; None is the column of speeds."""
+        stop = start + len(samples)
+        if number is None or len(self.shapes) < _MANY or len(samples) > _NEIGHBORS // 2:
+            self._ask(number, 1, start, samples)
+            return
+        key = (number, start, stop)
+        if (ahead := self._ahead.pop(key, None)) is None:
+            following = self.shapes[number : number + _NEIGHBORS // max(1, len(samples))]
+            count = len(list(takewhile(lambda shape: shape == following[0], following)))
+            together = np.empty((count, len(samples)), samples.dtype)
+            self._ask(number, count, start, together)
+            ahead = together[0]
+            self._ahead = {(number + row, start, stop): together[row] for row in range(1, count)}
+        samples[:] = ahead
+
+    def _ask(self, number: int | None, count: int, start: int, samples: np.ndarray) -> None:
+        stop = start + samples.shape[-1]
+        request = {"part": self._part, "column": number, "count": count, "start": start, "stop": stop}
+        _process.ask(self._source, request, samples)
 
 
 class _Column:
     """Samples of one column, which the other process reads when they are sliced."""
 
-    def __init__(self, source: _Source, part: str, number: int | None, length: int, dtype: np.dtype, step: int) -> None:
-        self._source = source
-        self._part = part
+    def __init__(self, neighbors: _Neighbors, number: int | None, step: int) -> None:
+        self._neighbors = neighbors
         self._number = number
-        self._length = length
-        self.dtype = dtype
+        self._length, self.dtype = neighbors.shapes[number or 0]
         self._step = step
 
     def __len__(self) -> int:
@@ -123,12 +160,8 @@ class _Column:
         start, stop, stride = span.indices(self._length)
         samples = np.empty(max(0, stop - start), self.dtype)
         for at in range(0, len(samples), self._step):
-            self._read(start + at, samples[at : at + self._step])
+            self._neighbors.read(self._number, start + at, samples[at : at + self._step])
         return samples[::stride]
-
-    def _read(self, start: int, samples: np.ndarray) -> None:
-        request = {"part": self._part, "column": self._number, "start": start, "stop": start + len(samples)}
-        _process.ask(self._source, request, samples)
 
 
 class _Process:
@@ -184,7 +217,7 @@ class _Process:
             process.stdin.flush()
             answer: dict[str, Any] = json.loads(process.stdout.readline())
             if "error" not in answer and samples is not None:
-                if (answer["count"], answer["dtype"]) != (len(samples), samples.dtype.str):
+                if (answer["count"], answer["dtype"]) != (samples.size, samples.dtype.str):
                     raise DataError(f"{source.name}: the file has fewer samples than it states; was it changed?")
                 if process.stdout.readinto(samples.data.cast("B")) != samples.nbytes:
                     raise EOFError

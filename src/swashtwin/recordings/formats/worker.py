@@ -82,11 +82,11 @@ class _Files:
         self._contents.clear()
 
 
-def _column(raw: RawFile, number: int | None) -> Column:
+def _columns(raw: RawFile, number: int | None, count: int) -> list[Column]:
     if number is None:
         assert raw.speeds is not None
-        return raw.speeds
-    return list(raw.columns.values())[number]
+        return [raw.speeds]
+    return list(raw.columns.values())[number : number + count]
 
 
 def _answer(files: _Files, request: dict[str, Any]) -> tuple[dict[str, Any], np.ndarray | None]:
@@ -97,13 +97,13 @@ def _answer(files: _Files, request: dict[str, Any]) -> tuple[dict[str, Any], np.
         require_unchanged(path, stamp)
         if "part" not in request:
             return {"recordings": {name: _facts(raw) for name, raw in files.content(source).items()}}, None
-        column = _column(files.content(source)[request["part"]], request["column"])
-        samples = np.ascontiguousarray(column[request["start"] : request["stop"]])
+        columns = _columns(files.content(source)[request["part"]], request["column"], request["count"])
+        samples = np.concatenate([column[request["start"] : request["stop"]] for column in columns])
         require_unchanged(path, stamp)
     except Exception:
         require_unchanged(path, stamp)  # what a library says of a file that was changed under it misleads
         raise
-    return {"count": len(samples), "dtype": samples.dtype.str}, samples
+    return {"count": samples.size, "dtype": samples.dtype.str}, samples
 
 
 def _facts(raw: RawFile) -> dict[str, Any]:

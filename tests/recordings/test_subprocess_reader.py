@@ -212,7 +212,8 @@ def test_no_file_stays_open_where_that_blocks_its_deletion(
     for suffix, module in {"h5": "hdf5", "wav": "wav", "tdms": "tdms", "csv": "csv"}.items():
         path = write_recording(some_recording(), tmp_path / f"a.{suffix}").resolve()
         source = {"module": module, "function": "read", "path": str(path), "options": {}, "stamp": file_stamp(path)}
-        request = {"source": source, "seconds": 30.0, "memory": "4", "part": "", "column": 0, "count": 1, "start": 3, "stop": 9}
+        span = {"part": "", "column": 0, "count": 1, "start": 3, "stop": 9}
+        request = {"source": source, "seconds": 30.0, "memory": "4", **span}
         requests.append(json.dumps(request).encode() + b"\n")
         paths.append(path)
     (tmp_path / "requests").write_bytes(b"".join(requests))

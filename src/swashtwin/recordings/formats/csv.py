@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, require_disk_space, spreadsheet_text
+from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import SideBySide
 from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
@@ -42,7 +42,7 @@ def read(path: Path, options: Options) -> RawFile:
     try:
         count = 0
         for block in table.blocks():
-            require_disk_space(folder, 1, block.nbytes)
+            _require_room(path, folder, block.nbytes)
             spool.write(block.tobytes())
             count += len(block)
     except BaseException:
@@ -59,6 +59,17 @@ def read(path: Path, options: Options) -> RawFile:
     side_by_side = SideBySide(rows, (width, count))
     weakref.finalize(side_by_side, spool.close)
     return table.raw_file(side_by_side, options)
+
+
+def _require_room(path: Path, folder: Path, size: int) -> None:
+    """Refuse `size` bytes for which the disk of the temporary files has too little space."""
+    try:
+        require_disk_space(folder, 1, size)
+    except InputError as cause:
+        raise InputError(
+            f"{path}: its numbers do not fit in the folder of temporary files, {folder}; free space there, or let the "
+            "environment variable TMPDIR name a folder on another disk."
+        ) from cause
 
 
 class _Table:
@@ -183,7 +194,7 @@ class _Table:
                 return DataError(
                     f"{self._path}: line {number} has {len(fields)} columns, not {width}; the file may be cut off."
                 )
-            for field, kind, name in zip(fields, self._kinds, self._dialect.names, strict=True):
+            for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._dialect.names, strict=True)):
                 if kind in (Kind.number, Kind.blank) and field and not NUMBER[decimal].fullmatch(field):
                     reason = "is not a number"
                     if THOUSANDS.fullmatch(field):
@@ -194,6 +205,11 @@ class _Table:
                 if kind is Kind.stamp and field and not is_stamp(field):
                     return DataError(
                         f"{self._path}: line {number}: {field[:40]!r} in column {name!r} is not a time stamp."
+                    )
+                if kind is Kind.stamp and field and not self._stamps[column].is_in_order(field):
+                    return DataError(
+                        f"{self._path}: line {number}: {field[:40]!r} in column {name!r} has another order of day, "
+                        "month and year than the lines before."
                     )
         return DataError(f"{self._path}: the rows after line {self._line} cannot be read; the file is damaged.")
 

@@ -298,14 +298,14 @@ class _Process:
         return code
 
     def stop(self) -> None:
-        """Nothing; the process is ended where there is one."""
+        """End the process, where there is one."""
         with self._lock:
             if self._popen is not None:
                 self._popen.kill()
             self._end()
 
     def forget(self) -> None:
-        """Nothing; in a forked process, the other's process is left to it."""
+        """Leave the process to the one that this was forked from."""
         self._lock = threading.Lock()
         if self._popen is not None:
             self._popen.returncode = 0  # it is no child of this process
@@ -341,5 +341,5 @@ if hasattr(os, "register_at_fork"):
 
 
 def stop() -> None:
-    """Nothing; the other process is ended where there is one."""
+    """End the process that reads files, where there is one."""
     _process.stop()

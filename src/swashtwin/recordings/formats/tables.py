@@ -69,6 +69,8 @@ def read_time_column(path: Path, column: Column, unit: float = 1.0) -> tuple[flo
     """
     time = _TimeColumn(column, unit)
     sparse = time.every(time.stride)
+    if sparse.size and not np.isfinite(sparse[0]):
+        raise DataError(f"{path}: the time column has no time at its first sample; remove that line.")
     if time.count < 3 or not np.isfinite(sparse).all() or not time.last > time.first:
         raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
     head = time.part(0, 1000)

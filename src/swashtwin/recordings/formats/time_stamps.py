@@ -68,27 +68,37 @@ class StampReader:
         dates = parts["date"]
         if dates.null_count() == len(dates):
             return self._since_first(self._across_midnight(clock))
-        days = self._days([date for date in dates.unique().to_list() if date is not None], dates[0])
+        stated = dates.drop_nulls()
+        days = self._days(stated.unique().to_list(), stated[0])
         seconds = dates.replace_strict(days, default=None, return_dtype=polars.Float64).to_numpy() * _DAY + clock
-        if self.start is None and self._first_day is not None and np.isfinite(seconds[0]):
-            moment = np.datetime64(self._first_day, "us") + np.timedelta64(round(seconds[0] * 1e6), "us")
+        finite = seconds[np.isfinite(seconds)]
+        if self.start is None and self._first_day is not None and finite.size:
+            moment = np.datetime64(self._first_day, "us") + np.timedelta64(round(finite[0] * 1e6), "us")
             self.start = str(moment)
         return self._since_first(seconds)
 
     def _since_first(self, seconds: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
         if self._first is None:
-            self._first = float(seconds[0])
+            finite = seconds[np.isfinite(seconds)]
+            self._first = float(finite[0]) if finite.size else None
+        if self._first is None:
+            return seconds
         return np.round(seconds - self._first, 9)
 
-    def _days(self, dates: list[str], first: str | None) -> dict[str, float]:
-        """Days from the first date to each one."""
-        moments = _moments(dates, self._order)
-        if not moments:
+    def is_in_order(self, text: str) -> bool:
+        """Whether the date in `text`, if there is one, has the order of day, month and year of the first dates."""
+        date = re.search(_DATE, text)
+        return date is None or not self._order or bool(_moments([re.sub("[/.]", "-", date[0])], self._order))
+
+    def _days(self, dates: list[str], first: str) -> dict[str, float]:
+        """Days from the first date to each one, NaN for one of another order."""
+        if not self._order:
             self._order = min(_ORDERS, key=lambda order: _span(_moments(dates, order)))
-            moments = _moments(dates, self._order)
+        moments = {date: moment for name in dates for date, moment in _moments([name], self._order).items()}
         if self._first_day is None:
-            self._first_day = moments.get(first or "")
-        return {date: float((moment - (self._first_day or moment)).days) for date, moment in moments.items()}
+            self._first_day = moments.get(first)
+        days = {date: float((moment - (self._first_day or moment)).days) for date, moment in moments.items()}
+        return dict.fromkeys(dates, np.nan) | days
 
     def _across_midnight(self, clock: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
         """The times of the day, with a day added at each step back by more than half a day."""

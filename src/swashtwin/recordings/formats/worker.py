@@ -72,13 +72,13 @@ class _Files:
         return content
 
     def close(self) -> None:
-        """Nothing; every file that is open is closed, and what is in memory as a whole stays there."""
+        """Close every open file; what is in memory as a whole stays there."""
         for key, (content, _) in list(self._contents.items()):
             if not all(isinstance(column, np.ndarray) for raw in content.values() for column in raw.columns.values()):
                 del self._contents[key]
 
     def clear(self) -> None:
-        """Nothing; every file is closed and forgotten."""
+        """Close and forget every file."""
         self._contents.clear()
 
 

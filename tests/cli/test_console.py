@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swashtwin.cli import app, console
-from swashtwin.foundation import escape_controls
+from swashtwin.foundation import escape_controls, plain_text
 
 HOSTILE = "a\x1b]0;owned\x07\x9b2J\u202eb"
 
@@ -19,6 +19,10 @@ HOSTILE = "a\x1b]0;owned\x07\x9b2J\u202eb"
 def test_control_characters_are_written_as_codes() -> None:
     shown = escape_controls(HOSTILE)
     assert shown == r"a\x1b]0;owned\x07\u009b2J\u202eb"
+    marks = "".join(map(chr, (*range(0x20), *range(0x7F, 0xA0), *range(0x2000, 0x2100), 0xFEFF)))
+    hidden = {mark for mark in marks if escape_controls(mark) != mark}
+    assert plain_text(f"a{marks}b") == "".join(mark for mark in plain_text(f"a{marks}b") if mark not in hidden)
+    assert all(plain_text(f"a{mark}b") == "ab" for mark in hidden)
     assert escape_controls("Größe 中 \U0001f600 \u05d0") == "Größe 中 \U0001f600 \u05d0"
 
 

@@ -47,7 +47,7 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
 
 def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
     file = folder / "normal_1.csv"
-    assert "1 recordings, 0.2 s" in run("data", "convert", file, "--out", folder / "a.h5", *FACTS).stdout
+    assert "1 recording, 0.2 s" in run("data", "convert", file, "--out", folder / "a.h5", *FACTS).stdout
     before = (folder / "a.h5").read_bytes()
     assert "--overwrite" in one_line(run("data", "convert", file, "--out", folder / "a.h5", *FACTS, code=3))
     assert "does not say its sample rate" in one_line(

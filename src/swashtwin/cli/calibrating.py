@@ -40,6 +40,7 @@ from swashtwin.cli.options import (
     solver_from,
 )
 from swashtwin.cli.sources import is_collection, load_sources
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.calibration import (
@@ -351,7 +352,7 @@ def _show(result: "Calibration", trials: "LearningRates | None", out: Path) -> N
         for estimate in result.estimates
     ]  # fmt: skip
     header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
-    table(f"{result.method} on {len(result.recording_ids)} recordings", header, rows)
+    table(f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows)
     before, after = asdict(result.fit_before), asdict(result.fit_after)
     fits = [(name, before[name], after[name]) for name in before]
     table("Against the measurement", ("figure", "nominal", "calibrated"), fits)

@@ -36,6 +36,7 @@ from swashtwin.cli.sources import (
     load_sources,
     refuse_source,
 )
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,7 +108,7 @@ def convert(
     result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
 
     def show() -> None:
-        say(f"{out}: {len(recordings)} recordings, {seconds:.4g} s, {size / 1e6:.4g} MB")
+        say(f"{out}: {plural(len(recordings), 'recording')}, {seconds:.4g} s, {size / 1e6:.4g} MB")
         say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
@@ -185,7 +186,7 @@ def split(
     def show() -> None:
         for part in parts:
             for name in ("train", "test"):
-                say(f"{part[name]}: {len(part[f'{name}_recordings'])} recordings")
+                say(f"{part[name]}: {plural(len(part[f'{name}_recordings']), 'recording')}")
 
     tell(result, as_json, show)
 
@@ -251,7 +252,7 @@ def guard(
         for finding in warnings:
             say(f"warning: {finding.message}")
         counts = f"{len(copies)} copies, {len(warnings)} warnings"
-        say(f"{counts} among {len(recordings)} recordings; {len(findings)} facts and levels were looked at.")
+        say(f"{counts} among {plural(len(recordings), 'recording')}; {len(findings)} facts and levels were looked at.")
 
     tell(result, as_json, show)
     if copies:

@@ -25,6 +25,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import confidence_advice
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -139,7 +140,7 @@ def _show_verdicts(verdicts: "Sequence[Diagnosis]", n_trained: int) -> None:
     calibrated = all(verdict.trust is not None or verdict.label is None for verdict in verdicts)
     header = ("recording", "class", "probability", "share of windows that agree", "could be")
     columns = len(header) if calibrated else len(header) - 1
-    table(f"{len(rows)} recordings", header[:columns], [row[:columns] for row in rows])
+    table(plural(len(rows), "recording"), header[:columns], [row[:columns] for row in rows])
     if not calibrated:
         note(f"note: the model's confidence is not calibrated; {confidence_advice(n_trained)}.")
 

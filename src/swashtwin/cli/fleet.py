@@ -10,6 +10,7 @@ from swashtwin.cli.console import note, note_left_out, progress, say, table, tel
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
 from swashtwin.cli.options import FaultText, Index, Json, PumpName, Seed, fault_from, present
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.calibration import FleetCalibration
@@ -67,7 +68,7 @@ def _show_fleet(fleet: "FleetCalibration", out: Path) -> None:
         pairs = zip(fleet.alone[name], calibration.estimates, strict=True)
         values = [(a.letter, a.value, a.log_std, b.value, b.log_std, b.unit, b.verdict) for a, b in pairs]
         columns = ("", "alone", "± of ln", "with the others", "± of ln", "unit", "verdict")
-        table(f"{name}: {len(calibration.recording_ids)} recordings", columns, values)
+        table(f"{name}: {plural(len(calibration.recording_ids), 'recording')}", columns, values)
     note_left_out(fleet.left_out)
     for text in fleet.notes:
         note(f"note: {text}")

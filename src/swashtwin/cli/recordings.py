@@ -30,6 +30,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import All, show_check, show_inspection
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding
@@ -101,7 +102,8 @@ def index(
             note(f"note: {remark}")
         for sentence in proposal.facts:
             say(sentence)
-        say(f"{path}: {len(entries)} recordings of {', '.join(result['classes']) or 'classes that the files name'}")
+        classes = ", ".join(result["classes"]) or "classes that the files name"
+        say(f"{path}: {plural(len(entries), 'recording')} of {classes}")
         say(f"Check it, then: swashtwin inspect {path}")
 
     tell(result, as_json, show)

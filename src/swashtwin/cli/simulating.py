@@ -24,6 +24,7 @@ from swashtwin.cli.options import (
     fault_from,
     solver_from,
 )
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.physics import OperatingProfile, SteadySolver, Twin
@@ -288,4 +289,4 @@ def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | N
         )
     result = {"index": index, "recordings": count, "new": new, "label": plan.twin.label, "seed": plan.seed}
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
-    tell(result, as_json, lambda: say(f"{index}: {count} recordings of {plan.twin.label}, {len(new)} new"))
+    tell(result, as_json, lambda: say(f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"))

@@ -9,6 +9,7 @@ import typer
 
 from swashtwin.cli.advice import in_options
 from swashtwin.cli.console import say, table
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.learning import DataCheck
@@ -95,7 +96,7 @@ def _show_recordings(reports: "Sequence[RecordingReport]") -> None:
         for channel in report.channels
     ]  # fmt: skip
     header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
-    table(f"{len(reports)} recordings", header, rows)
+    table(plural(len(reports), "recording"), header, rows)
 
 
 def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "Sequence[Recording]") -> None:
@@ -120,7 +121,7 @@ def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "S
             )
         )  # fmt: skip
     header = ("class", "condition", "recordings", "rate [Hz]", "length [s]", "least", "greatest", "rms", "unit")
-    table(f"{len(reports)} recordings by class and condition (--all shows each)", header, rows)
+    table(f"{plural(len(reports), 'recording')} by class and condition (--all shows each)", header, rows)
 
 
 def _show_findings(report: "InspectionReport", each: bool) -> None:
@@ -170,7 +171,7 @@ def confidence_advice(n_recordings: int) -> str:
     rate = "" if plan.is_enough else f" --error-rate {plan.error_rate:g}"
     return (
         f"train --validation-fraction {plan.fraction:g}{rate} does that with about {plan.n_validation} of its "
-        f"{plan.n_recordings} recordings"
+        f"{plural(plan.n_recordings, 'recording')}"
     )
 
 

@@ -21,6 +21,7 @@ from swashtwin.cli.options import (
     read_settings,
 )
 from swashtwin.cli.summaries import confidence_advice
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.learning import (
@@ -269,9 +270,10 @@ def _tell_training(
         if confidence is None:
             note(f"note: its confidence is not calibrated; {confidence_advice(len(classifier.manifest))}.")
         else:
-            say(f"Temperature {confidence.temperature:.3g}, from {confidence.n_recordings} validation recordings")
+            count = plural(confidence.n_recordings, "validation recording")
+            say(f"Temperature {confidence.temperature:.3g}, from {count}")
         if test_ids:
-            say(f"Next, on {len(test_ids)} recordings held out: swashtwin evaluate {out} {source}")
+            say(f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}")
         else:
             note("note: nothing was held out; evaluate it on an index of other recordings.")
 
@@ -306,7 +308,7 @@ def evaluate(
         confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
     names = [recording.recording_id for recording in chosen]
     if not ids and len(names) < len(recordings):
-        note(f"{len(recordings) - len(names)} recordings had a part in the model and are left out.")
+        note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")
     result = {"model": model, "recordings": names, **scores.to_dict()}
     result["confidence"] = None if confidence is None else confidence.to_dict()
 
@@ -327,7 +329,8 @@ def _show_scores(scores: "Scores") -> None:
     names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
              "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
     rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
-    title = f"{scores.n_windows} windows of {scores.n_recordings} recordings, level {scores.level or 'not stated'}"
+    count = plural(scores.n_recordings, "recording")
+    title = f"{scores.n_windows} windows of {count}, level {scores.level or 'not stated'}"
     table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
     say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")

@@ -18,6 +18,7 @@ from swashtwin.cli.options import (
     fault_dimensions,
     fault_from,
 )
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -161,7 +162,7 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
     for text in (*trend.notes, *notes):
         note(f"note: {text}")
     note_left_out(trend.left_out)
-    say(f"{len(trend.estimates)} recordings, against {healthy} healthy ones")
+    say(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")
 
 
 def list_pumps(as_json: Json = False) -> None:

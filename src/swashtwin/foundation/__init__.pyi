@@ -41,6 +41,7 @@ from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .texts import csv_text as csv_text
 from .texts import plain_text as plain_text
+from .texts import plural as plural
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
 from .torch_state import one_thread as one_thread
@@ -96,6 +97,7 @@ __all__ = [
     "parse_json",
     "partial_results",
     "plain_text",
+    "plural",
     "read_artifact",
     "read_run",
     "read_text",

@@ -2,18 +2,17 @@
 
 import re
 
-_CONTROLS = "\x00-\x1f\x7f-\x9f"
-_DIRECTIONS = "\u2028-\u202e\u2066-\u2069"
-"""Overrides and isolates that turn the direction of writing, and further line ends."""
+from swashtwin.foundation.texts import CONTROLS
+
 _NO_XML = "\ud800-\udfff\ufffe\uffff"
-_HIDDEN = re.compile(f"[{_CONTROLS}{_DIRECTIONS}{_NO_XML}]")
+_HIDDEN = re.compile(f"[{CONTROLS}{_NO_XML}]")
 
 
 def escape_controls(text: str, *, keep: str = "") -> str:
     r"""The text with every character that steers a terminal, or that XML does not allow, written as its code.
 
-    These are the C0 and C1 control characters, those that change the direction of writing, lone surrogates and
-    non-characters.
+    These are the C0 and C1 control characters, those that change the direction of writing or take no room, lone
+    surrogates and non-characters.
 
     Parameters
     ----------

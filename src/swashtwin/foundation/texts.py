@@ -6,8 +6,9 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 
-_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff]+")
-"""Control characters, line ends, and marks that turn the direction of writing or take no room."""
+CONTROLS = "\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff"
+"""Control characters, line ends, and marks that turn the direction of writing or take no room, as ranges of `re`."""
+_CONTROLS = re.compile(f"[{CONTROLS}]+")
 
 
 def plain_text(text: str) -> str:
@@ -39,3 +40,14 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     for row in (header, *rows):
         writer.writerow([spreadsheet_text(cell) if isinstance(cell, str) else cell for cell in row])
     return text.getvalue()
+
+
+def plural(count: int, singular: str) -> str:
+    """Count with its noun.
+
+    Examples
+    --------
+    >>> plural(1, "seed"), plural(3, "seed")
+    ('1 seed', '3 seeds')
+    """
+    return f"{count} {singular}" if count == 1 else f"{count} {singular}s"

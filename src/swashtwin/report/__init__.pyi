@@ -32,7 +32,6 @@ from .style import series_colors as series_colors
 from .wording import facts_table as facts_table
 from .wording import flatten_settings as flatten_settings
 from .wording import number as number
-from .wording import plural as plural
 from .wording import score as score
 from .wording import words as words
 from .writing import write_report as write_report
@@ -62,7 +61,6 @@ __all__ = [
     "name_decades",
     "number",
     "panels",
-    "plural",
     "ratio_axis",
     "render_drawing",
     "score",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from swashtwin.calibration import Calibration, Estimate
+from swashtwin.foundation import plural
 from swashtwin.report.calibration_figures import calibration_drawings
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import (
@@ -15,7 +16,6 @@ from swashtwin.report.wording import (
     number_cell,
     parameter_words,
     percent,
-    plural,
     words,
 )
 

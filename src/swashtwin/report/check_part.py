@@ -1,8 +1,9 @@
 """Part of the page about the check of a data set."""
 
+from swashtwin.foundation import plural
 from swashtwin.learning import DataCheck
 from swashtwin.report.page import Bullets, Cell, Part, Section, SectionOrder, Table
-from swashtwin.report.wording import number, plural, words
+from swashtwin.report.wording import number, words
 
 _STATES = {"yes": "yes", "partly": "in part", "no": "no"}
 _SEVERITIES = {

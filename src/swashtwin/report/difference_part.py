@@ -1,8 +1,9 @@
 """Part of the page about two calibrations side by side."""
 
 from swashtwin.calibration import Difference
+from swashtwin.foundation import plural
 from swashtwin.report.page import Bullets, Cell, Part, Section, SectionOrder, Table
-from swashtwin.report.wording import facts_table, number, number_cell, parameter_words, plural
+from swashtwin.report.wording import facts_table, number, number_cell, parameter_words
 
 
 def difference_part(difference: Difference, key: str) -> Part:

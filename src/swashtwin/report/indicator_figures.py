@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, plural
 from swashtwin.report.drawing import Drawing, name_decades, panels, render_drawing, spread_labels, tabulate
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
-from swashtwin.report.wording import plural, words
+from swashtwin.report.wording import words
 from swashtwin.signals import LineSpectrum, Mark, Trend, TrendPoint
 
 MOST_POINTS = 3000

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
+from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Scores
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import number, number_cell, plural, words
+from swashtwin.report.wording import number, number_cell, words
 
 _METRICS = {
     "accuracy": "accuracy",

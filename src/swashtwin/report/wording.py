@@ -92,17 +92,6 @@ def parameter_words(name: str) -> str:
     return f"{INTERFACES[interface]} {quantity}"
 
 
-def plural(count: int, singular: str) -> str:
-    """Count with its noun.
-
-    Examples
-    --------
-    >>> plural(1, "seed"), plural(3, "seed")
-    ('1 seed', '3 seeds')
-    """
-    return f"{count} {singular}" if count == 1 else f"{count} {singular}s"
-
-
 def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
     """Table of names and values."""
     return Table(caption, ("", ""), tuple((Cell(name), Cell(_plain(value))) for name, value in entries))

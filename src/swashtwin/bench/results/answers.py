@@ -14,8 +14,9 @@ from swashtwin.bench.results.contrasts import Contrast
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Outcome
+from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS
-from swashtwin.report import plural, score
+from swashtwin.report import score
 
 MOST_CONTRASTS = 4
 """Contrasts in the answer for each level, of classifiers the nearest ones; the table has all."""

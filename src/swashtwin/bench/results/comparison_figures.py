@@ -10,11 +10,11 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
+from swashtwin.foundation import plural
 from swashtwin.report import (
     Drawing,
     figure_style,
     panels,
-    plural,
     render_drawing,
     series_colors,
     spread_labels,

@@ -15,6 +15,7 @@ from swashtwin.bench.results.comparison_figures import LEGEND_WIDTH
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Embedding, Outcome
+from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS
 from swashtwin.report import (
     Drawing,
@@ -23,7 +24,6 @@ from swashtwin.report import (
     figure_style,
     name_decades,
     panels,
-    plural,
     render_drawing,
     series_colors,
     tabulate,

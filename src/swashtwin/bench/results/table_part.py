@@ -8,6 +8,7 @@ import numpy as np
 
 from swashtwin.bench.results.question_figures import fault_map_drawing, severity_drawing
 from swashtwin.bench.results.table import StudyTable
+from swashtwin.foundation import plural
 from swashtwin.report import (
     CALIBRATED,
     MEASURED,
@@ -26,7 +27,6 @@ from swashtwin.report import (
     flatten_settings,
     number,
     panels,
-    plural,
     render_drawing,
     words,
 )

@@ -5,6 +5,7 @@ import statistics as figures
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
+from swashtwin.foundation import plural
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
@@ -120,7 +121,7 @@ def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:
 def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     for label, group in by_value((recording.label or "", recording) for recording in recordings).items():
         if not label:
-            yield Finding("unlabeled", "note", None, f"{len(group)} recordings have no class.")
+            yield Finding("unlabeled", "note", None, f"{plural(len(group), 'recording')} without a class.")
             continue
         specimens = {recording.specimen for recording in group if recording.specimen}
         if len(group) == 1:

@@ -185,13 +185,16 @@ def test_a_diagnosis_is_json(classifier):
     assert loaded["n_windows"] == len(loaded["window_labels"]) == 6
 
 
-def test_a_diagnosis_imports_no_library_that_it_does_not_need(saved, tmp_path):
+def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
+    default = build_network("spectral_bitcn", 1, 2, length=windows().length)
+    settings = TrainingSettings(epochs=5, batch_size=12, learning_rate=3e-3, normalization="set")
+    saved = save_classifier(fit(default, windows(), settings=settings), tmp_path / "pump.safetensors")
     path = write_recording(recording("new", "piston"), tmp_path / "new.h5")
     code = (
         "import sys; from swashtwin.cli import main; sys.argv[1:] = ['diagnose', *sys.argv[1:]]\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars', 'numba', 'sympy'}\n"
+        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars', 'numba', 'sympy', 'scipy.fft'}\n"
         "print('imported:', sorted((heavy | {'torch._dynamo'}) & set(sys.modules)))"
     )
     command = [sys.executable, "-c", code, str(saved), str(path)]

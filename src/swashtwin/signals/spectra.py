@@ -23,12 +23,12 @@ def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " ti
 
 def transform(signal: Float[np.ndarray, "*batch time"], count: int | None = None) -> Complex[np.ndarray, "*batch line"]:
     """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal with zeros."""
-    return scipy.fft.rfft(signal, count, axis=-1)
+    return np.fft.rfft(signal, count, axis=-1)
 
 
 def inverse_transform(lines: Inexact[np.ndarray, "*batch line"], count: int) -> Float[np.ndarray, "*batch time"]:
     """Signal of `count` samples whose `transform` has these lines."""
-    return scipy.fft.irfft(lines, count, axis=-1)
+    return np.fft.irfft(lines, count, axis=-1)
 
 
 def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line"]:
@@ -46,7 +46,7 @@ def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarra
     length = signal.shape[-1]
     spectrum = transform(signal)
     spectrum[..., 1 : (length + 1) // 2] *= 2
-    return np.abs(scipy.fft.ifft(spectrum, n=length, axis=-1))
+    return np.abs(np.fft.ifft(spectrum, n=length, axis=-1))
 
 
 AT_ONCE = 1 << 16

@@ -123,11 +123,11 @@ class SpectralBiTCN(Network):
         )
         self.dropout = nn.Dropout(dropout)
         n_features = self._build_branches(n_channels * n_bands, channels, dilations) if "frames" in parts else 0
-        n_levels = self._still(torch.zeros(1, n_channels, 64)).shape[1]
+        n_levels = n_channels * self._still(torch.zeros(1, 1, 64, device="cpu")).shape[1]
         if n_levels:
             self.hidden = nn.Sequential(nn.Linear(n_levels, hidden), nn.BatchNorm1d(hidden), nn.ReLU())
         self.register_buffer("mean", torch.zeros(n_levels + ("frames" in parts) * n_channels * n_bands))
-        self.register_buffer("deviation", torch.ones_like(self.get_buffer("mean")))
+        self.register_buffer("deviation", torch.ones(self.get_buffer("mean").numel()))
         self.head = nn.Linear(n_features + (hidden if n_levels else 0), n_classes)
 
     def _build_branches(self, n_inputs: int, channels: tuple[int, ...], dilations: tuple[int, ...]) -> int:

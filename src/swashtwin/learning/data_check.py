@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.leakage.confounding import Confounding, confounding
 from swashtwin.learning.leakage.copies import Copy, copied_recordings
@@ -182,8 +184,6 @@ def _leaks(
 
 def _conditions(recordings: Sequence[Recording]) -> dict[str, str]:
     """Condition of each recording in words; a dash where it cannot be named."""
-    import numpy as np
-
     speed = np.array([2 * math.pi * (stated_speed(recording) or math.nan) for recording in recordings])
     pressure = np.array([stated_pressure(recording) for recording in recordings])
     names = [recording.recording_id for recording in recordings]

@@ -7,7 +7,7 @@ from swashtwin.pump.parameters import Oil, Pump, RotatingGroup
 
 
 def require_sound_geometry(pump: Pump) -> None:
-    """Nothing, or the error that names the first two parts that cannot be built together.
+    """Refuse a pump two of whose parts cannot be built together; the error names them.
 
     Raises
     ------

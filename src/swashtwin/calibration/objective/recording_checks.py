@@ -161,7 +161,7 @@ def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int)
 
 
 def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> None:
-    """Nothing, or the error that names the speed stated and the one that the lines show.
+    """Refuse a recording whose lines show another speed than it states; the error names both.
 
     A recording whose speed was measured along with it, or whose lines show nothing clearly, passes.
 

@@ -14,7 +14,7 @@ SYNTHETIC_SPEED_TOLERANCE = 0.03
 
 
 def require_shared_speed(measured: WindowSet, synthetic: WindowSet) -> None:
-    """Nothing, or the error that names the speeds of both where none is in common.
+    """Refuse synthetic windows that run at no speed that was measured; the error names the speeds of both.
 
     Windows without a stated speed pass: that they run alike cannot be known.
 
@@ -37,7 +37,7 @@ def refuse_other_values(
     who: str,
     remedy: str,
 ) -> None:
-    """Nothing, or the error that names both, where no value of a model matches one that was measured.
+    """Refuse a model none of whose values matches a measured one; the error names both.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The checker that jaxtyping applies to every annotated function of swashtwin while the tests run."""
+"""The checker that jaxtyping applies to every annotated function of swashtwin while `.ci/run` runs the tests."""
 
 from beartype import BeartypeConf, beartype
 

@@ -77,26 +77,30 @@ def fit(
     run = _description(network, windows, settings, seed, validation, used, device)
     normalization = Normalization.fit(settings.normalization, windows)
     kernels = _deterministic_kernels(device, settings.deterministic)
-    with TorchStream(derive_seed(seed, "pretraining")), kernels, one_thread():
+    with kernels, one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
         optimizer = torch.optim.Adam(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         history = _start(checkpoint, resume, run, trained, optimizer)
-        clean = _tensors(trained, windows, normalization, device)
-        validation_tensors = None if validation is None else _tensors(trained, validation, normalization, device)
         weights = _class_weights(windows, device) if settings.class_weights else None
         condition = conditions_of(windows, settings)
-        epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
-        if not history:
-            trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
+        with TorchStream(derive_seed(seed, "pretraining")):
+            clean = _tensors(trained, windows, normalization, device)
+            validation_tensors = None if validation is None else _tensors(trained, validation, normalization, device)
+            epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
+            if not history:
+                trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
-            data = epoch_data(number)
-            with TorchStream(derive_seed(seed, "dropout", number)):
-                loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number)
-            history += (Epoch(number, loss, accuracy, *_validation_scores(trained, validation_tensors)),)
+            random = TorchStream(derive_seed(seed, "dropout", number))
+            with random:
+                data = epoch_data(number)
+            loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number, random)
+            with random:
+                scores = _validation_scores(trained, validation_tensors)
+            history += (Epoch(number, loss, accuracy, *scores),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
             if progress is not None:
@@ -242,8 +246,12 @@ def _train_epoch(
     settings: TrainingSettings,
     seed: int,
     number: int,
+    random: TorchStream,
 ) -> tuple[float, float]:
-    """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide."""
+    """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide.
+
+    Only the forward pass draws random numbers. The rest runs outside `random`, which costs time in each operation.
+    """
     signal, target = data
     ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
     order, condition_of = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
@@ -257,8 +265,9 @@ def _train_epoch(
             others, share = mixing(len(batch), settings.mixup, draw)
             partner = batch[torch.from_numpy(others).to(batch.device)]
             windows = share * windows + (1 - share) * signal[partner]
-        features = network.encode(windows)
-        scores = network.head(features)
+        with random:
+            features = network.encode(windows)
+            scores = network.head(features)
         loss = functional.cross_entropy(scores, classes, weight=weights)
         if share < 1:
             loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)

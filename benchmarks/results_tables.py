@@ -27,7 +27,7 @@ LONG = {
 }
 """Studies with one line a row, and the metrics that stand there."""
 
-CURVES = {"noise": "snr", "few-shot": "real_windows", "unseen-specimen": "pumps", "shaft-angle": "domain"}
+CURVES = {"noise": "perturbation", "few-shot": "real_windows", "unseen-specimen": "pumps", "shaft-angle": "domain"}
 """Studies with one column for each value of what they vary: accuracy."""
 
 AGAINST = {"algorithms": (DEFAULT,), "ablation": (DEFAULT, "bitcn")}

@@ -13,6 +13,7 @@ from swashtwin.bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_
 from swashtwin.bench.results.runs import Embedding, load_run
 from swashtwin.bench.rivals.models import DEFAULT
 from swashtwin.bench.studies.dataset import calibration_tasks
+from swashtwin.bench.studies.perturbations import Perturbation
 from swashtwin.bench.studies.scenario import MACHINED, split_scenario
 from swashtwin.bench.studies.training_sets import TrainingSet
 from swashtwin.foundation import ArtifactError, InputError
@@ -97,7 +98,7 @@ def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
     for other in (
         tiny(scenario=replace(plan.scenario, synthetic=7)),
         tiny(models={name: model.with_training(epochs=2) for name, model in plan.models.items()}),
-        tiny(snrs=(5.0,)),
+        tiny(perturbations=(Perturbation("white", 5.0),)),
     ):
         network = [task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT]
         assert not keys & set(network)

@@ -105,9 +105,9 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
     for run in result.runs:
         if run.task.factors["training_set"] == "calibrated":
             outcomes = [
-                replace(outcome, factors={**outcome.factors, "snr": snr})
+                replace(outcome, factors={**outcome.factors, "perturbation": test})
                 for outcome in run.outcomes
-                for snr in ("clean", "5 dB")
+                for test in ("clean", "5 dB")
             ]
             noisy.append(replace(run, task=replace(run.task, study="noise"), outcomes=tuple(outcomes), embedding=None))
     for run in (*noisy, *(replace(run, task=replace(run.task, study="algorithms")) for run in result.runs)):
@@ -116,7 +116,7 @@ def test_several_studies_make_one_page(result: StudyResult, tmp_path: Path) -> N
     assert "Algorithms on Case I" in page
     assert "accuracy 0.910" in page
     assert "swashtwin bench case1 rig; seeds 0, 1; cpu; virtual rig" in page
-    for name in ("noise_snr", "noise_confusion", "algorithms_scores"):
+    for name in ("noise_perturbation", "noise_confusion", "algorithms_scores"):
         assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
         assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
 

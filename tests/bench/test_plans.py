@@ -18,14 +18,15 @@ from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
 from swashtwin.bench.rivals.order_threshold import threshold_orders
 from swashtwin.bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
-from swashtwin.bench.studies.plan import noisy_test
+from swashtwin.bench.studies.perturbations import Perturbation
 from swashtwin.bench.studies.registry import PLANS
 from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy_training_windows
 from swashtwin.calibration import GaussNewton
+from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, holm_correction
-from swashtwin.learning import BASELINES, NETWORKS, cut_windows
+from swashtwin.learning import BASELINES, NETWORKS, WindowSet, cut_windows, fit_baseline
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import discriminative_score
@@ -77,7 +78,8 @@ def test_what_workers_get_needs_no_file_of_a_recording(
 def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
     recordings: list[Recording], dataset: StudyDataset
 ) -> None:
-    clean, noisy = dataset.tests["L4"], noisy_test(dataset, "L4", 5.0, repeat=3)
+    white = Perturbation("white", 5.0)
+    clean, noisy = dataset.tests["L4"], white.of_test(dataset, "L4", repeat=3)
     name = str(clean.recording_id[0])
     recording = next(recording for recording in recordings if recording.recording_id == name)
     expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
@@ -88,9 +90,58 @@ def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
     added = expected.signal - recording.signal
     power = recording.signal.var(axis=1) / added.var(axis=1)
     assert 10 * np.log10(power) == pytest.approx([5.0] * len(power), abs=0.2)
-    again, other = noisy_test(dataset, "L4", 5.0, repeat=3), noisy_test(dataset, "L4", 5.0, repeat=4)
+    again, other = white.of_test(dataset, "L4", repeat=3), white.of_test(dataset, "L4", repeat=4)
     np.testing.assert_array_equal(again.signal, noisy.signal)
     assert not np.array_equal(other.signal, noisy.signal)
+
+
+def test_gains_and_speeds_change_each_recording_in_its_own_way(recordings: list[Recording]) -> None:
+    for recording in recordings[:2]:
+        changed = Perturbation("gain", 12.0).of_recording(recording, 0)
+        decibels = 20 * np.log10(changed.signal.std(axis=1) / recording.signal.std(axis=1))
+        assert len(set(decibels.round(3).tolist())) == len(decibels)
+        assert np.abs(decibels).max() <= 12.0
+    lines = np.sin(2 * np.pi * 200 / recording.sample_rate * np.arange(recording.n_samples))[None]
+    line = recording.replace(signal=np.repeat(lines, len(recording.channels), axis=0))
+    counts = [
+        np.argmax(np.abs(np.fft.rfft(Perturbation("speed", 0.02).of_recording(line, repeat).signal[0], 2**18)))
+        * recording.sample_rate
+        / 2**18
+        for repeat in range(4)
+    ]
+    assert len(set(counts)) == 4
+    assert all(195.9 < hertz < 204.2 for hertz in counts)
+
+
+def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
+    plan = plan_of("case2", "paper").of_window(8192)
+    assert (plan.scenario.length, plan.scenario.scarce_windows, plan.scenario.test_windows) == (8192, 0, 12)
+    assert plan_of("case1", "paper").of_window(8192).scenario.scarce_windows == 12
+
+
+def test_twins_of_other_studies_can_fill_too_and_the_first_classifier_is_compared_with_all() -> None:
+    plan = plan_of("noise", "quick").of_training_sets(["calibrated", "posterior"])
+    assert [training_set.by for training_set in plan.training_sets.values()] == ["calibrated", "posterior"]
+    plan = plan.of_classifiers(models_of("quick", ["chosen", "extra_trees"]))
+    assert contrasted(plan, "classifier") == {("chosen", "extra_trees")}
+    with pytest.raises(InputError, match="no training set 'twin'"):
+        plan.of_training_sets(["twin"])
+
+
+def test_the_chosen_model_is_what_a_user_gets_who_sets_nothing(
+    dataset: StudyDataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fit(self: FaultClassifier, X: WindowSet, synthetic: WindowSet | None) -> FaultClassifier:
+        assert not X.synthetic.any()
+        assert synthetic is not None
+        assert synthetic.synthetic.all()
+        self.fitted_ = fit_baseline("extra_trees", X + synthetic, seed=self.seed)
+        return self
+
+    monkeypatch.setattr(FaultClassifier, "fit", fit)
+    train = dataset.measured + replace(dataset.measured, synthetic=np.ones(len(dataset.measured), dtype=bool))
+    classifier = train_model(MODELS["quick"]["chosen"], train, seed=5, manifest=["lent"])
+    assert set(classifier.manifest) == {"lent", *train.recording_id.tolist()}
 
 
 def test_windows_cut_again_from_the_same_recordings_are_the_same(
@@ -109,15 +160,20 @@ def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(dataset:
 
 
 def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(recordings: list[Recording]) -> None:
-    plan = small("noise", models={"extra_trees": MODELS["quick"]["extra_trees"]}, snrs=(math.inf, 5.0), draws=2)
+    plan = small(
+        "noise",
+        models={"extra_trees": MODELS["quick"]["extra_trees"]},
+        perturbations=(Perturbation("hum", 5.0),),
+        draws=2,
+    )
     study = run_plan(plan, recordings)
-    assert [(row["level"], row["snr"]) for row in study.rows()] == [
-        (level, snr) for level in ("L2", "L4") for snr in ("clean", "5 dB")
+    assert [(row["level"], row["perturbation"]) for row in study.rows()] == [
+        (level, test) for level in ("L2", "L4") for test in ("clean", "hum 5 dB")
     ]
     accuracies = [
         outcome.scores.accuracy
         for outcome in study.outcomes
-        if (outcome.level, outcome.factors["snr"]) == ("L2", "5 dB")
+        if (outcome.level, outcome.factors["perturbation"]) == ("L2", "hum 5 dB")
     ]
     assert len(accuracies) == 2
     assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(accuracies)])

@@ -9,6 +9,7 @@ from tiny_case import TINY, tiny
 
 from swashtwin.bench import plan_of, run_plan
 from swashtwin.bench.studies.dataset import prepare, read_for
+from swashtwin.bench.studies.perturbations import Perturbation
 from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TrainingSet
 from swashtwin.foundation import DataError, InputError, MPa, rpm
@@ -99,7 +100,11 @@ def test_the_study_compares_the_angle_with_time(two_classes: list[Recording]) ->
 
 
 @pytest.mark.parametrize(
-    "noisy", [{"snrs": (5.0,)}, {"training_sets": {"noisy": TrainingSet("calibrated", noise=True)}}]
+    "noisy",
+    [
+        {"perturbations": (Perturbation("white", 5.0),)},
+        {"training_sets": {"noisy": TrainingSet("calibrated", noise=True)}},
+    ],
 )
 def test_noise_along_the_angle_is_refused(noisy: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="plans with noise cut windows along time"):

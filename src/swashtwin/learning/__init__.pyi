@@ -56,6 +56,8 @@ from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
 from .training.train_transforms import RANGE as RANGE
+from .training.train_transforms import at_other_speeds as at_other_speeds
+from .training.train_transforms import with_gains as with_gains
 from .training.training_reference import TrainingReference as TrainingReference
 from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches
@@ -107,6 +109,7 @@ __all__ = [
     "WindowLayout",
     "WindowSet",
     "allowed_error_rate",
+    "at_other_speeds",
     "audit",
     "band_energies",
     "build_network",
@@ -145,5 +148,6 @@ __all__ = [
     "unseen_recordings",
     "window_batches",
     "window_groups",
+    "with_gains",
     "without_overlap",
 ]

@@ -9,6 +9,7 @@ from .comparison import peak_error as peak_error
 from .comparison import spectral_correlation as spectral_correlation
 from .comparison import spectrum_value_error as spectrum_value_error
 from .comparison import waveform_rmse as waveform_rmse
+from .filtering import NoiseKind as NoiseKind
 from .filtering import add_noise as add_noise
 from .filtering import band_limited as band_limited
 from .indicators.line_spectra import LineSpectrum as LineSpectrum
@@ -59,6 +60,7 @@ __all__ = [
     "IndicatorTable",
     "LineSpectrum",
     "Mark",
+    "NoiseKind",
     "OrderSpectrum",
     "Row",
     "ShaftAngle",

@@ -1,26 +1,83 @@
 """Noise added to a signal, and the part of it within a band."""
 
+from typing import Literal
+
 import numpy as np
 import scipy
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError, stream
+from swashtwin.signals.spectra import inverse_transform, transform
+
+NoiseKind = Literal["white", "pink", "hum"]
+"""Spectrum of noise; see `add_noise`."""
+
+MAINS, MAINS_TOLERANCE = 50.0, 0.1
+"""Frequency of the mains, and how far hum is off it at most [Hz]."""
+
+HARMONICS = 20
+"""Harmonics of hum, 50 Hz to 1 kHz; fewer where half the sample rate is lower."""
 
 
 def add_noise(
-    signal: Float[np.ndarray, "channel time"], snr_db: float, seed: int, *purpose: object
+    signal: Float[np.ndarray, "channel time"],
+    snr_db: float,
+    seed: int,
+    *purpose: object,
+    kind: NoiseKind = "white",
+    sample_rate: float = 0.0,
 ) -> Float[np.ndarray, "channel time"]:
-    """Signal with white Gaussian noise of a stated signal-to-noise ratio [dB] added.
+    """Signal with noise of a stated signal-to-noise ratio [dB] added.
 
     The signal's power is its variance over the whole of `signal`, per channel (docs/protocol.md, "Noise").
+
+    - ``"white"``: Gaussian, the same density at all frequencies.
+    - ``"pink"``: Gaussian, the density falls as 1/f from the first line of the signal to half the sample rate.
+    - ``"hum"``: the first 20 harmonics of the mains with amplitudes 1/h, phases uniform and drawn for each channel, at
+      50 ± 0.1 Hz, drawn once for all channels.
 
     Parameters
     ----------
     purpose : names the random stream, usually the recording's id and the repeat.
+    sample_rate : samples per second [Hz]; hum needs it.
+
+    Raises
+    ------
+    InputError
+        Hum, and half the sample rate is not above 50.1 Hz.
     """
     power = signal.var(axis=-1, keepdims=True)
     scale = np.sqrt(power * 10 ** (-snr_db / 10))
-    return signal + scale * stream(seed, "noise", float(snr_db), *purpose).standard_normal(signal.shape)
+    rng = stream(seed, "noise" if kind == "white" else kind, float(snr_db), *purpose)
+    if kind == "hum":
+        return signal + scale * _hum(signal.shape, sample_rate, rng)
+    white = rng.standard_normal(signal.shape)
+    return signal + scale * (white if kind == "white" else _pink(white))
+
+
+def _pink(white: Float[np.ndarray, "channel time"]) -> Float[np.ndarray, "channel time"]:
+    """White noise with its lines weighted by f^(-1/2), at an expected variance of 1."""
+    spectrum = transform(white)
+    weight = np.zeros(spectrum.shape[-1])
+    weight[1:] = np.arange(1, len(weight)) ** -0.5
+    sides = np.full(len(weight), 2.0)  # lines of both signs, but for that at half the rate
+    sides[-1] -= white.shape[-1] % 2 == 0
+    variance = float((sides * weight**2).sum()) / white.shape[-1]
+    return inverse_transform(spectrum * weight / np.sqrt(variance), white.shape[-1])
+
+
+def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+    """Harmonics of the mains, at a variance of 1 over whole periods."""
+    mains = MAINS + MAINS_TOLERANCE * rng.uniform(-1, 1)
+    harmonics = np.arange(1, HARMONICS + 1)
+    harmonics = harmonics[harmonics * (MAINS + MAINS_TOLERANCE) < sample_rate / 2]
+    if not len(harmonics):
+        raise InputError(f"hum of {MAINS:g} Hz needs a sample rate above {2 * (MAINS + MAINS_TOLERANCE):g} Hz.")
+    phase = rng.uniform(0, 2 * np.pi, (*shape[:-1], len(harmonics)))
+    turning = np.exp(2j * np.pi * mains / sample_rate * np.arange(shape[-1]))
+    powers = np.multiply.accumulate(np.tile(turning, (len(harmonics), 1)), axis=0)
+    waves = ((np.exp(1j * phase) / harmonics) @ powers).imag
+    return waves * np.sqrt(2 / (1 / harmonics**2).sum())
 
 
 def band_limited(

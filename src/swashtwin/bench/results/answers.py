@@ -25,22 +25,22 @@ MOST_CONTRASTS = 4
 def answer_of(study: StudyResult) -> tuple[str, ...]:
     """For each test the best row of those of as many seeds as any, and what the study compares, paired by seed."""
     rows = study.rows()
-    tests = list(dict.fromkeys((row["level"], row.get("snr", "")) for row in rows))
-    return tuple(_level_sentence(study, level, snr) for level, snr in tests)
+    tests = list(dict.fromkeys((row["level"], row.get("perturbation", "")) for row in rows))
+    return tuple(_level_sentence(study, level, perturbation) for level, perturbation in tests)
 
 
-def _level_sentence(study: StudyResult, level: str, snr: str) -> str:
-    rows = [row for row in study.rows() if (row["level"], row.get("snr", "")) == (level, snr)]
+def _level_sentence(study: StudyResult, level: str, perturbation: str) -> str:
+    rows = [row for row in study.rows() if (row["level"], row.get("perturbation", "")) == (level, perturbation)]
     most = max(len(row["accuracy"]["values"]) for row in rows)
     of_all = [row for row in rows if len(row["accuracy"]["values"]) == most]
     best = max(of_all, key=lambda row: row["accuracy"]["mean"] or 0.0)
-    where = f"{level}{f', {snr}' if snr else ''}"
+    where = f"{level}{f', {perturbation}' if perturbation else ''}"
     among = "" if len(of_all) == len(rows) else f" of those of {most} seeds"
     text = f"{where}: highest accuracy{among} {best['accuracy']['mean']:.3f} ({_row_words(study, best)})"
     matching = [
         contrast
         for contrast in study.contrasts
-        if (contrast.first["level"], contrast.first.get("snr", "")) == (level, snr)
+        if (contrast.first["level"], contrast.first.get("perturbation", "")) == (level, perturbation)
     ]
     if all(contrast.first["classifier"] != contrast.second["classifier"] for contrast in matching):
         matching.sort(key=lambda contrast: contrast.mean)
@@ -49,7 +49,7 @@ def _level_sentence(study: StudyResult, level: str, snr: str) -> str:
 
 
 def _row_words(study: StudyResult, row: Mapping[str, object]) -> str:
-    return ", ".join(_words(name, str(row[name])) for name in study.factors if name not in ("level", "snr"))
+    return ", ".join(_words(name, str(row[name])) for name in study.factors if name not in ("level", "perturbation"))
 
 
 def _words(factor: str, value: str) -> str:
@@ -65,7 +65,7 @@ def _contrast_words(contrast: Contrast, others: Sequence[Contrast]) -> str:
     fixed = [
         _words(name, contrast.first[name])
         for name in contrast.first
-        if name not in (factor, "level", "snr") and len({other.first[name] for other in others}) > 1
+        if name not in (factor, "level", "perturbation") and len({other.first[name] for other in others}) > 1
     ]
     where = f" ({', '.join(fixed)})" if fixed else ""
     low, high = (100 * value for value in contrast.interval)

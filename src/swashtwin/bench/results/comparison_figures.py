@@ -36,7 +36,7 @@ _DASHES = ("-", "--", ":", "-.")
 
 
 def curve_factor(study: StudyResult) -> str | None:
-    """The factor that curves run along, such as ``"snr"``; None where there is none."""
+    """The factor that curves run along, such as ``"perturbation"``; None where there is none."""
     further = [name for name in study.factors if name not in NAMING]
     return further[-1] if further else None
 

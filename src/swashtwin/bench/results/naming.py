@@ -31,6 +31,8 @@ CLASSIFIERS = {
     "spectral_ensemble": "mean of three trainings",
     "spectral_one_sensor": "first sensor only",
     "spectral_noise": "BiTCN on levels (ours), new noise in every epoch",
+    "chosen": "chosen in training (ours)",
+    "levels": "level network (ours)",
     "bitcn": "BiTCN, stride 16",
     "bitcn_paper": "BiTCN, the paper's recipe",
     "bitcn_ordinary": "A: ordinary convolution, stride 16",

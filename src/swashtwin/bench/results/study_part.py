@@ -57,12 +57,16 @@ _PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
         for name in (f"{kind}_ordinary", f"{kind}_no_attention", f"{kind}_forward")
     ),
     *(
-        ("noise", {"classifier": name, "training_set": "calibrated", "snr": snr}, f"accuracy {accuracy}")
+        (
+            "noise",
+            {"classifier": name, "training_set": "calibrated", "perturbation": test},
+            f"accuracy {accuracy}",
+        )
         for name in ("spectral_bitcn", "bitcn")
-        for snr, accuracy in (("clean", "0.980"), ("5 dB", "0.910"))
+        for test, accuracy in (("clean", "0.980"), ("5 dB", "0.910"))
     ),
-    ("noise", {"classifier": "tcn", "training_set": "calibrated", "snr": "5 dB"}, "9 points below BiTCN"),
-    ("noise", {"classifier": "lstm", "training_set": "calibrated", "snr": "5 dB"}, "11 points below BiTCN"),
+    ("noise", {"classifier": "tcn", "training_set": "calibrated", "perturbation": "5 dB"}, "9 points below BiTCN"),
+    ("noise", {"classifier": "lstm", "training_set": "calibrated", "perturbation": "5 dB"}, "11 points below BiTCN"),
 )
 """What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN, by study and row."""
 

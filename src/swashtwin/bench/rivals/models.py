@@ -18,6 +18,7 @@ from swashtwin.bench.rivals.ablations import ABLATIONS
 from swashtwin.bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
 from swashtwin.bench.rivals.kernels import KERNELS, PYTHON
 from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
+from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import (
     BASELINES,
@@ -33,6 +34,7 @@ from swashtwin.learning import (
     fit,
     fit_baseline,
 )
+from swashtwin.recordings import join_manifests
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Model:
     """A classifier before it was trained."""
 
     kind: str
-    """Name in `NETWORKS` or `BASELINES`, or `THRESHOLD`."""
+    """Name in `NETWORKS` or `BASELINES`, `CHOSEN`, or `THRESHOLD`."""
     network: Mapping[str, Any] = field(default_factory=dict)
     """Settings of a network that differ from its own defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -65,6 +67,8 @@ class Model:
         default and is left out, so that finished runs of earlier versions keep their keys."""
         if self.kind == THRESHOLD:
             return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
+        if self.kind == CHOSEN:
+            return {"kind": self.kind, **FaultClassifier().get_params()}
         if not self.is_network:
             estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
             return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
@@ -82,6 +86,9 @@ class Model:
 THRESHOLD = "envelope_threshold"
 """The rule that learns no more than which bands of the envelope's spectrum rise, and how far healthy ones do. It stands
 for a threshold at known orders, which windows of one revolution do not resolve."""
+
+CHOSEN = "chosen"
+"""What `FaultClassifier` trains where nothing is set."""
 
 _BANDS, _HEALTHY = 6, 0.99  # that rise with a class; share of the healthy windows that stay below
 
@@ -150,6 +157,7 @@ def _models(size: str) -> dict[str, Model]:
         **retrained,
         **composed,
         "bitcn_paper": PAPERS_OWN,
+        CHOSEN: Model(CHOSEN),
         **baselines,
         THRESHOLD: Model(THRESHOLD),
     }
@@ -157,7 +165,8 @@ def _models(size: str) -> dict[str, Model]:
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
 """Models by size and name: every network and every baseline, our network without one of its parts or trained
-otherwise, ``bitcn_paper``, the paper's own recipe, and the threshold."""
+otherwise, ``bitcn_paper``, the paper's own recipe, ``chosen``, what a user gets who sets nothing, and the
+threshold."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
@@ -199,6 +208,8 @@ def train_model(
     """
     if model.kind == THRESHOLD:
         return _threshold(train, manifest)
+    if model.kind == CHOSEN:
+        return _chosen(train, seed, manifest)
     if not model.is_network:
         return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
     view = None if model.sensors is None else partial(first_sensors, count=model.sensors)
@@ -209,6 +220,13 @@ def train_model(
     fitted = [fit(network, heard, settings=model.training, seed=seed, manifest=used, device=device) for seed in seeds]
     members = fitted if view is None else [NetworkOnView(classifier, view) for classifier in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
+
+
+def _chosen(train: WindowSet, seed: int, manifest: Iterable[str]) -> Classifier:
+    """The classifier of somebody who sets nothing but the seed."""
+    measured, synthetic = (train.subset(train.synthetic == is_synthetic) for is_synthetic in (False, True))
+    fitted = FaultClassifier(seed=seed).fit(measured, synthetic=synthetic if len(synthetic) else None).fitted_
+    return replace(fitted, manifest=join_manifests([fitted.manifest, manifest]))
 
 
 def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:

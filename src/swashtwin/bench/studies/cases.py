@@ -13,11 +13,11 @@ of the scarce cell come from one recording of one pump; the twins are calibrated
 pump's training recordings of the same fault at the pressure nearest to the scarce one.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, models_of
+from swashtwin.bench.studies.perturbations import Perturbation, noises
 from swashtwin.bench.studies.plan import Plan
 from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TRAINING_SNRS, TrainingSet
@@ -38,6 +38,15 @@ ANGLE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "ridge", "
 
 NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
 """Ours, and ours with noise in training; those that the paper compares; and the first rival to any network."""
+
+PERTURBATIONS = (
+    *noises("white", 20.0, 15.0, 10.0, 5.0, 0.0),
+    *noises("pink", 20.0, 10.0, 5.0, 0.0),
+    *noises("hum", 20.0, 10.0, 5.0, 0.0),
+    Perturbation("gain", 12.0),
+    Perturbation("speed", 0.02),
+)
+"""What tests of noise are changed by."""
 
 NOISE_IN_TRAINING = (
     f"New noise in every epoch: half the windows of each have white noise, at ratios between 0 and {RANGE:g} dB, in "
@@ -133,17 +142,21 @@ def shaft_angle(size: str) -> Plan:
 
 
 def noise(size: str) -> Plan:
-    """White noise added to the tests, for classifiers trained clean and with noise."""
+    """Noise, gains and speeds in the tests, for classifiers trained clean and with noise."""
     names = [name for name in NOISE_MODELS if name in MODELS[size]]
-    plan = _calibrated_case_one(size, "noise", "Noise added to the tests, trained clean and with noise", names)
+    plan = _calibrated_case_one(size, "noise", "Noise, gains and speeds in tests, trained clean and with noise", names)
     return replace(
         plan,
         training_sets={**plan.training_sets, "calibrated_noise": TrainingSet("calibrated", noise=True)},
-        snrs=(math.inf, 20.0, 15.0, 10.0, 5.0),
+        perturbations=PERTURBATIONS,
         notes=(
-            "Added SNR: white Gaussian noise whose power is the variance of the whole recording (mean removed) over "
-            "10^(SNR/10), for each channel, added at the recording's own rate before windows are cut; the mean of "
-            f"{plan.draws} draws, seeded by recording, ratio and repeat.",
+            "Added SNR: noise whose power is the variance of the whole recording (mean removed) over 10^(SNR/10), for "
+            "each channel, added at the recording's own rate before windows are cut; the mean of "
+            f"{plan.draws} draws, seeded by recording, ratio and repeat. Without a name it is white and Gaussian; pink "
+            "is Gaussian with a density of 1/f; hum is the first 20 harmonics of 50 Hz with amplitudes of 1/h and "
+            "phases drawn for each channel.",
+            "Gain: each channel of a recording up to 12 dB louder or quieter, uniform in dB. Speed: time of a "
+            "recording stretched by up to 2 %, uniform, which its stated speed does not say.",
             "Trained with noise: every training recording and every synthetic window stands in the training set a "
             "second time with noise, at a ratio drawn between "
             f"{TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB.",

@@ -13,14 +13,21 @@ import torch
 from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
 from swashtwin.bench.rivals.composed import NetworkOnView
 from swashtwin.bench.rivals.models import Model, train_model
-from swashtwin.bench.studies.dataset import StudyDataset, cells_of, cut_again
+from swashtwin.bench.studies.dataset import StudyDataset, cells_of
+from swashtwin.bench.studies.perturbations import Perturbation
 from swashtwin.bench.studies.scenario import Scenario
-from swashtwin.bench.studies.training_sets import CALIBRATED_TWINS, PAPER_TRAINING_SETS, TrainingSet
+from swashtwin.bench.studies.training_sets import (
+    CALIBRATED_TWINS,
+    PAPER_TRAINING_SETS,
+    TWIN_TRAINING_SETS,
+    TrainingSet,
+)
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin.recordings import Recording
-from swashtwin.signals import add_noise
+
+CLEAN = "clean"
+"""Row of the tests without any perturbation."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +59,10 @@ class Plan:
     rivals: tuple[str, ...] = ()
     """Classifiers whose rows stand beside those of the study, not among them; where there are any, so do those of every
     further classifier."""
-    snrs: tuple[float, ...] = ()
-    """Signal-to-noise ratios of noisy tests [dB]; infinity is the clean one. Empty tests without noise alone."""
+    perturbations: tuple[Perturbation, ...] = ()
+    """What recordings of the tests are changed by, each once more beside the clean tests."""
     draws: int = 5
-    """Draws of the noise at each ratio."""
+    """Draws of each perturbation."""
     notes: tuple[str, ...] = ()
     """Notes that must be read with the numbers."""
     model_notes: Mapping[str, str] = field(default_factory=dict)
@@ -66,7 +73,7 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
             raise InputError("a study needs a classifier and a training set.")
-        noisy = self.snrs or any(training_set.noise for training_set in self.training_sets.values())
+        noisy = self.perturbations or any(training_set.noise for training_set in self.training_sets.values())
         if noisy and any(self.scenario_of(name).along_angle for name in self.variants):
             raise InputError(
                 "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
@@ -99,7 +106,8 @@ class Plan:
                     "training_set": sets[training_set],
                     "model": models[model],
                     "device": device if self.models[model].is_network else "cpu",
-                    "tests": {"snrs": list(map(str, self.snrs)), "draws": self.draws},
+                    # called snrs when white noise was all there was; finished runs are found by it
+                    "tests": {"snrs": list(map(str, self.perturbations)), "draws": self.draws},
                 },
                 data=data,
             )
@@ -107,18 +115,46 @@ class Plan:
             if self.bare is None or (variant == self.bare) is (self.training_sets[training_set].by is None)
         ]
 
+    def of_classifiers(self, models: Mapping[str, Model]) -> "Plan":
+        """The plan of other classifiers; the first is the study's own, which others are compared with."""
+        own, *others = models
+        is_single = isinstance(self.compared.get("classifier"), str)
+        compared = {**self.compared, **({"classifier": own} if is_single else {})}
+        return replace(self, models=models, compared=compared, absent=(), rivals=tuple(others) if self.rivals else ())
+
     def of_training_sets(self, names: Sequence[str]) -> "Plan":
-        """The plan of some of its training sets only.
+        """The plan of some of its training sets only, or of others of `TWIN_TRAINING_SETS`.
 
         Raises
         ------
         InputError
-            It has none of that name.
+            There is none of that name.
         """
+        choices = {**TWIN_TRAINING_SETS, **self.training_sets}
         for name in names:
-            if name not in self.training_sets:
-                raise InputError(f"{self.study} has no training set {name!r}; it has {', '.join(self.training_sets)}.")
-        return replace(self, training_sets={name: self.training_sets[name] for name in names})
+            if name not in choices:
+                raise InputError(f"{self.study} has no training set {name!r}; there are {', '.join(choices)}.")
+        return replace(self, training_sets={name: choices[name] for name in names})
+
+    def of_window(self, length: int) -> "Plan":
+        """The plan with windows of another length, and as much signal in the scarce cells.
+
+        Parameters
+        ----------
+        length : samples per window.
+        """
+
+        def of_signal(count: int) -> int:
+            return max(min(count, 1), count * self.scenario.length // length)
+
+        test = self.scenario.test_windows
+        scenario = replace(
+            self.scenario,
+            length=length,
+            scarce_windows=of_signal(self.scenario.scarce_windows),
+            test_windows=None if test is None else of_signal(test),
+        )
+        return replace(self, scenario=scenario)
 
     def of_values(self, names: Sequence[str]) -> "Plan":
         """The plan at some values of its varied factor only.
@@ -217,38 +253,13 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
 
 def _outcomes(classifier: Classifier, task: Task, plan: Plan, dataset: StudyDataset) -> Iterator[Outcome]:
     for level, clean in dataset.tests.items():
-        for snr in plan.snrs or (math.inf,):
-            factors = {**task.factors, "level": level, **({"snr": snr_words(snr)} if plan.snrs else {})}
-            for repeat in range(plan.draws if math.isfinite(snr) else 1):
-                test = noisy_test(dataset, level, snr, repeat) if math.isfinite(snr) else clean
+        for perturbation in (None, *plan.perturbations):
+            varied = {"perturbation": str(perturbation or CLEAN)} if plan.perturbations else {}
+            factors = {**task.factors, "level": level, **varied}
+            for repeat in range(plan.draws if perturbation else 1):
+                test = perturbation.of_test(dataset, level, repeat) if perturbation else clean
                 scores = evaluate(classifier, test, level=level)
                 yield Outcome(factors, task.seed, scores, scarce_recall(scores, dataset.scenario), repeat)
-
-
-def noisy_test(dataset: StudyDataset, level: str, snr_db: float, repeat: int) -> WindowSet:
-    """The test windows of a level, cut from recordings with white noise added (docs/protocol.md, "Noise").
-
-    The noise is added to the whole recording at its own rate before anything else is done with it, each channel's power
-    by the variance of the whole recording; its seed is from recording, ratio and repeat.
-    """
-    noisy = [noisy_recording(recording, snr_db, repeat) for recording in dataset.test_recordings[level]]
-    return cut_again(noisy, dataset.tests[level])
-
-
-def noisy_recording(recording: Recording, snr_db: float, repeat: int) -> Recording:
-    """The recording with white noise of that signal-to-noise ratio [dB]; its seed is from recording, ratio, repeat."""
-    return recording.replace(signal=add_noise(recording.signal, snr_db, repeat, recording.recording_id))
-
-
-def snr_words(snr_db: float) -> str:
-    """A signal-to-noise ratio as a row's name.
-
-    Examples
-    --------
-    >>> snr_words(20.0), snr_words(math.inf)
-    ('20 dB', 'clean')
-    """
-    return f"{snr_db:g} dB" if math.isfinite(snr_db) else "clean"
 
 
 def scarce_recall(scores: Scores, scenario: Scenario) -> float:

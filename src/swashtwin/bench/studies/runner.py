@@ -161,7 +161,7 @@ def _run_seeds(
             group.seed,
             [(task, calibrations[task.key]) for task in calibration_tasks_of[case]],
             read=read[case],
-            noisy_tests=bool(plan.snrs),
+            noisy_tests=bool(plan.perturbations),
             noisy_training=any(training_set.noise for training_set in plan.training_sets.values()),
         )
         for case, group in groups.items()

@@ -7,7 +7,7 @@ from typing import Any
 from swashtwin.bench.fillers.registry import FILLERS
 from swashtwin.bench.studies.cases import SCENARIOS, case_one
 from swashtwin.bench.studies.plan import Plan
-from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TrainingSet
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS, TWIN_TRAINING_SETS, TrainingSet
 from swashtwin.calibration import GaussNewton, Nuisances
 
 BUDGETS = {"quick": ("0", "72", "200"), "paper": ("0", "50", "150", "200", "500")}
@@ -25,16 +25,6 @@ CALIBRATORS: Mapping[str, Mapping[str, Any]] = {
     "healthy": {**_ALL_FREE, "calibrated_on": "normal"},
 }
 """Ways to calibrate the twins, as they differ from the paper's; none is for what needs no twin."""
-
-TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = {
-    "nominal": TrainingSet("nominal"),
-    "calibrated": TrainingSet("calibrated"),
-    "posterior": TrainingSet("posterior"),
-    "residual": TrainingSet("calibrated", background="residual"),
-    "every_class": TrainingSet("calibrated", every_class=True),
-}
-"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; calibrated, over what the
-measured windows hold beside their synchronous part; calibrated, for every class alike."""
 
 
 def augmentation(size: str) -> Plan:

@@ -75,6 +75,18 @@ PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
 )
 """The paper's three training sets."""
 
+TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {
+        "nominal": TrainingSet("nominal"),
+        "calibrated": TrainingSet("calibrated"),
+        "posterior": TrainingSet("posterior"),
+        "residual": TrainingSet("calibrated", background="residual"),
+        "every_class": TrainingSet("calibrated", every_class=True),
+    }
+)
+"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; calibrated, over what the
+measured windows hold beside their synchronous part; calibrated, for every class alike."""
+
 
 def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
     """(synthetic windows that a training set adds, figures of them)."""

@@ -1,7 +1,6 @@
 """Commands of the studies that train classifiers as a plan of tasks: bench case1, case2, ..., bench tune."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -66,9 +65,14 @@ Address = Annotated[
 Classifiers = Annotated[
     str | None, typer.Option(help='Classifiers to train instead of the study\'s: "bitcn,tcn,bitcn_paper".')
 ]
-TrainingSets = Annotated[str | None, typer.Option(help='Only these training sets: "measured,calibrated".')]
+TrainingSets = Annotated[
+    str | None, typer.Option(help='These training sets instead of the study\'s: "calibrated,posterior".')
+]
 Values = Annotated[
     str | None, typer.Option(help='Only these values of what the study varies: "0,200" of augmentation.')
+]
+StudyWindow = Annotated[
+    int | None, typer.Option("--window", min=2, help="Samples per window; 2048 by default, 80 ms at 25.6 kHz.")
 ]
 DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
 
@@ -78,7 +82,7 @@ STUDIES = {
     "case2": "Case II, missing condition: a cell without any measured window, which twins fill.",
     "algorithms": "Every network and baseline on Case I's calibrated training set.",
     "ablation": "BiTCN without one of its parts, or trained otherwise, on Case I's calibrated training set.",
-    "noise": "White noise added to the tests, for classifiers trained clean and with noise.",
+    "noise": "Noise, gains and speeds in the tests, for classifiers trained clean and with noise.",
     "shaft-angle": "Case I from windows along the shaft's angle, beside those along time.",
     "augmentation": "Every filler of the scarce cell of Case I, by the number of synthetic windows.",
     "calibrators": "Twins calibrated by the paper's IPINN and by Gauss-Newton, and the scores in Case I.",
@@ -105,6 +109,7 @@ def plan_command(study: str) -> Callable[..., None]:
         classifiers: Classifiers = None,
         training_sets: TrainingSets = None,
         values: Values = None,
+        window: StudyWindow = None,
         as_json: Json = False,
     ) -> None:
         if (source is None) is not rig:
@@ -116,12 +121,13 @@ def plan_command(study: str) -> Callable[..., None]:
 
         plan = plan_of(study, size.value)
         if classifiers is not None:
-            models = models_of(size.value, read_words(classifiers))
-            plan = replace(plan, models=models, absent=(), rivals=tuple(models)[1:] if plan.rivals else ())
+            plan = plan.of_classifiers(models_of(size.value, read_words(classifiers)))
         if training_sets is not None:
             plan = plan.of_training_sets(read_words(training_sets))
         if values is not None:
             plan = plan.of_values(read_words(values))
+        if window is not None:
+            plan = plan.of_window(window)
         workers = Workers(jobs, backend.value, address)
         _run_plan(plan, source, numbers, out, workers, device.value, as_json)
 

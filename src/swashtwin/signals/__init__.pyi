@@ -12,6 +12,7 @@ from .comparison import waveform_rmse as waveform_rmse
 from .filtering import NoiseKind as NoiseKind
 from .filtering import add_noise as add_noise
 from .filtering import band_limited as band_limited
+from .filtering import unit_noise as unit_noise
 from .indicators.line_spectra import LineSpectrum as LineSpectrum
 from .indicators.line_spectra import Mark as Mark
 from .indicators.line_spectra import spectrum_of as spectrum_of
@@ -97,5 +98,6 @@ __all__ = [
     "tracked_speed",
     "transform",
     "trend_of",
+    "unit_noise",
     "waveform_rmse",
 ]

@@ -49,13 +49,26 @@ def add_noise(
     power = signal.var(axis=-1, keepdims=True)
     scale = np.sqrt(power * 10 ** (-snr_db / 10))
     rng = stream(seed, "noise" if kind == "white" else kind, float(snr_db), *purpose)
+    return signal + scale * unit_noise(signal.shape, rng, kind, sample_rate)
+
+
+def unit_noise(
+    shape: tuple[int, ...], rng: np.random.Generator, kind: NoiseKind = "white", sample_rate: float = 0.0
+) -> Float[np.ndarray, "..."]:
+    """Noise of a kind of `add_noise` along the last axis, with an expected variance of 1.
+
+    Raises
+    ------
+    InputError
+        Hum, and half the sample rate is not above 50.1 Hz.
+    """
     if kind == "hum":
-        return signal + scale * _hum(signal.shape, sample_rate, rng)
-    white = rng.standard_normal(signal.shape)
-    return signal + scale * (white if kind == "white" else _pink(white))
+        return _hum(shape, sample_rate, rng)
+    white = rng.standard_normal(shape)
+    return white if kind == "white" else _pink(white)
 
 
-def _pink(white: Float[np.ndarray, "channel time"]) -> Float[np.ndarray, "channel time"]:
+def _pink(white: Float[np.ndarray, "*axes time"]) -> Float[np.ndarray, "*axes time"]:
     """White noise with its lines weighted by f^(-1/2), at an expected variance of 1."""
     spectrum = transform(white)
     weight = np.zeros(spectrum.shape[-1])
@@ -66,7 +79,7 @@ def _pink(white: Float[np.ndarray, "channel time"]) -> Float[np.ndarray, "channe
     return inverse_transform(spectrum * weight / np.sqrt(variance), white.shape[-1])
 
 
-def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "..."]:
     """Harmonics of the mains, at a variance of 1 over whole periods."""
     mains = MAINS + MAINS_TOLERANCE * rng.uniform(-1, 1)
     harmonics = np.arange(1, HARMONICS + 1)

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
 from swashtwin.foundation import InputError
+from swashtwin.signals import NoiseKind
 
 BALANCES = ("none", "class", "condition")
 """What counts the same within an epoch: nothing, each class, or each class under each condition."""
@@ -19,7 +20,7 @@ NORMALIZATIONS = ("window", "recording", "set", "none")
 DECAYS = ("none", "cosine")
 """How the learning rate changes over the epochs."""
 
-_TRANSFORMS: Mapping[str, float | None] = {"noise_snr": None, "gain": 0.0, "stretch": 0.0}
+_TRANSFORMS: Mapping[str, Any] = {"noise_snr": None, "noise_kinds": ("white",), "gain": 0.0, "stretch": 0.0}
 """Settings that transform windows within an epoch, each with the value that leaves them as they are."""
 
 _WIDEST, _LOUDEST = 0.2, 40.0
@@ -61,8 +62,10 @@ class TrainingSettings:
     alignment_weight: float = 1.0
     """Weight of it beside the cross-entropy."""
     noise_snr: float | None = None
-    """Least signal-to-noise ratio [dB] of the white noise that half the windows of each epoch get, drawn anew
+    """Least signal-to-noise ratio [dB] of the noise that half the windows of each epoch get, drawn anew
     (`train_transforms.with_noise`); None adds none."""
+    noise_kinds: tuple[NoiseKind, ...] = ("white",)
+    """Kinds of that noise (`signals.add_noise`); each window gets one of them, all alike likely."""
     gain: float = 0.0
     """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""
     stretch: float = 0.0
@@ -96,6 +99,13 @@ class TrainingSettings:
             raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
         if not 0 <= self.gain <= _LOUDEST:
             raise InputError(f"gain ({self.gain:g}) must be between 0 and {_LOUDEST:g} dB; 3 is usual.")
+        object.__setattr__(self, "noise_kinds", tuple(self.noise_kinds))
+        unknown = [kind for kind in self.noise_kinds if kind not in get_args(NoiseKind)]
+        if unknown or not self.noise_kinds:
+            raise InputError(
+                f"noise_kinds ({', '.join(map(str, self.noise_kinds)) or 'none'}) are some of "
+                f"{', '.join(get_args(NoiseKind))}."
+            )
         if self.noise_snr is not None and not math.isfinite(self.noise_snr):
             raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
         if clash := self._clash(self.normalization):
@@ -106,7 +116,7 @@ class TrainingSettings:
         return self._clash(normalization) is None
 
     def _clash(self, normalization: str) -> str | None:
-        active = [name for name, idle in _TRANSFORMS.items() if getattr(self, name) != idle]
+        active = [name for name, idle in _TRANSFORMS.items() if name != "noise_kinds" and getattr(self, name) != idle]
         if active and normalization == "recording":
             return (
                 f"{active[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "

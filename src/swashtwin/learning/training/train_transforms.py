@@ -1,11 +1,12 @@
-"""Transforms of training windows, drawn anew in each epoch: another speed, other gains, white noise.
+"""Transforms of training windows, drawn anew in each epoch: another speed, other gains, noise.
 
 A network does not come to rely on what changes from epoch to epoch: quiet bands that noise fills at a plant, the gain
 of one sensor, the exact frequency of a line.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float32, Int
@@ -14,6 +15,7 @@ from scipy.ndimage import map_coordinates
 from swashtwin.foundation import stream
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.signals import NoiseKind, unit_noise
 
 RANGE = 25.0
 """Width of the range of signal-to-noise ratios [dB], above the least one."""
@@ -37,7 +39,7 @@ def transform_windows(
     epoch : number of the epoch, which draws anew.
     """
     signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
-    for purpose, width, change in _active_transforms(settings):
+    for purpose, width, change in _active_transforms(settings, windows.sample_rate):
         rng = stream(seed, purpose, epoch)
         which = np.flatnonzero(rng.random(len(windows)) < 0.5)
         if not len(which):
@@ -49,8 +51,14 @@ def transform_windows(
     return indices, replace(windows.subset(indices), signal=signal[indices])
 
 
-def with_noise(signal: Samples, least_snr: float, rng: np.random.Generator) -> Samples:
-    """The windows with white Gaussian noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
+def with_noise(
+    signal: Samples,
+    least_snr: float,
+    rng: np.random.Generator,
+    kinds: Sequence[NoiseKind] = ("white",),
+    sample_rate: float = 0.0,
+) -> Samples:
+    """The windows with noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
 
     The signal's power is the variance of the window per channel, not of the recording as in tests (docs/protocol.md,
     "Noise"): a synthetic window has no recording.
@@ -58,10 +66,19 @@ def with_noise(signal: Samples, least_snr: float, rng: np.random.Generator) -> S
     Parameters
     ----------
     least_snr : least signal-to-noise ratio [dB].
+    kinds : kinds of noise (`signals.add_noise`); of several each window gets one, drawn.
+    sample_rate : samples per second [Hz]; hum needs it.
     """
     ratio = least_snr + RANGE * rng.random((len(signal), 1, 1), dtype=np.float32)
     scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
-    return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(np.float32)
+    if tuple(kinds) == ("white",):
+        return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(np.float32)
+    noisy, kind_index = signal.copy(), rng.integers(len(kinds), size=len(signal))
+    for index, kind in enumerate(kinds):
+        which = np.flatnonzero(kind_index == index)
+        noise = unit_noise(signal[which].shape, rng, kind, sample_rate).astype(np.float32)
+        noisy[which] += scale[which] * noise
+    return noisy
 
 
 def with_gains(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
@@ -96,7 +113,7 @@ def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -
     )
 
 
-def _active_transforms(settings: TrainingSettings) -> list[tuple[str, float, Change]]:
+def _active_transforms(settings: TrainingSettings, sample_rate: float) -> list[tuple[str, float, Change]]:
     """(name of its random stream, largest change, function) of each transform in the settings, in order."""
     active: list[tuple[str, float, Change]] = []
     if settings.stretch:
@@ -104,5 +121,6 @@ def _active_transforms(settings: TrainingSettings) -> list[tuple[str, float, Cha
     if settings.gain:
         active.append(("gain", settings.gain, with_gains))
     if settings.noise_snr is not None:
-        active.append(("disturbance", settings.noise_snr, with_noise))
+        noisy = partial(with_noise, kinds=settings.noise_kinds, sample_rate=sample_rate)
+        active.append(("disturbance", settings.noise_snr, noisy))
     return active

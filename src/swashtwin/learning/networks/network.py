@@ -1,6 +1,6 @@
 """What every network here has in common: it knows its own arguments, and its features before the last layer."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import torch
 from jaxtyping import Float, Int
@@ -38,6 +38,8 @@ class Network(nn.Module):
 
     name: ClassVar[str]
     """Key in the registry; saved models name their network by it."""
+    closed_form: ClassVar[bool] = False
+    """Whether `solve` finds the weights at once, so that `fit` runs no epochs."""
     head: nn.Module
     """Last layer, features to one score per class."""
 
@@ -69,6 +71,13 @@ class Network(nn.Module):
         """What `encode` takes of each window; it has no weights, so `fit` computes it once for all epochs."""
         return windows
 
+    def represent_at(
+        self, windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"]
+    ) -> Float[Tensor, "window ..."]:
+        """`represent` for windows with so many turns of the shaft per sample, NaN where nobody stated it; most
+        networks do not look at it."""
+        return self.represent(windows)
+
     def encode(self, windows: Float[Tensor, "window ..."]) -> Float[Tensor, "window feature"]:
         """What the last layer sees of windows as `represent` gives them."""
         raise NotImplementedError
@@ -88,7 +97,11 @@ class Network(nn.Module):
         `fit` calls it once, with what `represent` gives of all its training windows.
         """
 
-    def fresh(self, seed: int) -> "Network":
+    def solve(self, windows: Float[Tensor, "window ..."], target: Int[Tensor, " window"], seed: int) -> None:
+        """Find the weights from what `represent` gives of all training windows, and their classes."""
+        raise NotImplementedError
+
+    def fresh(self, seed: int) -> Self:
         """A network of the same settings with weights drawn from `seed`; the process's random state stays as it is."""
         with TorchStream(seed):
             return type(self)(**self.settings)

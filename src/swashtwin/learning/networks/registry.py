@@ -12,6 +12,7 @@ from swashtwin.foundation import InputError, TorchStream
 from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
 from swashtwin.learning.networks.cnn_lstm import CNNLSTM
+from swashtwin.learning.networks.level_network import LevelNetwork
 from swashtwin.learning.networks.mlp import MLP
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.networks.own_module import OwnModule
@@ -24,7 +25,8 @@ from swashtwin.learning.networks.tcn import TCN
 from swashtwin.learning.networks.wdcnn import WDCNN
 
 _CLASSES: tuple[type[Network], ...] = (
-    SpectralBiTCN, BiTCN, TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder, SensorGraph,
+    LevelNetwork, SpectralBiTCN, BiTCN, TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder,
+    SensorGraph,
 )  # fmt: skip
 NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLASSES}
 """Class of each network; a saved model is built again by its name here."""

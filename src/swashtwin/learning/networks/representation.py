@@ -26,8 +26,8 @@ def short_time_levels(
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
     x = functional.pad(x, (0, max(0, frame - x.shape[-1])))
-    frames = x.unfold(-1, frame, hop) * _taper(frame, x)
-    levels = torch.log10(_power(frames) @ _bands(frame // 2, n_bands, x) + FLOOR)
+    frames = x.unfold(-1, frame, hop) * taper_of(frame, x)
+    levels = torch.log10(power_of(frames) @ bands_of(frame // 2, n_bands, x) + FLOOR)
     return levels.transpose(2, 3).flatten(1, 2)
 
 
@@ -40,8 +40,8 @@ def line_levels(
     and the logarithm of its deviation, skewness, log kurtosis, log crest factor and mean of |x| over the deviation.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
-    power = _power(x * _taper(x.shape[-1], x))
-    return torch.cat([*_levels(power, n_lines, share, n_bands), _shape(x)], dim=-1).flatten(1)
+    power = power_of(x * taper_of(x.shape[-1], x))
+    return torch.cat([*_levels(power, n_lines, share, n_bands), waveform_shape(x)], dim=-1).flatten(1)
 
 
 def envelope_levels(
@@ -66,11 +66,12 @@ def envelope_levels(
 def _levels(power: Tensor, n_lines: int, share: float, n_bands: int) -> tuple[Tensor, Tensor]:
     lowest = power[..., : max(1, round(share * power.shape[-1]))]
     lines = functional.adaptive_avg_pool1d(lowest, n_lines)
-    banded = power @ _bands(power.shape[-1], n_bands, power)
+    banded = power @ bands_of(power.shape[-1], n_bands, power)
     return torch.log10(lines + FLOOR), torch.log10(banded + FLOOR)
 
 
-def _shape(x: Tensor) -> Tensor:
+def waveform_shape(x: Tensor) -> Tensor:
+    """Of signals with mean 0: log10 deviation, skewness, log kurtosis, log crest factor, mean of |x| over deviation."""
     deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + 1e-6
     z = x / deviation
     return torch.cat(
@@ -85,16 +86,17 @@ def _shape(x: Tensor) -> Tensor:
     )
 
 
-def _power(x: Tensor) -> Tensor:
+def power_of(x: Tensor) -> Tensor:
     """Power of the lines 1... of the spectrum over the last axis; without a complex number, for ONNX has none."""
     return torch.view_as_real(torch.fft.rfft(x)[..., 1:]).square().sum(dim=-1) / x.shape[-1]
 
 
-def _taper(length: int, like: Tensor) -> Tensor:
+def taper_of(length: int, like: Tensor) -> Tensor:
+    """Hann taper of that many samples."""
     angle = torch.arange(length, dtype=like.dtype, device=like.device) * (2 * math.pi / length)
     return 0.5 - 0.5 * torch.cos(angle)
 
 
-def _bands(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
+def bands_of(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
     """Share of each line (row) in each band (column)."""
     return torch.as_tensor(band_shares(n_lines, n_bands), dtype=like.dtype, device=like.device)

@@ -49,7 +49,7 @@ class FittedClassifier:
     training_reference: TrainingReference | None = None
     """The measured recordings it was trained on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
-    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
+    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
 
     @property
     def sample_rate(self) -> float:
@@ -97,7 +97,7 @@ class FittedClassifier:
 
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
         """What the last layer sees of each window, such as t-SNE is drawn from."""
-        return self._through(windows, lambda batch: self.network.features(batch).double())
+        return self._through(windows, lambda _, represented: self.network.encode(represented).double())
 
     def answer(
         self, windows: WindowSet
@@ -109,8 +109,7 @@ class FittedClassifier:
         """
         return self.predict_proba(windows), extract_features(windows).values
 
-    def _probabilities(self, batch: Tensor) -> Tensor:
-        represented = self.network.represent(batch)
+    def _probabilities(self, batch: Tensor, represented: Tensor) -> Tensor:
         features = self.network.encode(represented)
         probability = torch.softmax(self.network.head(features).double(), dim=-1)
         finite = [
@@ -118,13 +117,19 @@ class FittedClassifier:
         ]
         return probability.masked_fill(~torch.stack(finite).all(dim=0)[:, None], torch.nan)
 
-    def _through(self, windows: WindowSet, step: Callable[[Tensor], Tensor]) -> Float[np.ndarray, "window value"]:
+    def _through(
+        self, windows: WindowSet, step: Callable[[Tensor, Tensor], Tensor]
+    ) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
         device = next(self.network.parameters()).device
         signal = torch.from_numpy(self.normalization.apply(windows))
+        turns = torch.from_numpy(windows.turns_per_sample)
+        parts = []
         with torch.no_grad():
-            parts = [step(batch.to(device)).cpu().numpy() for batch in signal.split(_BATCH)]
+            for samples, speeds in zip(signal.split(_BATCH), turns.split(_BATCH), strict=True):
+                batch = samples.to(device)
+                parts.append(step(batch, self.network.represent_at(batch, speeds.to(device))).cpu().numpy())
         return np.concatenate(parts)
 
 

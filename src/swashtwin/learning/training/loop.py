@@ -83,15 +83,19 @@ def fit(
             trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         history = _start(checkpoint, resume, run, trained, optimizer)
-        weights = _class_weights(windows, device) if settings.class_weights else None
-        condition = conditions_of(windows, settings)
         with TorchStream(derive_seed(seed, "pretraining")):
             clean = _tensors(trained, windows, normalization, device)
             validation_tensors = None if validation is None else _tensors(trained, validation, normalization, device)
             epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
-            if not history:
+            if trained.closed_form:
+                data = _solution_tensors(trained, windows, clean, normalization, settings, seed)
+                trained.solve(*data, derive_seed(seed, "weights"))
+                history = (Epoch(1, *_scores(trained, clean), *_validation_scores(trained, validation_tensors)),)
+            elif not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
-        for number in range(len(history) + 1, settings.epochs + 1):
+        weights = _class_weights(windows, device) if settings.class_weights else None
+        condition = conditions_of(windows, settings)
+        for number in () if trained.closed_form else range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
             random = TorchStream(derive_seed(seed, "dropout", number))
@@ -216,19 +220,43 @@ def _epoch_tensors(
     number: int,
 ) -> tuple[Tensor, Tensor]:
     """What an epoch trains on: the windows as they are, or some of them changed, drawn by `seed` and `number`."""
+    represented, target = clean
     which, changed = transform_windows(windows, settings, seed, number)
     if not len(which):
         return clean
-    represented, target = clean
     again, _ = _tensors(network, changed, normalization, str(represented.device))
     return represented.index_copy(0, torch.from_numpy(which).to(represented.device), again), target
+
+
+def _solution_tensors(
+    network: Network,
+    windows: WindowSet,
+    clean: tuple[Tensor, Tensor],
+    normalization: Normalization,
+    settings: TrainingSettings,
+    seed: int,
+) -> tuple[Tensor, Tensor]:
+    """What a network is solved for on: the windows as they are, and those that each epoch would change."""
+    passes = [clean]
+    for number in range(1, settings.epochs + 1):
+        which, changed = transform_windows(windows, settings, seed, number)
+        if len(which):
+            passes.append(_tensors(network, changed, normalization, str(clean[0].device)))
+    represented, target = zip(*passes, strict=True)
+    return torch.cat(represented), torch.cat(target)
 
 
 def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
     """(windows as the network represents them, their classes)."""
     signal = torch.from_numpy(normalization.apply(windows))
     with torch.no_grad():
-        represented = torch.cat([network.represent(batch.to(device)) for batch in signal.split(_BATCH)])
+        turns = torch.from_numpy(windows.turns_per_sample)
+        represented = torch.cat(
+            [
+                network.represent_at(batch.to(device), part.to(device))
+                for batch, part in zip(signal.split(_BATCH), turns.split(_BATCH), strict=True)
+            ]
+        )
     return represented, torch.from_numpy(windows.target).to(device)
 
 
@@ -286,8 +314,11 @@ def _train_epoch(
 
 def _validation_scores(network: Network, tensors: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
     """(mean loss, accuracy) on the validation windows, or nothing where there are none."""
-    if tensors is None:
-        return ()
+    return () if tensors is None else _scores(network, tensors)
+
+
+def _scores(network: Network, tensors: tuple[Tensor, Tensor]) -> tuple[float, float]:
+    """(mean loss, accuracy) on windows."""
     network.eval()
     with torch.no_grad():
         scores = torch.cat([network.head(network.encode(batch)) for batch in tensors[0].split(_BATCH)])

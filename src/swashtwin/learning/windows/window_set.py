@@ -162,6 +162,11 @@ class WindowSet:
         """Turns of the shaft within each window; NaN where the speed is not known."""
         return self.length / self.sample_rate * self.speed / (2 * np.pi)
 
+    @property
+    def turns_per_sample(self) -> Float32[np.ndarray, " window"]:
+        """Turns of the shaft per sample in each window; NaN where the speed is not known."""
+        return (self.speed / (2 * np.pi * self.sample_rate)).astype(np.float32)
+
     def subset(self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]) -> "WindowSet":
         """The windows that a mask keeps, or that indices name, in that order."""
         return self._with({name: getattr(self, name)[chosen] for name in _PER_WINDOW})

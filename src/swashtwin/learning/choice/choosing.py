@@ -1,0 +1,339 @@
+"""The trial: every candidate on inner folds of the training recordings, clean and disturbed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64, Int64, Shaped
+from torch import Tensor
+
+from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
+from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
+from swashtwin.learning.choice.choice import Choice, Trial
+from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.networks.window_levels import window_levels
+from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.settings import TrainingSettings
+from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
+from swashtwin.learning.windows.folding import Fold, group_folds
+from swashtwin.learning.windows.grouping import window_groups
+from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.signals import NoiseKind, unit_noise
+
+MOST_WINDOWS = 3000
+"""Measured windows of a trial; of more, every recording lends its share, evenly spaced."""
+MOST_FOLDS = 4
+SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
+"""Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative change of speed."""
+_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
+_BATCH = 256
+_COST = {"representation": 1.5e-7, "solution": 2.5e-7}
+"""Seconds of one core: of the levels of a sample; of one head per training window and level."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoldAnswers:
+    """What the chosen candidate says of measured windows that its fold's training did not see."""
+
+    probability: Float64[np.ndarray, "window class"]
+    """Of each class."""
+    levels: Float[np.ndarray, "window level"]
+    """Levels of each window, as the candidate's network represents them."""
+    target: Int64[np.ndarray, " window"]
+    """Index of the class."""
+    recording_id: Shaped[np.ndarray, " window"]
+    """Recording of each window."""
+    fold: Int64[np.ndarray, " window"]
+    """Fold that tested it."""
+
+
+def choose(
+    windows: WindowSet,
+    *,
+    candidates: Sequence[Candidate] = CANDIDATES,
+    budget: float = 300.0,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Candidate, Choice, FoldAnswers | None]:
+    """(candidate chosen, what was tried, the chosen one's answers across the folds or None without a trial).
+
+    Measured windows are dealt into folds by specimen, else by condition, else by recording: the hardest grouping in
+    which every class stands in two groups. Each candidate is trained on the other folds and on the synthetic windows of
+    other specimens, and tested on the fold as it is, under noise at 5 dB, and under gains of ±12 dB with speeds of
+    ±2 %. Of the candidates within one standard error of the best (of the difference, between groups) the first in the
+    declared order is chosen.
+
+    Parameters
+    ----------
+    windows : training windows, measured and synthetic.
+    candidates : from the most invariant to the least.
+    budget : seconds of one core, by a model of the cost and not by the clock, so that the same seed chooses the same;
+        candidates that do not fit are left out, the last first.
+    seed : seed of folds, disturbances and trainings.
+    progress : called with (activity, finished, in all).
+    """
+    tell = progress or (lambda activity, finished, total: None)
+    possible = _possible(candidates, windows)
+    measured = _sample(windows, seed)
+    group, folds = _inner_folds(measured, seed)
+    if not folds:
+        reason = "no class stands in two recordings of each kind, so that nothing can be tested inside the training"
+        return possible[0], Choice(possible[0].name, (), "", 0, 0, reason), None
+    tried, reason = _within_budget(possible, measured, windows, len(folds), budget)
+    if len(tried) < 2:
+        return tried[0], Choice(tried[0].name, (), "", 0, 0, reason), None
+    views = _Views(measured, windows.subset(windows.synthetic), seed)
+    with one_thread():
+        log_probability = _answers(tried, views, folds, seed, tell)
+    groups = window_groups(measured, group)
+    trials = _trials(tried, log_probability, measured, groups)
+    chosen = next(candidate for candidate, trial in zip(tried, trials, strict=True) if trial.is_tied)
+    tested = np.concatenate([rows for _, rows in folds])
+    fold = np.concatenate([np.full(len(rows), number) for number, (_, rows) in enumerate(folds)])
+    answers = FoldAnswers(
+        probability=np.exp(log_probability[chosen.name][0][tested]),
+        levels=views.network(chosen).shaped(views.levels(chosen.axis, "clean")).numpy()[tested],
+        target=measured.target[tested],
+        recording_id=measured.recording_id[tested],
+        fold=fold,
+    )
+    return chosen, Choice(chosen.name, tuple(trials), group, len(folds), len(tested), reason), answers
+
+
+def _possible(candidates: Sequence[Candidate], windows: WindowSet) -> list[Candidate]:
+    """Candidates on orders only where every speed is stated, and a window holds a whole turn."""
+    turns = windows.turns_per_sample
+    has_orders = bool(np.isfinite(turns).all() and (turns * windows.length >= 1).all())
+    return [candidate for candidate in candidates if has_orders or candidate.axis != "order"]
+
+
+def usual_turns(windows: WindowSet) -> float:
+    """Median of the turns of the shaft per sample, or 0 where no speed is stated."""
+    turns = windows.turns_per_sample
+    return float(np.nanmedian(turns)) if np.isfinite(turns).any() else 0.0
+
+
+def _sample(windows: WindowSet, seed: int) -> WindowSet:
+    measured = windows.subset(~windows.synthetic)
+    if len(measured) <= MOST_WINDOWS:
+        return measured
+    names, index = np.unique(measured.recording_id, return_inverse=True)
+    share, rows = max(1, MOST_WINDOWS // len(names)), []
+    for number in range(len(names)):
+        members = np.flatnonzero(index == number)
+        rows.append(members[np.unique(np.linspace(0, len(members) - 1, min(share, len(members))).round().astype(int))])
+    return measured.subset(np.sort(np.concatenate(rows)))
+
+
+def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:
+    """(what the folds keep whole, the folds), or ("", ()) where not even recordings can be dealt."""
+    for group in ("specimen", "condition", "recording"):
+        try:
+            groups = window_groups(measured, group)
+        except DataError:
+            continue
+        counts = [len(np.unique(groups[measured.target == index])) for index in np.unique(measured.target)]
+        if len(counts) < 2 or min(counts) < 2:
+            continue
+        for n_folds in range(min(MOST_FOLDS, len(np.unique(groups))), 1, -1):
+            try:
+                folds = group_folds(_with_classes_present(measured), group=group, n_folds=n_folds, seed=seed)
+            except (DataError, InputError):
+                continue
+            return group, folds
+    return "", ()
+
+
+def _with_classes_present(measured: WindowSet) -> WindowSet:
+    """Without classes that only synthetic windows have."""
+    return measured.with_classes([measured.classes[index] for index in np.unique(measured.target)])
+
+
+def _within_budget(
+    candidates: list[Candidate], measured: WindowSet, windows: WindowSet, n_folds: int, budget: float
+) -> tuple[list[Candidate], str]:
+    samples = (len(measured) + int(windows.synthetic.sum())) * windows.n_channels * windows.length
+    rows = len(measured) + int(windows.synthetic.sum())
+    spent, paid, tried = 0.0, set[tuple[str, TrainingSettings | None]](), list[Candidate]()
+    for candidate in candidates:
+        cost = 0.0
+        for key, passes in (
+            ((candidate.axis, None), 3),
+            ((candidate.axis, candidate.training), candidate.training.epochs),
+        ):
+            if key not in paid:
+                cost += passes * samples * _COST["representation"]
+        if len(candidate.heads) == 1:
+            cost += n_folds * rows * (1 + candidate.training.epochs) * 350 * windows.n_channels * _COST["solution"]
+        if tried and spent + cost > budget:
+            return (
+                tried,
+                f"the budget of {budget:g} s left out {len(candidates) - len(tried)} of {len(candidates)} candidates",
+            )
+        spent += cost
+        paid |= {(candidate.axis, None), (candidate.axis, candidate.training)}
+        tried.append(candidate)
+    return tried, ""
+
+
+class _Views:
+    """Levels of all windows, clean and disturbed, each computed once: training passes, and views to test under."""
+
+    def __init__(self, measured: WindowSet, synthetic: WindowSet, seed: int) -> None:
+        self.windows = measured + synthetic
+        self.n_measured = len(measured)
+        self.measured = measured
+        self.synthetic_specimen = synthetic.specimen
+        self._seed = seed
+        self._normalization = Normalization.fit("set", self.windows)
+        self._levels: dict[tuple[str, str], Tensor] = {}
+        self._turns = usual_turns(self.windows)
+
+    def network(self, candidate: Candidate) -> LevelNetwork:
+        """Untrained network of a candidate."""
+        settings = candidate.network_settings(self._turns)
+        return LevelNetwork(self.windows.n_channels, len(self.windows.classes), **settings)
+
+    def levels(self, axis: str, view: str) -> Tensor:
+        """Levels of the measured windows under one of `_VIEWS`, or of those ``"synthetic"``."""
+        key = (axis, view)
+        if key not in self._levels:
+            self._levels[key] = self._computed(self._viewed(view), axis)
+        return self._levels[key]
+
+    def training(self, axis: str, training: TrainingSettings) -> tuple[Tensor, np.ndarray]:
+        """(levels of every training pass, index of the window behind each row)."""
+        parts, rows = [self.levels(axis, "clean"), self.levels(axis, "synthetic")], [np.arange(len(self.windows))]
+        for number in range(1, training.epochs + 1):
+            which, changed = transform_windows(self.windows, training, self._seed, number)
+            if len(which):
+                parts.append(self._computed(changed, axis))
+                rows.append(which)
+        return torch.cat(parts), np.concatenate(rows)
+
+    def _viewed(self, view: str) -> WindowSet:
+        if view == "synthetic":
+            return self.windows.subset(np.arange(self.n_measured, len(self.windows)))
+        windows, rng = self.measured, stream(self._seed, "trial", view)
+        if view == "noise":
+            return replace(windows, signal=_noisy(windows, rng))
+        if view == "gain and speed":
+            return replace(windows, signal=with_gains(at_other_speeds(windows.signal, STRETCH, rng), GAIN, rng))
+        return windows
+
+    def _computed(self, windows: WindowSet, axis: str) -> Tensor:
+        signal = torch.from_numpy(self._normalization.apply(windows)).split(_BATCH)
+        turns = torch.from_numpy(windows.turns_per_sample).split(_BATCH)
+        with torch.no_grad():
+            parts = [
+                window_levels(batch, speed if axis == "order" else None)
+                for batch, speed in zip(signal, turns, strict=True)
+            ]
+        return torch.cat(parts)
+
+
+def _noisy(windows: WindowSet, rng: np.random.Generator) -> np.ndarray:
+    """Each window with noise of one kind in turn at `SNR`."""
+    signal = windows.signal.copy()
+    scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
+    for index, kind in enumerate(_KINDS):
+        rows = slice(index, None, len(_KINDS))
+        signal[rows] += scale[rows] * unit_noise(signal[rows].shape, rng, kind, windows.sample_rate).astype(np.float32)
+    return signal
+
+
+_VIEWS = ("clean", "noise", "gain and speed")
+
+
+def _answers(
+    candidates: list[Candidate],
+    views: _Views,
+    folds: tuple[Fold, ...],
+    seed: int,
+    tell: Callable[[str, int, int], None],
+) -> dict[str, list[Float64[np.ndarray, "window class"]]]:
+    """Log-probabilities of the measured windows under each view, by candidate, from the fold that tested them."""
+    n_classes = len(views.windows.classes)
+    answers = {
+        candidate.name: [np.full((views.n_measured, n_classes), np.nan) for _ in _VIEWS] for candidate in candidates
+    }
+    paths = list(dict.fromkeys((candidate.axis, candidate.training) for candidate in candidates))
+    for number, (axis, training) in enumerate(paths):
+        tell("trying candidates", number, len(paths))
+        levels, rows = views.training(axis, training)
+        tests = [views.levels(axis, view) for view in _VIEWS]
+        for shape in dict.fromkeys(c.shape for c in candidates if (c.axis, c.training) == (axis, training)):
+            members = [c for c in candidates if (c.axis, c.training, c.shape) == (axis, training, shape)]
+            heads = tuple(dict.fromkeys(head for candidate in members for head in candidate.heads))
+            network = views.network(replace(members[0], heads=heads))
+            shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
+            for fold, (trained, tested) in enumerate(folds):
+                chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
+                target = torch.from_numpy(views.windows.target[rows[chosen]])
+                network = network.fresh(derive_seed(seed, "trial", fold))
+                network.solve(shaped[torch.from_numpy(chosen)], target, derive_seed(seed, "trial", fold))
+                for view, test in enumerate(shaped_tests):
+                    by_head = network.log_probabilities(test[torch.from_numpy(tested)])
+                    for candidate in members:
+                        parts = np.stack([by_head[head] for head in candidate.heads])
+                        mean = np.logaddexp.reduce(parts, axis=0) - np.log(len(parts))
+                        answers[candidate.name][view][tested] = mean
+    tell("trying candidates", len(paths), len(paths))
+    return answers
+
+
+def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
+    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
+    all of these where a class would be missing."""
+    specimens = set(views.measured.specimen[tested].tolist()) - {""}
+    others = np.array([name not in specimens for name in views.synthetic_specimen.tolist()], dtype=bool)
+    rows = np.concatenate([trained, views.n_measured + np.flatnonzero(others)])
+    if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
+        rows = np.concatenate([trained, np.arange(views.n_measured, len(views.windows))])
+    return rows
+
+
+def _trials(
+    candidates: list[Candidate],
+    log_probability: dict[str, list[Float64[np.ndarray, "window class"]]],
+    measured: WindowSet,
+    groups: Shaped[np.ndarray, " window"],
+) -> list[Trial]:
+    names = np.unique(groups)
+    masks = [groups == name for name in names]
+
+    def recall(answer: np.ndarray, mask: np.ndarray) -> float:
+        right = answer.argmax(axis=1) == measured.target
+        classes = np.unique(measured.target[mask])
+        return float(np.mean([right[mask & (measured.target == index)].mean() for index in classes]))
+
+    by_group: dict[str, np.ndarray] = {}
+    whole: dict[str, tuple[float, float]] = {}
+    everything = np.ones(len(measured), dtype=bool)
+    for candidate in candidates:
+        views = log_probability[candidate.name]
+        table = np.array([[recall(view, mask) for view in views] for mask in masks])
+        by_group[candidate.name] = (table[:, 0] + table[:, 1:].mean(axis=1)) / 2
+        whole[candidate.name] = (
+            recall(views[0], everything),
+            float(np.mean([recall(view, everything) for view in views[1:]])),
+        )
+    best = max(candidates, key=lambda candidate: by_group[candidate.name].mean())
+    trials = []
+    for candidate in candidates:
+        difference = by_group[best.name] - by_group[candidate.name]
+        error = float(difference.std(ddof=1) / np.sqrt(len(difference))) if len(difference) > 1 else 0.0
+        clean, disturbed = whole[candidate.name]
+        trials.append(
+            Trial(
+                candidate=candidate.name,
+                score=(clean + disturbed) / 2,
+                clean=clean,
+                disturbed=disturbed,
+                behind=float(difference.mean()),
+                standard_error=error,
+                is_tied=bool(difference.mean() <= error + 1e-12),
+            )
+        )
+    return trials

@@ -2,10 +2,21 @@
 
 import json
 import math
+from pathlib import Path
+
+import pytest
 
 from swashtwin.bench import ConfidenceStudySettings, run_confidence
+from swashtwin.bench.questions import confidence
 from swashtwin.bench.questions.confidence import METRICS, _record
-from swashtwin.learning import TrainingSettings
+from swashtwin.learning import (
+    FittedBaseline,
+    TrainingSettings,
+    WindowSet,
+    cut_windows,
+    fit_extra_trees,
+    learn_confidence,
+)
 from swashtwin.pump import CLASSES
 
 TINY = ConfidenceStudySettings(
@@ -31,8 +42,10 @@ def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
         assert {recording.label for recording in some} == set(CLASSES)
 
 
-def test_every_row_has_every_figure() -> None:
-    study = run_confidence(seeds=(0,), settings=TINY)
+def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = run_confidence(seeds=(0,), settings=TINY, out=tmp_path)
+    monkeypatch.setattr(confidence, "_task", None)
+    assert run_confidence(seeds=(0,), settings=TINY, out=tmp_path).rows() == study.rows()
     table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
     assert len(table["rows"]) == 8
     for row in table["rows"]:
@@ -43,3 +56,17 @@ def test_every_row_has_every_figure() -> None:
         )
     assert "stand-in for a machine" in table["origin"]
     assert "sets asked to hold 90%" in table["answer"][0]
+    assert "bitcn less extra_trees, paired by fleet (n = 1)" in table["answer"][-1]
+
+
+def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = _record(0, TINY)
+
+    def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedBaseline:
+        validation = [recording for recording in parts["same"] if recording.label != "piston"]
+        return learn_confidence(fit_extra_trees(train, n_trees=5), cut_windows(validation, like=train))
+
+    monkeypatch.setattr(confidence, "_fit", fit)
+    result = confidence._task(parts, "chosen", "piston", 0, TINY)
+    assert set(result) == {"same", "other", "training"}
+    assert result["training"] == result["same"] != result["other"]

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from swashtwin.bench import run_public, run_scarce
+from swashtwin.bench import run_public, run_public_default, run_scarce
+from swashtwin.bench.public.default_training import _live
 from swashtwin.bench.public.estimators import ESTIMATORS, GrowingSigns, SharedWeights
 from swashtwin.bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin.bench.public.plant_motors import motor_questions
 from swashtwin.bench.public.question import Fold, Question, Setting, Units
 from swashtwin.bench.public.validation import choose, leaky_scores, score_fold
 from swashtwin.cli.app import app
+from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
 
@@ -64,6 +66,33 @@ def test_the_slip_grades_an_unseen_speed_where_usual_trees_fail(made_up: Path) -
     assert all("load by slip" in fold["setting"] or "both" in fold["setting"] for fold in folds)
     assert any("uci_hydraulic is not in" in note for note in study.notes)
     json.dumps(study.to_dict(), allow_nan=False)
+
+
+def test_the_ordinary_training_is_read_again_where_it_was_finished(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = run_public_default(small, classifiers=("extra_trees",), out=tmp_path)
+    (row,) = study.rows()
+    assert (row["split"], row["classifier"]) == ("pump_cavitation/speed", "extra_trees")
+    assert 0.3 < row["recording_balanced_accuracy"]["mean"] <= 1.0
+    assert row["floor"]["mean"] == 0.38
+    assert [fold["fold"] for fold in study.details["folds"]] == ["700 rpm", "1000 rpm", "1200 rpm"]
+    json.dumps(study.to_dict(), allow_nan=False)
+    monkeypatch.delattr(FaultClassifier, "fit")
+    assert run_public_default(small, classifiers=("extra_trees",), out=tmp_path).rows() == study.rows()
+    with pytest.raises(InputError, match="no classifier is called 'trees'; there are chosen, "):
+        run_public_default(small, classifiers=("trees",))
+
+
+def test_what_no_training_takes_is_said_and_a_channel_without_a_signal_is_left_out(tmp_path: Path) -> None:
+    folder = write_pump(tmp_path, (700, 1000), ("healthy", "cavitation100"), count=300)
+    study = run_public_default(folder, classifiers=("extra_trees",))
+    assert study.rows()[0]["balanced_accuracy"]["mean"] is None
+    assert any("too few for one window" in note for note in study.notes)
+    signal = np.random.default_rng(0).normal(size=(2, 50))
+    dead = Recording(signal * [[1.0], [0.0]], 10.0, "dead", channels=("x", "y"))
+    live = Recording(signal, 10.0, "live", channels=("x", "y"))
+    assert [recording.channels for recording in _live([dead, live])] == [("x",), ("x",)]
 
 
 def test_the_scarce_drill_has_a_row_for_every_filler_without_and_with_a_single_recording(small: Path) -> None:

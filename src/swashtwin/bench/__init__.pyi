@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .fillers.registry import FILLERS as FILLERS
+from .public.default_training import run_public_default as run_public_default
 from .public.readers.registry import read_public_set as read_public_set
 from .public.scarce import run_scarce as run_scarce
 from .public.study import run_public as run_public
@@ -64,6 +65,7 @@ __all__ = [
     "run_misspecification",
     "run_plan",
     "run_public",
+    "run_public_default",
     "run_scarce",
     "run_severity",
     "run_study",

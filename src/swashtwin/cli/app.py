@@ -69,6 +69,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "leakage": questions.leakage,
             "misspecification": questions.misspecification,
             "public": questions.public,
+            "public-default": questions.public_default,
             "scarce": questions.scarce,
             "severity": questions.severity,
             "tune": plans.tune,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from joblib import delayed
 
-from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
+from swashtwin.bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 from swashtwin.foundation import DataError, parallel
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import BEARINGS, SEATS, defect_prominences, prewhitened
@@ -24,22 +24,27 @@ _BANDS = {
 _ESTIMATORS = ("shared weights 0.01", "shared weights 0.1", "shared weights 1")
 
 
-def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
-    """The questions ``cwru/size`` (drive end) and ``cwru/drive_to_fan``."""
-    selected = [recording for recording in recordings if _is_selected(recording)]
+def bearing_splits(recordings: Sequence[Recording]) -> list[Split]:
+    """The splits ``cwru/size`` (drive end, each size in turn) and ``cwru/drive_to_fan``."""
+    selected = tuple(recording for recording in recordings if _is_selected(recording))
     if not selected:
         raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
+    drive, fan = (frozenset(f"{end} {size}" for size in _SIZES) for end in ("DE", "FE"))
+    sizes = tuple(Fold(f"{size} mil", drive - {f"DE {size}"}, frozenset({f"DE {size}"})) for size in _SIZES)
+    ends = (Fold("fan end", drive, fan),)
+    return [Split(f"cwru/{name}", selected, _group, folds) for name, folds in (("size", sizes), ("drive_to_fan", ends))]
+
+
+def bearing_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
+    """The questions ``cwru/size`` (drive end) and ``cwru/drive_to_fan``."""
+    splits = bearing_splits(recordings)
+    selected = splits[0].recordings
     described = parallel(jobs)(delayed(_features_of)(recording) for recording in selected)
     features = {name: np.concatenate([table[name] for table in described]) for name in described[0]}
     units = units_of(selected, _group, lambda recording: recording.attributes["fault_size_mil"], features, _STRETCHES)
     windows = usual_windows(selected, _WINDOW, _group)
     settings = tuple(Setting(name, estimator) for name in features for estimator in _ESTIMATORS)
-    drive, fan = (frozenset(f"{end} {size}" for size in _SIZES) for end in ("DE", "FE"))
-    sizes = tuple(Fold(f"{size} mil", drive - {f"DE {size}"}, frozenset({f"DE {size}"})) for size in _SIZES)
-    return [
-        Question("cwru/size", units, settings, sizes, windows),
-        Question("cwru/drive_to_fan", units, settings, (Fold("fan end", drive, fan),), windows),
-    ]
+    return [Question(split.name, units, settings, split.folds, windows) for split in splits]
 
 
 def _is_selected(recording: Recording) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from sklearn.model_selection import GroupKFold
 
-from swashtwin.bench.public.question import Fold, Question, Setting, Units, units_of
+from swashtwin.bench.public.question import Fold, Question, Setting, Split, units_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording
 
@@ -14,6 +14,19 @@ _OPEN, _CLOSED, _LAST = slice(13, 19), slice(4, 9), slice(52, 59)
 """Seconds of the rig's cycle of 60: flow at moderate load, flow blocked (all of it over the relief valve), the end."""
 _PHASES = {"moderate": (_OPEN,), "moderate, blocked": (_OPEN, _CLOSED), "moderate, end": (_OPEN, _LAST)}
 _PARTS = 12
+
+
+def hydraulic_splits(recordings: Sequence[Recording]) -> list[Split]:
+    """The splits ``uci_hydraulic/pump_run`` and ``uci_hydraulic/cooler``."""
+    splits = []
+    for name, attribute in (("pump_run", "pump_run"), ("cooler", "cooler_block")):
+
+        def group(recording: Recording, attribute: str = attribute) -> str:
+            return recording.attributes[attribute]
+
+        folds = _folds([group(recording) for recording in recordings])
+        splits.append(Split(f"uci_hydraulic/{name}", tuple(recordings), group, folds))
+    return splits
 
 
 def hydraulic_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
@@ -28,30 +41,26 @@ def hydraulic_questions(recordings: Sequence[Recording], jobs: int) -> list[Ques
     settings = tuple(Setting(name, estimator) for name in features for estimator in estimators)
     usual = {"usual": _usual(recordings)}
     questions = []
-    for split, attribute in (("uci_hydraulic/pump_run", "pump_run"), ("uci_hydraulic/cooler", "cooler_block")):
-
-        def group(recording: Recording, attribute: str = attribute) -> str:
-            return recording.attributes[attribute]
-
-        units = units_of(recordings, group, group, features)
-        windows = units_of(recordings, group, group, usual)
-        questions.append(Question(split, units, settings, _folds(units), windows))
+    for split in hydraulic_splits(recordings):
+        units = units_of(recordings, split.group, split.group, features)
+        windows = units_of(recordings, split.group, split.group, usual)
+        questions.append(Question(split.name, units, settings, split.folds, windows))
     return questions
 
 
-def _folds(units: Units) -> tuple[Fold, ...]:
+def _folds(group: Sequence[str]) -> tuple[Fold, ...]:
     """Each group held out where there are three, five folds of whole groups (`GroupKFold`) where there are more."""
-    groups = np.unique(units.group)
+    group_of, groups = np.array(group), np.unique(group)
     if len(groups) < 2:
         raise DataError("the cycles are of one group only, so nothing can be held out; take the whole set.")
     if len(groups) <= 3:
         return tuple(
             Fold(str(group), frozenset(groups.tolist()) - {str(group)}, frozenset({str(group)})) for group in groups
         )
-    ids = np.array([int(text) for text in units.group])
-    sides = GroupKFold(5).split(np.zeros(len(ids)), units.label, ids)
+    ids = np.array([int(text) for text in group])
+    sides = GroupKFold(5).split(np.zeros(len(ids)), groups=ids)
     return tuple(
-        Fold(f"fold {number}", frozenset(units.group[train].tolist()), frozenset(units.group[test].tolist()))
+        Fold(f"fold {number}", frozenset(group_of[train].tolist()), frozenset(group_of[test].tolist()))
         for number, (train, test) in enumerate(sides, start=1)
     )
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.bench.public.question import Fold, Question, Setting, units_of, usual_windows
+from swashtwin.bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 from swashtwin.recordings import Recording
 from swashtwin.signals import (
     TIME_STATISTICS,
@@ -37,6 +37,12 @@ _LINE, _BESIDE, _NEAR = 0.6, 1.5, 8.0
 """Half-width of a line, how far its neighborhood keeps off it, and how far it reaches [Hz]."""
 
 
+def motor_splits(recordings: Sequence[Recording]) -> list[Split]:
+    """The split ``motor_pump_industrial/block``: a block of each class on either side."""
+    folds = tuple(Fold(" + ".join(test), frozenset(train), frozenset(test)) for train, test in _PAIRS)
+    return [Split("motor_pump_industrial/block", tuple(recordings), _block, folds)]
+
+
 def motor_questions(recordings: Sequence[Recording], jobs: int) -> list[Question]:
     """The question ``motor_pump_industrial/block``."""
     del jobs  # nothing here takes long
@@ -44,9 +50,9 @@ def motor_questions(recordings: Sequence[Recording], jobs: int) -> list[Question
     quarter = _quarters(recordings)
     units = units_of(recordings, _block, lambda recording: quarter[recording.recording_id], {"signs of faults": signs})
     settings = tuple(Setting("signs of faults", name) for name in ("growing signs 0.1", "growing signs 1"))
-    folds = tuple(Fold(" + ".join(test), frozenset(train), frozenset(test)) for train, test in _PAIRS)
+    (split,) = motor_splits(recordings)
     windows = usual_windows(recordings, recordings[0].signal.shape[1], _block)
-    return [Question("motor_pump_industrial/block", units, settings, folds, windows)]
+    return [Question(split.name, units, settings, split.folds, windows)]
 
 
 def _fault_signs(recording: Recording) -> Float[np.ndarray, " sign"]:

@@ -86,6 +86,20 @@ class Fold:
 
 
 @dataclass(frozen=True, eq=False)
+class Split:
+    """Recordings of one public set, dealt so that groups stay apart."""
+
+    name: str
+    """Its name, such as ``"cwru/size"``."""
+    recordings: tuple[Recording, ...]
+    """Recordings of either side."""
+    group: Callable[[Recording], str]
+    """Group of a recording."""
+    folds: tuple[Fold, ...]
+    """Every pair of sides."""
+
+
+@dataclass(frozen=True, eq=False)
 class Question:
     """One honest split of one public set."""
 

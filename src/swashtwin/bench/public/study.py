@@ -80,7 +80,7 @@ def run_public(
     began = time.perf_counter()
     if not seeds:
         raise InputError("no seed was given; one is enough: seeds=(0,).")
-    there = _sets_there(Path(folder), sets)
+    there = sets_there(Path(folder), sets)
     tell = progress or (lambda what, count, total: None)
     trials: list[Trial] = []
     details: dict[str, list[dict]] = {}
@@ -104,14 +104,15 @@ def run_public(
         command=command,
         notes=(
             *_NOTES,
-            *(f"{name} is not in {Path(folder).name} and was left out." for name in _missing_notes(there, sets)),
+            *(f"{name} is not in {Path(folder).name} and was left out." for name in missing_sets(there, sets)),
         ),
         details={"folds": details},
     )
     return _answer(table)
 
 
-def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
+def sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
+    """Sets asked for, or all, that `folder` holds; a `DataError` where it holds none."""
     unknown = [name for name in sets if name not in QUESTIONS]
     if unknown:
         raise InputError(f"{unknown[0]!r} is none of the sets asked about: {', '.join(QUESTIONS)}.")
@@ -123,7 +124,8 @@ def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
     return there
 
 
-def _missing_notes(there: Sequence[str], sets: Sequence[str]) -> list[str]:
+def missing_sets(there: Sequence[str], sets: Sequence[str]) -> list[str]:
+    """Sets asked for, or all, that are not there."""
     return [name for name in sets or QUESTIONS if name not in there]
 
 

@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,13 @@ import torch
 from joblib import delayed
 from sklearn.metrics import roc_auc_score
 
+from swashtwin.bench.results.contrasts import paired_interval
+from swashtwin.bench.results.finished import finished_values
+from swashtwin.bench.results.runs import Task, fingerprint_of
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.writing import RigSize, rig_recordings
+from swashtwin.bench.rivals.models import CHOSEN
+from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import VERSION, parallel
 from swashtwin.learning import (
     BiTCN,
@@ -31,8 +37,14 @@ from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 
 CLASSIFIERS = ("bitcn", "extra_trees")
+"""Classifiers by default; `CHOSEN` is the further one."""
+
 VALIDATION = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
 """Recordings that the confidence is learned from."""
+
+CROSS_FITTED = "training"
+"""Confidence that the training itself learned from its recordings, where it does."""
+
 LEVELS = ("L2", "L4")
 
 METRICS = {
@@ -84,6 +96,7 @@ def run_confidence(
     settings: ConfidenceStudySettings | None = None,
     classifiers: Iterable[str] = CLASSIFIERS,
     jobs: int = 1,
+    out: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
     command: str = "",
 ) -> StudyTable:
@@ -93,34 +106,42 @@ def run_confidence(
     ----------
     seeds : fleets of the virtual rig; each draws pumps, recordings and weights anew.
     settings : how much is recorded, and how classifiers are trained on it.
-    classifiers : of `CLASSIFIERS`.
+    classifiers : of `CLASSIFIERS`, or ``"chosen"``, what `FaultClassifier` trains by itself; the first is compared with
+        the others.
     jobs : processes that train side by side.
+    out : folder of finished trainings, which a later call reads; None writes nothing.
     progress : called with (done, in all).
     command : command line that repeats the study, kept with the result.
     """
     started, settings = time.perf_counter(), settings or ConfidenceStudySettings()
     seeds, kinds = tuple(seeds), tuple(classifiers)
-    parts = {seed: _record(seed, settings) for seed in seeds}
-    tasks = [(seed, kind, left_out) for seed in seeds for kind in kinds for left_out in (None, *CLASSES)]
-    running = parallel(jobs, return_as="generator")(
-        delayed(_task)(parts[seed], kind, left_out, seed, settings) for seed, kind, left_out in tasks
-    )
-    values_by_key: dict[tuple[int, str, str, str], dict[str, float]] = {}
-    for count, (task, result) in enumerate(zip(tasks, running, strict=True), 1):
-        for (validation, level), values in result.items():
-            values_by_key.setdefault((task[0], task[1], validation, level), {}).update(values)
-        if progress is not None:
-            progress(count, len(tasks))
+    values_by_key: dict[tuple[str, str, str, int], dict[str, float]] = {}
+    roles: dict[str, int] = {}
+    trainings = [(kind, left_out) for kind in kinds for left_out in (None, *CLASSES)]
+    for number, seed in enumerate(seeds):
+        parts = _record(seed, settings)
+        roles = roles or {name: len(group) for name, group in parts.items()}
+        origin = origin_of(parts["train"])
+        running = parallel(jobs, return_as="generator")(
+            delayed(_finished_task)(parts, kind, left_out, seed, settings, out) for kind, left_out in trainings
+        )
+        for count, ((kind, _), result) in enumerate(zip(trainings, running, strict=True), 1):
+            for validation, by_level in result.items():
+                for level, values in by_level.items():
+                    values_by_key.setdefault((kind, validation, level, seed), {}).update(values)
+            if progress is not None:
+                progress(number * len(trainings) + count, len(seeds) * len(trainings))
     trials = tuple(
         Trial(
             {"classifier": kind, "validation": validation, "level": level},
             seed,
-            _average(values_by_key[seed, kind, validation, level]),
+            _average(values_by_key[kind, validation, level, seed]),
         )
         for kind in kinds
-        for validation in VALIDATION
+        for validation in (*VALIDATION, CROSS_FITTED)
         for level in LEVELS
         for seed in seeds
+        if (kind, validation, level, seed) in values_by_key
     )
     study = StudyTable(
         study="confidence",
@@ -129,12 +150,12 @@ def run_confidence(
         trials=trials,
         answer=(),
         settings=asdict(settings),
-        origin=origin_of(parts[seeds[0]]["train"]),
+        origin=origin,
         wall_s=time.perf_counter() - started,
         version=VERSION,
         command=command,
         notes=_NOTES,
-        details={"recordings": {name: len(group) for name, group in parts[seeds[0]].items()}, "validation": VALIDATION},
+        details={"recordings": roles, "validation": VALIDATION},
     )
     return replace(study, answer=tuple(_answer(study)))
 
@@ -167,14 +188,41 @@ def _record(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Reco
     }
 
 
+def _finished_task(
+    parts: Mapping[str, list[Recording]],
+    kind: str,
+    left_out: str | None,
+    seed: int,
+    settings: ConfidenceStudySettings,
+    out: Path | None,
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Result of `_task`, from its file where it has one."""
+    task = Task(
+        study="confidence",
+        size="",
+        seed=seed,
+        factors={"classifier": kind, "left_out": left_out or "none"},
+        settings={**asdict(settings), **({"model": FaultClassifier().get_params()} if kind == CHOSEN else {})},
+        data=fingerprint_of(recording for recordings in parts.values() for recording in recordings),
+    )
+    result = finished_values(out, task, lambda: _task(parts, kind, left_out, seed, settings))
+    return {
+        validation: {
+            level: {name: math.nan if value is None else value for name, value in values.items()}
+            for level, values in by_level.items()
+        }
+        for validation, by_level in result.items()
+    }
+
+
 def _task(
     parts: Mapping[str, list[Recording]],
     kind: str,
     left_out: str | None,
     seed: int,
     settings: ConfidenceStudySettings,
-) -> dict[tuple[str, str], dict[str, float]]:
-    """Figures by (validation recordings, level) of one training, on all classes or on all but one."""
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Figures by validation recordings and level of one training, on all classes or on all but one."""
     torch.set_num_threads(1)
     classes = tuple(name for name in CLASSES if name != left_out)
     cut = {
@@ -186,32 +234,40 @@ def _task(
         for role, recordings in parts.items()
     }
     classifier = _fit(kind, cut["train"], seed, settings)
-    results: dict[tuple[str, str], dict[str, float]] = {}
-    for validation in VALIDATION:
-        sure_classifier = learn_confidence(classifier, cut[validation], error_rate=settings.error_rate)
+    sure_classifiers = {
+        validation: learn_confidence(classifier, cut[validation], error_rate=settings.error_rate)
+        for validation in VALIDATION
+    }
+    if classifier.confidence is not None:
+        sure_classifiers[CROSS_FITTED] = classifier
+    results: dict[str, dict[str, dict[str, float | None]]] = {}
+    for validation, sure_classifier in sure_classifiers.items():
         for level in LEVELS:
+            values: dict[str, float | None]
             if left_out is None:
-                scores = score_confidence(sure_classifier, cut[level])
+                scores = score_confidence(sure_classifier, cut[level], error_rate=settings.error_rate)
                 values = {name: value for name, value in scores.to_dict().items() if name in METRICS}
+                values.pop("unknown_auroc", None)
             else:
                 strange = [part.relabeled(None) for part in parts[level] if part.label == left_out]
                 foreign = cut_windows(strange, length=settings.length, classes=classes)
-                values = _unknown(sure_classifier, cut[level], foreign, left_out)
-            results[validation, level] = {name: math.nan if v is None else v for name, v in values.items()}
-    if left_out is None:
-        for values in results.values():
-            values.pop("unknown_auroc", None)
+                values = dict(_unknown(sure_classifier, cut[level], foreign, left_out, settings.error_rate))
+            results.setdefault(validation, {})[level] = values
     return results
 
 
 def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> Any:
+    if kind == CHOSEN:
+        return FaultClassifier(seed=seed).fit(train).fitted_
     if kind == "extra_trees":
         return fit_extra_trees(train, seed=seed, n_trees=settings.trees)
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)
     return fit(network, train, settings=settings.training, seed=seed)
 
 
-def _unknown(classifier: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str) -> dict[str, float]:
+def _unknown(
+    classifier: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str, error_rate: float
+) -> dict[str, float]:
     """How well recordings of the class left out are separated from those of the trained classes."""
     familiar, strange = recording_answers(classifier, test), recording_answers(classifier, foreign)
     confidence = classifier.confidence
@@ -219,7 +275,7 @@ def _unknown(classifier: SureClassifier, test: WindowSet, foreign: WindowSet, le
     doubt = 1 - np.concatenate([familiar.probability.max(axis=1), strange.probability.max(axis=1)])
     caught = math.nan
     if confidence is not None:
-        caught = float(np.mean(confidence.ood_p_value(strange.ood_score) <= confidence.error_rate))
+        caught = float(np.mean(confidence.ood_p_value(strange.ood_score) <= error_rate))
     ood_score = np.concatenate([familiar.ood_score, strange.ood_score])
     return {
         f"auroc_{left_out}": float(roc_auc_score(is_strange, ood_score)),
@@ -240,20 +296,40 @@ def _average(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _answer(study: StudyTable) -> Iterator[str]:
-    for kind in sorted({trial.factors["classifier"] for trial in study.trials}):
-        for validation, level in (("same", "L2"), ("same", "L4"), ("other", "L4")):
+    kinds = list(dict.fromkeys(trial.factors["classifier"] for trial in study.trials))
+    for kind in sorted(kinds):
+        for validation, level in _rows_told(study, kind):
             mean = {
                 name: float(np.nanmean(study.values(name, classifier=kind, validation=validation, level=level)))
                 for name in METRICS
             }
             yield (
-                f"{kind}, confidence learned from {VALIDATION[validation]}, at {level}: sets asked to hold "
+                f"{kind}, confidence learned from {_learned_from(validation)}, at {level}: sets asked to hold "
                 f"{1 - _rate(study):.0%} of the true classes hold {mean['coverage']:.0%} with "
                 f"{mean['set_size']:.2f} classes each; calibration error {mean['ece_before']:.3f} before and "
                 f"{mean['ece_after']:.3f} after the temperature; a class left out is called unknown in "
                 f"{mean['unknown_caught']:.0%} (AUROC {mean['unknown_auroc']:.2f}), a known one in "
                 f"{mean['called_unknown']:.0%}."
             )
+    for rival in kinds[1:]:
+        for level in LEVELS:
+            values = [study.values("unknown_auroc", classifier=kind, validation="same", level=level) for kind in kinds]
+            differences = np.subtract(values[0], values[kinds.index(rival)])
+            low, high = paired_interval(differences.tolist())
+            yield (
+                f"AUROC of unknown at {level}, {kinds[0]} less {rival}, paired by fleet (n = {len(differences)}): "
+                f"{differences.mean():+.3f} ({low:+.3f} to {high:+.3f})."
+            )
+
+
+def _rows_told(study: StudyTable, kind: str) -> list[tuple[str, str]]:
+    """(validation recordings, level) that the answer is about."""
+    trained = [(CROSS_FITTED, level) for level in LEVELS if study.of(classifier=kind, validation=CROSS_FITTED)]
+    return [*trained, ("same", "L2"), ("same", "L4"), ("other", "L4")]
+
+
+def _learned_from(validation: str) -> str:
+    return VALIDATION.get(validation, "the training recordings, cross-fitted")
 
 
 def _rate(study: StudyTable) -> float:

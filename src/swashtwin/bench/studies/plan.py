@@ -117,9 +117,9 @@ class Plan:
 
     def of_classifiers(self, models: Mapping[str, Model]) -> "Plan":
         """The plan of other classifiers; the first is the study's own, which others are compared with."""
-        own, *others = models
+        main, *others = models
         is_single = isinstance(self.compared.get("classifier"), str)
-        compared = {**self.compared, **({"classifier": own} if is_single else {})}
+        compared = {**self.compared, **({"classifier": main} if is_single else {})}
         return replace(self, models=models, compared=compared, absent=(), rivals=tuple(others) if self.rivals else ())
 
     def of_training_sets(self, names: Sequence[str]) -> "Plan":

@@ -9,12 +9,22 @@ import typer
 from swashtwin.cli.bench.plans import OptionalIndex, Size, StudySize
 from swashtwin.cli.bench.results import tell_study, typed_command
 from swashtwin.cli.console import progress
-from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, Window, read_seeds, read_words
+from swashtwin.cli.exits import resumable
+from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, Window, as_folder, read_seeds, read_words
 from swashtwin.cli.sources import Dataset, Only, PublicSet, choose_recordings
+from swashtwin.foundation import parse
 
 FleetSeeds = Annotated[str, typer.Option(help='Seeds, one fleet of the virtual rig each: "2,3,4".')]
 Seeds = Annotated[str, typer.Option(help='Seeds of draws, weights, trees and splits: "0,1,2".')]
 Specimens = Annotated[int, typer.Option(min=1, max=6, help="Number of pumps in each fleet.")]
+TrainingsFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="Folder of finished trainings, which a re-run continues, and of STUDY/report.html.",
+        callback=as_folder,
+    ),
+]
 PublicData = Annotated[Path, typer.Option(help="Folder that holds the public sets, each in a folder of its own name.")]
 
 
@@ -77,7 +87,10 @@ def confidence(
         float,
         typer.Option(help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown."),
     ] = 0.1,
-    out: ReportFolder = None,
+    classifiers: Annotated[str, typer.Option(help="Classifiers: bitcn, extra_trees, chosen.")] = "bitcn,extra_trees",
+    window: Window = 2048,
+    duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "0.7 s",
+    out: TrainingsFolder = None,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
@@ -85,10 +98,20 @@ def confidence(
     from swashtwin.bench import ConfidenceStudySettings, run_confidence
 
     numbers = read_seeds(seeds)
-    settings = ConfidenceStudySettings(error_rate=error_rate)
-    with progress("training on pumps of the virtual rig") as bar:
-        study = run_confidence(seeds=numbers, settings=settings, jobs=jobs, progress=bar, command=typed_command())
-    tell_study(study, out, as_json)
+    seconds = parse(duration, "s", name="--duration")
+    settings = ConfidenceStudySettings(error_rate=error_rate, length=window, duration=seconds)
+    hint = "finished trainings are kept; the same command resumes" if out else "with --out, they would be kept"
+    with resumable(hint), progress("training on pumps of the virtual rig") as bar:
+        study = run_confidence(
+            seeds=numbers,
+            settings=settings,
+            classifiers=read_words(classifiers),
+            jobs=jobs,
+            out=out,
+            progress=bar,
+            command=typed_command(),
+        )
+    tell_study(study, None if out is None else out / "confidence", as_json)
 
 
 def misspecification(
@@ -226,6 +249,39 @@ def public(
             command=typed_command(),
         )
     tell_study(study, out, as_json)
+
+
+def public_default(
+    data: PublicData,
+    seeds: Seeds = "0",
+    classifiers: Annotated[
+        str,
+        typer.Option(help='"chosen", which is what train does where nothing is set, and others beside it.'),
+    ] = "chosen,extra_trees",
+    public_sets: Annotated[
+        str | None, typer.Option(help='Names of the sets: "cwru,pump_cavitation"; all that are there by default.')
+    ] = None,
+    out: TrainingsFolder = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """Public sets on honest splits by the ordinary training: nothing is set but the recordings and the seed."""
+    from swashtwin.bench import run_public_default
+
+    numbers = read_seeds(seeds)
+    hint = "finished trainings are kept; the same command resumes" if out else "with --out, they would be kept"
+    with resumable(hint), progress("training on public sets") as bar:
+        study = run_public_default(
+            data,
+            seeds=numbers,
+            classifiers=read_words(classifiers),
+            sets=read_words(public_sets),
+            jobs=jobs,
+            out=out,
+            progress=lambda step, count, total: bar(count, total, step),
+            command=typed_command(),
+        )
+    tell_study(study, None if out is None else out / "public-default", as_json)
 
 
 def scarce(

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,28 @@ from hostile_files import MEMORY_KB, Report, peak_memory
 
 from swashtwin.diagnosis import load_classifier, save_classifier
 from swashtwin.foundation import SwashTwinError, read_artifact, write_artifact
-from swashtwin.learning import BiTCN, FittedClassifier, TrainingSettings, WindowSet, cut_windows, fit
+from swashtwin.learning import (
+    BiTCN,
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    cross_fitted_confidence,
+    cut_windows,
+    fit,
+)
 from swashtwin.recordings import Recording
 
 Change = Callable[[dict[str, Any]], object]
-VERSION = 3
+VERSION = 4
 """Of the files of saved models."""
 
 _PATHS: tuple[tuple[str, ...], ...] = (
     ("network",), ("network", "name"), ("network", "settings"), ("network", "settings", "n_channels"),
     ("network", "settings", "n_classes"), ("network", "settings", "channels"), ("classes",), ("layout",),
     ("layout", "sample_rate"), ("layout", "channels"), ("layout", "unit"), ("layout", "length"), ("normalization",),
-    ("settings",), ("seed",), ("history",), ("manifest",), ("pressures",), ("speeds",),
+    ("settings",), ("seed",), ("history",), ("manifest",), ("pressures",), ("speeds",), ("confidence", "temperature"),
+    ("confidence", "dependence"), ("confidence", "listening_windows"), ("confidence", "error_rate"),
+    ("confidence", "cross_fitted"),
 )  # fmt: skip
 _TYPES: dict[str, Any] = {
     "missing": None, "nothing": None, "truth": True, "text": "x" * 100_000, "list": [[[]]], "object": {"a": {"b": 1}},
@@ -32,6 +43,9 @@ _TYPES: dict[str, Any] = {
 _FITTING = {
     ("truth", ("seed",)), ("negative", ("seed",)), ("huge", ("seed",)), ("huge", ("layout", "sample_rate")),
     ("fraction", ("layout", "sample_rate")), ("text", ("layout", "unit")), ("huge", ("layout", "length")),
+    ("fraction", ("confidence", "temperature")), ("huge", ("confidence", "temperature")),
+    ("fraction", ("confidence", "dependence")), ("fraction", ("confidence", "error_rate")),
+    ("truth", ("confidence", "cross_fitted")),
 }  # fmt: skip
 """Values that a card may have."""
 
@@ -89,14 +103,26 @@ CONTRADICTIONS: dict[str, Change] = {
     "speeds NaN": lambda card: card.update(speeds=[float("nan")]),
     "reference too short": lambda card: card["training_reference"].update(recording_id=["a"], label=["b"]),
     "reference uneven": lambda card: card["training_reference"]["label"].append("more"),
-    "confidence without scores": lambda card: card.update(confidence={"temperature": 1.0, "error_rate": 0.1}),
     "confidence empty": lambda card: card.update(confidence={}),
+    "confidence by more windows": lambda card: card["confidence"].update(listening_windows=[1, 2, 3, 4]),
+    "confidence by windows descending": lambda card: card["confidence"].update(listening_windows=[2, 1]),
+    "confidence at a smaller rate": lambda card: card["confidence"].update(error_rate=0.01),
+    "dependence above one": lambda card: card["confidence"].update(dependence=1.5),
+    "temperature zero": lambda card: card["confidence"].update(temperature=0.0),
+    "fewer classes than the confidence": lambda card: card.update(classes=card["classes"][:1]),
     "foreign entry": lambda card: card.update(foreign=1),
 }  # fmt: skip
 
 _VALUES: tuple[Any, ...] = (
     None, -1, 0, 10**9, 10**18, 1e308, "x", "", [], {}, [[]], True, "\x1b[2J", {"a": {"b": []}}, ["x"] * 1000,
 )  # fmt: skip
+
+
+def with_confidence(classifier: FittedClassifier) -> FittedClassifier:
+    """The same classifier with a confidence by ten recordings of three windows."""
+    probability, target = np.tile([[0.8, 0.2], [0.3, 0.7]], (15, 1)), np.arange(30) // 3 % 2
+    confidence = cross_fitted_confidence(probability, np.arange(30) // 3, target, np.arange(10.0))
+    return replace(classifier, confidence=confidence)
 
 
 def _windows() -> WindowSet:
@@ -111,7 +137,8 @@ def _windows() -> WindowSet:
 
 def _trained(seed: int) -> FittedClassifier:
     network = BiTCN(1, 2, channels=(8, 12), kernel_size=3)
-    return fit(network, _windows(), settings=TrainingSettings(epochs=1, batch_size=4), seed=seed)
+    classifier = fit(network, _windows(), settings=TrainingSettings(epochs=1, batch_size=4), seed=seed)
+    return with_confidence(classifier)
 
 
 def models(name: str, first: int, count: int, seed: int, folder: Path, report: Report) -> None:

@@ -14,17 +14,19 @@ from swashtwin.recordings import Recording
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from hostile_models import with_confidence
+
     draw = np.random.default_rng(0)
     recordings = [Recording(draw.normal(size=(1, 80)), 1e3, label, label=label) for label in ("normal", "piston")]
     windows = cut_windows(recordings, length=80)
     classifier = fit(BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1))
-    return save_classifier(classifier, tmp_path_factory.mktemp("model") / "model.safetensors")
+    return save_classifier(with_confidence(classifier), tmp_path / "saved.safetensors")
 
 
-def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
+def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path):
     from hostile_models import CONTRADICTIONS, VERSION, hostile_cards
 
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
@@ -47,3 +49,27 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "kB beside what was in memory"
     assert not wrong, "\n".join(wrong)
     assert count >= 60
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("target", lambda values: values + 2),
+        ("target", lambda values: -1 - values),
+        ("target", lambda values: values.double()),
+        ("target", lambda values: values[:-1]),
+        ("nonconformity_score", lambda values: values[:1]),
+        ("nonconformity_score", lambda values: values[:, :-1]),
+        ("nonconformity_score", lambda values: values.int()),
+        ("ood_score", lambda values: values.flip(0)),
+        ("ood_score", lambda values: values[:5]),
+        ("ood_score", lambda values: values[0]),
+    ],
+)
+def test_scores_of_a_confidence_that_fit_neither_its_card_nor_the_classes_are_refused(saved, tmp_path, name, change):
+    from hostile_models import VERSION
+
+    card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
+    tensors[f"confidence.{name}"] = change(tensors[f"confidence.{name}"]).clone()
+    with pytest.raises(ArtifactError, match="confidence"):
+        load_classifier(write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors))

@@ -18,11 +18,13 @@ from swashtwin.learning import (
     TrainingReference,
     TrainingSettings,
     WindowSet,
+    cross_fitted_confidence,
     cut_windows,
     fit,
     fit_extra_trees,
     learn_confidence,
     plan_validation,
+    pooled_probabilities,
     recording_answers,
     score_confidence,
 )
@@ -62,8 +64,9 @@ def taught(bare: FittedClassifier) -> FittedClassifier:
     return learn_confidence(bare, windows(several("validation", 10)))
 
 
-def confidence(nonconformity_score: np.ndarray, rate: float = 0.1) -> Confidence:
-    return Confidence(1.0, np.sort(nonconformity_score), np.sort(nonconformity_score), rate)
+def confidence(scores: np.ndarray, rate: float = 0.1, target: np.ndarray | None = None) -> Confidence:
+    target = np.arange(scores.size) % 4 if target is None else target
+    return Confidence(1.0, 1.0, (1,), scores[None], target, np.sort(scores), rate)
 
 
 def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
@@ -78,9 +81,9 @@ def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
     covered, sizes = [], []
     for _ in range(200):
         target, probability = answers(40)
-        predictor = confidence(-np.log(probability[np.arange(40), target]), 0.1)
+        predictor = confidence(-np.log(probability[np.arange(40), target]), 0.1, target)
         target, probability = answers(50)
-        chosen = predictor.prediction_set(probability)
+        chosen = predictor.prediction_set(probability, 1)
         covered.append(chosen[np.arange(50), target].mean())
         sizes.append(chosen.sum(axis=1).mean())
     assert 0.89 < np.mean(covered) < 0.94  # 0.9 to 0.9 + 1/41 is promised
@@ -88,11 +91,12 @@ def test_prediction_sets_hold_the_true_class_as_often_as_they_promise() -> None:
 
 
 def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
-    predictor = confidence(np.full(39, 1e-6))
+    three = np.arange(39) % 3
+    predictor = confidence(np.full(39, 1e-6), target=three)
     doubtful = np.array([[0.4, 0.35, 0.25]])
-    assert predictor.prediction_set(doubtful).tolist() == [[True, False, False]]
-    predictor = confidence(np.linspace(0, 3, 39))
-    sizes = [predictor.prediction_set(doubtful, rate).sum() for rate in (0.6, 0.3, 0.05)]
+    assert predictor.prediction_set(doubtful, 1).tolist() == [[True, False, False]]
+    predictor = confidence(np.linspace(0, 3, 39), target=three)
+    sizes = [predictor.prediction_set(doubtful, 1, rate).sum() for rate in (0.6, 0.3, 0.05)]
     assert sizes == sorted(sizes)
     assert sizes[-1] == 3
 
@@ -108,11 +112,117 @@ def test_the_temperature_lowers_the_loss_of_a_classifier_that_is_too_sure(bare: 
 
 def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(taught: FittedClassifier) -> None:
     answers = recording_answers(taught, windows(several("test", 5)))
-    soft = taught.confidence.temperature_scaled(answers.probability)
+    soft = taught.confidence.temperature_scaled(answers.probability, answers.n_windows)
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
     assert soft.max() < 0.999  # 20 validation recordings, all told right, prove no more than about 21/22
     assert np.median(soft.max(axis=1)) == pytest.approx(21 / 22, abs=0.05)
+
+
+def correlated(count: int, dependence: float, draw: np.random.Generator, n_windows: int = 16) -> tuple[np.ndarray, ...]:
+    """(window, class) probabilities that are right for each window alone, recordings and classes of the windows."""
+    target = np.arange(count) % 2
+    shared = np.sqrt(dependence) * draw.normal(size=(count, 1))
+    value = (
+        np.where(target, 0.8, -0.8)[:, None] + shared + np.sqrt(1 - dependence) * draw.normal(size=(count, n_windows))
+    )
+    piston = 1 / (1 + np.exp(-2 * 0.8 * value.ravel()))
+    names = np.repeat([f"recording {index:04}" for index in range(count)], n_windows)
+    return np.column_stack([1 - piston, piston]), names, np.repeat(target, n_windows)
+
+
+@pytest.mark.parametrize(("dependence", "temperature"), [(0.0, 1.0), (0.3, 2.0), (1.0, 0.5)])
+def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(dependence, temperature) -> None:
+    probability, names, target = correlated(300, dependence, np.random.default_rng(0))
+    too_sure = temperature_scaled(probability, 1 / temperature)
+    result = cross_fitted_confidence(too_sure, names, target, np.zeros(300))
+    assert result.temperature == pytest.approx(temperature, rel=0.15)
+    assert result.dependence == pytest.approx(dependence, abs=0.12)  # of few recordings, not all certainty is believed
+    assert result.cross_fitted
+    assert result.listening_windows == (1, 2, 4, 8, 16)
+
+
+def test_windows_that_nobody_saw_together_count_as_a_single_window() -> None:
+    probability, names, target = correlated(100, 0.0, np.random.default_rng(0), n_windows=1)
+    result = cross_fitted_confidence(probability, names, target, np.zeros(100))
+    assert result.dependence == 1
+    pooled = pooled_probabilities(np.tile(probability[:1], (8, 1)), result)
+    np.testing.assert_allclose(pooled, pooled_probabilities(probability[:1], result))
+
+
+def test_probabilities_and_sets_hold_from_a_single_window_to_a_whole_recording() -> None:
+    draw = np.random.default_rng(0)
+    predictor = cross_fitted_confidence(*correlated(300, 0.2, draw), draw.normal(size=300))
+    probability, _, target = correlated(600, 0.2, draw)
+    windows, target = probability.reshape(600, 16, 2), target[::16]
+    for count in (1, 3, 16):
+        pooled = np.stack([pooled_probabilities(part[:count]) for part in windows])
+        calibrated = predictor.temperature_scaled(pooled, count)
+        assert calibrated.max(axis=1).mean() == pytest.approx(np.mean(pooled.argmax(axis=1) == target), abs=0.03)
+        covered = predictor.prediction_set(pooled, count)[np.arange(600), target]
+        assert 0.86 < covered.mean() < 0.96
+
+
+def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_theirs() -> None:
+    target = np.repeat([0, 1, 2, 3], [30, 12, 5, 3])
+    scores = np.linspace(0, 1, 50)
+    predictor = confidence(scores, target=target)
+    assert predictor.class_groups(4).tolist() == [0, -1, -1, -1]  # 5 and 3 are too few together, so 12 join them
+    assert predictor.class_groups(4, 0.15).tolist() == [0, 1, -1, -1]
+    assert predictor.class_groups(5, 0.25).tolist() == [0, 1, 2, -1, -1]
+    probability = np.array([[0.9, 0.04, 0.03, 0.03]])
+    expected = (1 + np.count_nonzero(scores[30:] >= -np.log(0.04))) / 21
+    np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 1], expected)
+    alone = (1 + np.count_nonzero(scores[:30] >= -np.log(0.9))) / 31
+    np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 0], alone)
+
+
+def test_a_class_that_is_harder_than_the_others_is_missed_no_more_often() -> None:
+    draw = np.random.default_rng(0)
+
+    def answers(count: int) -> tuple[np.ndarray, np.ndarray]:
+        target = draw.integers(2, size=count)
+        margin = draw.normal(np.where(target, 3.0, 0.3), 1.0)
+        piston = 1 / (1 + np.exp(np.where(target, -margin, margin)))
+        return target, np.column_stack([1 - piston, piston])
+
+    target, probability = answers(2000)
+    predictor = confidence(-np.log(probability[np.arange(2000), target]), target=target)
+    target, probability = answers(2000)
+    covered = predictor.prediction_set(probability, 1)[np.arange(2000), target]
+    assert covered[target == 0].mean() == pytest.approx(0.9, abs=0.03)
+
+
+@pytest.mark.parametrize(("count", "rate"), [(20, 0.1), (9, 0.1), (6, 0.143), (2, 0.334)])
+def test_few_training_recordings_give_the_least_error_rate_that_they_allow(count: int, rate: float) -> None:
+    answers = correlated(count, 0.5, np.random.default_rng(0), n_windows=3)
+    predictor = cross_fitted_confidence(*answers, np.zeros(count))
+    assert predictor.error_rate == rate
+    assert predictor.basis == f"{count} training recordings answered by models trained without them"
+    with pytest.raises(InputError, match=rf"0\.03 needs 33 validation recordings at least, there are {count}"):
+        cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
+
+
+def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> None:
+    probability, names, target = correlated(10, 0.5, np.random.default_rng(0), n_windows=3)
+    with pytest.raises(InputError, match=r"30, 30 and 30 windows of 10 recordings, ood_score has 30"):
+        cross_fitted_confidence(probability, names, target, np.zeros(30))
+    probability[4] = np.nan
+    with pytest.raises(DataError, match="recording 0001: its out-of-fold answer is not finite"):
+        cross_fitted_confidence(probability, names, target, np.zeros(10))
+
+
+def test_a_diagnosis_says_that_its_confidence_was_cross_fitted(bare: FittedClassifier) -> None:
+    train = windows(several("train", 10))
+    answers = cross_fitted_confidence(bare.predict_proba(train), train.recording_id, train.target, np.arange(20.0))
+    diagnosis = diagnose(replace(bare, confidence=answers), recording("new piston", "piston"))
+    trust = diagnosis.trust
+    assert "by 20 training recordings answered by models trained without them" in trust.sentence()
+    assert trust.to_dict()["cross_fitted"]
+    assert trust.to_dict()["scarce_classes"] == []
+    assert diagnosis.probabilities["piston"] == pytest.approx(
+        pooled_probabilities(bare.predict_proba(windows([recording("new piston", "piston")])), answers)[1]
+    )
 
 
 def test_a_perfectly_calibrated_toy_has_the_calibration_error_of_chance_alone() -> None:
@@ -173,7 +283,7 @@ def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bar
 def test_the_probabilities_of_a_diagnosis_are_those_at_the_temperature(bare, taught) -> None:
     piston = recording("new piston", "piston")
     before, after = (np.array(list(diagnose(fitted, piston).probabilities.values())) for fitted in (bare, taught))
-    np.testing.assert_allclose(after, temperature_scaled(before, taught.confidence.temperature), atol=1e-12)
+    np.testing.assert_allclose(after, taught.confidence.temperature_scaled(before, 4), atol=1e-12)
 
 
 def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, taught) -> None:

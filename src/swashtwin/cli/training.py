@@ -263,6 +263,7 @@ def _tell_training(
         "loss": last.loss, "accuracy": last.accuracy, "seed": seed,
         "validation": [] if validation is None else sorted(set(validation.recording_id.tolist())),
         "temperature": None if confidence is None else confidence.temperature,
+        "dependence": None if confidence is None else confidence.dependence,
     }  # fmt: skip
 
     def show() -> None:
@@ -270,8 +271,8 @@ def _tell_training(
         if confidence is None:
             note(f"note: its confidence is not calibrated; {confidence_advice(len(classifier.manifest))}.")
         else:
-            count = plural(confidence.n_recordings, "validation recording")
-            say(f"Temperature {confidence.temperature:.3g}, from {count}")
+            learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
+            say(f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}")
         if test_ids:
             say(f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}")
         else:

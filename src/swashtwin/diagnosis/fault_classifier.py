@@ -379,6 +379,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
 
     def _recording_probability(self, recording: Recording) -> np.ndarray:
         classifier, parts = fit_to_recording(self.fitted_, recording)
-        pooled = pooled_probabilities(np.concatenate([classifier.predict_proba(windows) for windows in parts()]))
+        probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
+        pooled = pooled_probabilities(probability, classifier.confidence)
         require_verdicts(pooled[None], np.array([recording.recording_id]))
-        return pooled if classifier.confidence is None else classifier.confidence.temperature_scaled(pooled)
+        return pooled

@@ -25,8 +25,8 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     unit, float32; the one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
     scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
     the samples must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
-    (whether the file scales by itself), ``temperature`` (by which `diagnose` would soften the probabilities, or null),
-    ``manifest``, ``network`` and ``swashtwin`` (version).
+    (whether the file scales by itself), ``temperature`` and ``dependence`` (by which `diagnose` calibrates the
+    probabilities, or null), ``manifest``, ``network`` and ``swashtwin`` (version).
 
     Raises
     ------
@@ -105,6 +105,7 @@ def _facts(classifier: FittedClassifier) -> dict[str, object]:
         "normalization": kind,
         "scaled": kind != "recording",
         "temperature": None if classifier.confidence is None else classifier.confidence.temperature,
+        "dependence": None if classifier.confidence is None else classifier.confidence.dependence,
         "manifest": sorted(classifier.manifest),
         "network": classifier.network.name,
         "swashtwin": VERSION,

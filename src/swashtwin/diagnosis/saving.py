@@ -1,10 +1,10 @@
 """A fitted classifier as an artifact: its weights, and a card that holds everything else."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, device, from_numpy
+from torch import Tensor, device, float64, from_numpy, int64
 
 from swashtwin.foundation import (
     ArtifactError,
@@ -31,7 +31,7 @@ from swashtwin.learning import (
 )
 from swashtwin.recordings import join_manifests
 
-_KIND, _VERSION = "classifier", 3
+_KIND, _VERSION = "classifier", 4
 _EPOCH = {
     "number": int, "loss": float, "accuracy": float,
     "validation_loss": (float, None), "validation_accuracy": (float, None),
@@ -48,9 +48,19 @@ _FORM: dict[str, Any] = {
     "pressures": [float],
     "speeds": [float],
     "training_reference": ({"recording_id": [str], "label": [str]}, None),
-    "confidence": ({"temperature": float, "error_rate": float}, None),
+    "confidence": (
+        {
+            "temperature": float,
+            "dependence": float,
+            "listening_windows": [int],
+            "error_rate": float,
+            "cross_fitted": bool,
+        },
+        None,
+    ),
 }
 """Form of a card (`require_form`)."""
+_CONFIDENCE_TENSORS = ("nonconformity_score", "target", "ood_score")
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
 
@@ -101,8 +111,8 @@ def _tensors(classifier: FittedClassifier) -> dict[str, Tensor]:
     if classifier.training_reference is not None:
         tensors["training_reference.features"] = from_numpy(classifier.training_reference.features)
     if classifier.confidence is not None:
-        tensors["confidence.nonconformity_score"] = from_numpy(classifier.confidence.nonconformity_score)
-        tensors["confidence.ood_score"] = from_numpy(classifier.confidence.ood_score)
+        for name in _CONFIDENCE_TENSORS:
+            tensors[f"confidence.{name}"] = from_numpy(getattr(classifier.confidence, name))
     return tensors
 
 
@@ -124,7 +134,11 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         else {"recording_id": reference.recording_id, "label": reference.label},
         "confidence": None
         if confidence is None
-        else {"temperature": confidence.temperature, "error_rate": confidence.error_rate},
+        else {
+            item.name: getattr(confidence, item.name)
+            for item in fields(confidence)
+            if item.name not in _CONFIDENCE_TENSORS
+        },
     }
 
 
@@ -176,10 +190,20 @@ def _require_tensors(card: dict[str, Any], tensors: dict[str, Tensor], n_channel
         features = tensors["training_reference.features"]
         if features.ndim != 2 or not len(features) == len(names["recording_id"]) == len(names["label"]) > 0:
             raise ValueError("training_reference.features has not one row for each recording")
-    for name in ("nonconformity_score", "ood_score") if card["confidence"] is not None else ():
-        score = tensors[f"confidence.{name}"]
-        if score.ndim != 1 or not bool((score.diff() >= 0).all()):
-            raise ValueError(f"confidence.{name} is not in ascending order")
+    if card["confidence"] is not None:
+        _require_confidence(card, *(tensors[f"confidence.{name}"] for name in _CONFIDENCE_TENSORS))
+
+
+def _require_confidence(card: dict[str, Any], score: Tensor, target: Tensor, ood_score: Tensor) -> None:
+    counts = card["confidence"]["listening_windows"]
+    if counts[:1] != [1] or sorted(set(counts)) != counts:
+        raise ValueError("confidence.listening_windows is not in ascending order from 1")
+    if ood_score.ndim != 1 or target.shape != ood_score.shape or score.shape != (len(counts), len(ood_score)):
+        raise ValueError("the tensors of the confidence have not a value for each recording")
+    if not (score.dtype == ood_score.dtype == float64 and bool((ood_score.diff() >= 0).all())):
+        raise ValueError("the scores of the confidence are not of float64, or confidence.ood_score does not ascend")
+    if target.dtype != int64 or not bool(((target >= 0) & (target < len(card["classes"]))).all()):
+        raise ValueError("confidence.target holds no indexes of the classes")
 
 
 def _require_size(network: dict[str, Any], length: int, weights: dict[str, Tensor]) -> None:
@@ -216,5 +240,5 @@ def _confidence(values: dict[str, Any] | None, tensors: dict[str, Tensor]) -> Co
     """None where the confidence was not calibrated."""
     if values is None:
         return None
-    scores: dict[str, Any] = {name: tensor.numpy() for name, tensor in select_prefix("confidence", tensors).items()}
-    return Confidence(**scores, **values)
+    arrays: dict[str, Any] = {name: tensor.numpy() for name, tensor in select_prefix("confidence", tensors).items()}
+    return Confidence(**arrays, **{**values, "listening_windows": tuple(values["listening_windows"])})

@@ -21,6 +21,9 @@ class Trust:
     """Classes that cannot be ruled out at the error rate, likeliest first; never empty."""
     plausibility: Mapping[str, float]
     """Conformal p-value of each class."""
+    scarce_classes: tuple[str, ...]
+    """Classes whose p-value is taken among the validation recordings of all of them together, since some have too few
+    for the error rate; that of each other class is taken among its recordings alone."""
     unknown: bool
     """Whether the recording does not resemble the training recordings; its class is then only the nearest one."""
     ood_p_value: float
@@ -31,10 +34,20 @@ class Trust:
     """Score beyond which a recording is called unknown."""
     n_validation: int
     """Number of validation recordings."""
+    cross_fitted: bool
+    """Whether these are the recordings of the training, each answered by models trained without it, rather than
+    recordings held out."""
+    basis: str
+    """The same in words."""
 
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it."""
-        return {**asdict(self), "prediction_set": list(self.prediction_set), "plausibility": dict(self.plausibility)}
+        return {
+            **asdict(self),
+            "prediction_set": list(self.prediction_set),
+            "plausibility": dict(self.plausibility),
+            "scarce_classes": list(self.scarce_classes),
+        }
 
     def sentence(self) -> str:
         """The same in words."""
@@ -42,14 +55,16 @@ class Trust:
         if self.unknown:
             return (
                 f"Unknown: its vibration is further from every trained class (relative distance {self.ood_score:.3g}) "
-                f"than that of all but {rate} of {self.n_validation} validation recordings (up to "
+                f"than that of all but {rate} of {self.basis} (up to "
                 f"{self.ood_threshold:.3g}). The class named is only the nearest one, unless the pump, the "
                 "sensors or the operating condition differ from the training."
             )
         if len(self.prediction_set) == 1:
-            return f"No other class is plausible at an error rate of {rate}."
+            return f"No other class is plausible at an error rate of {rate}, by {self.basis}."
         names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
-        return f"At an error rate of {rate} it could be any of {names}: do not act on one of them alone."
+        return (
+            f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
+        )
 
 
 def trust_in(
@@ -62,7 +77,7 @@ def trust_in(
 
     Parameters
     ----------
-    probability : of each class, pooled over the windows, before the temperature.
+    probability : of each class, from the mean log-probability of the windows.
     features : of each window.
     error_rate : of the prediction set; the classifier's own by default.
     """
@@ -70,18 +85,23 @@ def trust_in(
     if confidence is None or reference is None:
         return None
     rate = confidence.error_rate if error_rate is None else error_rate
-    in_set, plausible = confidence.prediction_set(probability, rate), confidence.plausibility(probability)
+    in_set = confidence.prediction_set(probability, len(features), rate)
+    plausible = confidence.plausibility(probability, len(features), rate)
+    group = confidence.class_groups(len(classifier.classes), rate)
     ood_score = reference.ood_score(features.mean(axis=0))
     ood_p_value = float(confidence.ood_p_value(np.array(ood_score)))
     return Trust(
         error_rate=rate,
         prediction_set=tuple(classifier.classes[index] for index in np.argsort(-probability) if in_set[index]),
         plausibility=dict(zip(classifier.classes, plausible.tolist(), strict=True)),
+        scarce_classes=tuple(name for name, index in zip(classifier.classes, group, strict=True) if index < 0),
         unknown=ood_p_value <= rate,
         ood_p_value=ood_p_value,
         ood_score=ood_score,
         ood_threshold=_ood_threshold(confidence, rate),
         n_validation=confidence.n_recordings,
+        cross_fitted=confidence.cross_fitted,
+        basis=confidence.basis,
     )
 
 

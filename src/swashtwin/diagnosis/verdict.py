@@ -36,9 +36,9 @@ class Diagnosis:
     label: str | None
     """Likeliest class of the whole recording; None where there is no verdict."""
     probabilities: Mapping[str, float]
-    """Probability of each class, from the mean log-probability over the windows, at the temperature that validation
+    """Probability of each class, pooled over the windows with the temperature and the dependence that validation
     recordings gave; empty where there is no verdict. Without `trust` it is a score between classes rather than a
-    calibrated chance, since the windows of one recording are not independent."""
+    calibrated chance: the windows of one recording are not independent, and count as a single one."""
     window_labels: tuple[str | None, ...]
     """Likeliest class of each window, in order of time; None where a number of it is not finite."""
     agreement: float
@@ -118,10 +118,8 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     if not has_verdict.all():
         reason = _not_finite(recording, classifier.layout.length, has_verdict)
         return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
-    pooled = pooled_probabilities(probability)
-    trust = trust_in(classifier, pooled, features, error_rate)
-    if classifier.confidence is not None:
-        pooled = classifier.confidence.temperature_scaled(pooled)
+    pooled = pooled_probabilities(probability, classifier.confidence)
+    trust = trust_in(classifier, pooled_probabilities(probability), features, error_rate)
     if not np.isfinite(pooled).all() or (trust is not None and not math.isfinite(trust.ood_score)):
         reason = "the numbers that the model's confidence rests on are not finite; train it again."
         return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)

@@ -10,6 +10,7 @@ from .estimators.registry import BASELINES as BASELINES
 from .estimators.registry import RIDGE_PENALTIES as RIDGE_PENALTIES
 from .estimators.registry import Baseline as Baseline
 from .evaluation.confidence import ConfidenceScores as ConfidenceScores
+from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confidence
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
 from .evaluation.confidence import score_confidence as score_confidence
@@ -18,6 +19,7 @@ from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
 from .evaluation.pooling import likeliest_class as likeliest_class
 from .evaluation.pooling import pooled_probabilities as pooled_probabilities
+from .evaluation.pooling import window_counts as window_counts
 from .evaluation.protocols import Classifier as Classifier
 from .evaluation.protocols import DiagnosingClassifier as DiagnosingClassifier
 from .evaluation.protocols import SureClassifier as SureClassifier
@@ -118,6 +120,7 @@ __all__ = [
     "check_recordings",
     "confounding",
     "copied_recordings",
+    "cross_fitted_confidence",
     "cut_windows",
     "default_settings",
     "evaluate",
@@ -148,6 +151,7 @@ __all__ = [
     "split_by_recording",
     "unseen_recordings",
     "window_batches",
+    "window_counts",
     "window_groups",
     "with_gains",
     "without_overlap",

@@ -80,8 +80,8 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     if diagnosis.trust is not None:
         possible = ", ".join(words(name) for name in diagnosis.trust.prediction_set)
         caption = (
-            f"From the mean log-probability over the windows, at the temperature that {diagnosis.trust.n_validation} "
-            f"validation recordings gave. Not ruled out at an error rate of {percent(diagnosis.trust.error_rate)}: "
+            "Pooled over the windows, with the temperature and the dependence of windows by "
+            f"{diagnosis.trust.basis}. Not ruled out at an error rate of {percent(diagnosis.trust.error_rate)}: "
             f"{possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}

@@ -49,7 +49,7 @@ class FittedClassifier:
     training_reference: TrainingReference | None = None
     """The measured recordings it was trained on, by their vibration features; None where there was none."""
     confidence: Confidence | None = None
-    """How far it can be trusted (`learn_confidence`); None where nobody asked validation recordings."""
+    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
 
     @property
     def sample_rate(self) -> float:

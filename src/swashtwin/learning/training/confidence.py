@@ -1,17 +1,18 @@
-"""How reliable a classifier's answers are, from recordings that it was not trained on.
+"""How reliable a classifier's answers are, from answers to recordings that had no part in training what gave them.
 
 Everything counts recordings, since the windows of one are not independent. Where a new recording comes from the same
-pumps, sensors and conditions as the validation recordings (is exchangeable with them), the rates hold whatever the
-classifier is worth (Vovk, Gammerman and Shafer 2005, DOI 10.1007/b106715); where it does not, nothing holds them.
+pumps, sensors and conditions as the validation recordings (is exchangeable with them), the rates of held-out validation
+hold whatever the classifier is worth (Vovk, Gammerman and Shafer 2005, DOI 10.1007/b106715); where it does not, nothing
+holds them. What holds of cross-fitted answers says `cross_fitted_confidence`.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float64, Int, Int64
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, plural
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,51 +20,118 @@ class Confidence:
     """A temperature, prediction sets and a threshold for what is unknown, learned from validation recordings."""
 
     temperature: float
-    """T by which log-probabilities of a recording are divided: p_c^(1/T) / Σ p^(1/T) (Guo and others 2017,
+    """T by which the log-probabilities of a single window are divided: p_c^(1/T) / Σ p^(1/T) (Guo and others 2017,
     arXiv:1706.04599). Above 1 the classifier was too sure of itself."""
-    nonconformity_score: Float64[np.ndarray, " recording"]
-    """-log p of the true class of each validation recording before the temperature scaling, ascending [nat]."""
+    dependence: float
+    """ρ, how much the windows of a recording repeat each other: n of them count as n / (1 + (n - 1) ρ) independent
+    ones (Kish's design effect, 1965). 0: each window is new evidence; 1: all windows are no more than the first."""
+    listening_windows: tuple[int, ...]
+    """Windows that the rows of `nonconformity_score` pool, ascending from 1; the last row pools whole recordings."""
+    nonconformity_score: Float64[np.ndarray, "listening recording"]
+    """-log p of the true class of each validation recording, from the mean log-probability of its first windows,
+    before the temperature [nat]."""
+    target: Int64[np.ndarray, " recording"]
+    """Index of the true class of each validation recording."""
     ood_score: Float64[np.ndarray, " recording"]
     """Out-of-distribution score of each validation recording, ascending; see `TrainingReference.ood_score`."""
     error_rate: float
     """Share of the recordings whose prediction set may miss the true class, and of those that may be called unknown
     although their class was trained."""
+    cross_fitted: bool = False
+    """Whether the validation recordings are those of the training, each answered by models that were trained without
+    it (`cross_fitted_confidence`), rather than recordings held out (`learn_confidence`)."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.temperature) and self.temperature > 0):
             raise InputError(f"temperature ({self.temperature:g}) must be a positive number.")
+        if not 0 <= self.dependence <= 1:
+            raise InputError(f"dependence ({self.dependence:g}) must lie between 0 and 1.")
         require_enough(self.n_recordings, self.error_rate)
 
     @property
     def n_recordings(self) -> int:
         """Validation recordings it was learned from."""
-        return int(self.nonconformity_score.size)
+        return int(self.target.size)
+
+    @property
+    def basis(self) -> str:
+        """The validation recordings in words."""
+        if self.cross_fitted:
+            return f"{plural(self.n_recordings, 'training recording')} answered by models trained without them"
+        return f"{plural(self.n_recordings, 'validation recording')} held out"
 
     def temperature_scaled(
-        self, probability: Float[np.ndarray, "*recording class"]
+        self, probability: Float[np.ndarray, "*recording class"], n_windows: int | Int[np.ndarray, "*recording"]
     ) -> Float64[np.ndarray, "*recording class"]:
-        """Probabilities of recordings at the temperature; rows sum to 1, and the likeliest class stays.
+        """Calibrated probabilities of recordings; rows sum to 1, and the likeliest class stays.
+
+        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ).
+
+        Parameters
+        ----------
+        probability : from the mean log-probability of the windows (`pooled_probabilities`).
+        n_windows : windows n of each recording.
 
         Examples
         --------
         >>> scores = np.linspace(0.0, 1.0, 9)
-        >>> Confidence(2.0, scores, scores, 0.1).temperature_scaled(np.array([0.96, 0.04])).round(2)
+        >>> confidence = Confidence(2.0, 0.5, (1,), scores[None], np.zeros(9, dtype=np.int64), scores, 0.1)
+        >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 1).round(2)
         array([0.83, 0.17])
+        >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 20).round(2)
+        array([0.95, 0.05])
         """
-        return temperature_scaled(probability, self.temperature)
+        return temperature_scaled(probability, pooled_temperature(self.temperature, self.dependence, n_windows))
 
     def plausibility(
-        self, probability: Float[np.ndarray, "*recording class"]
+        self,
+        probability: Float[np.ndarray, "*recording class"],
+        n_windows: int | Int[np.ndarray, "*recording"],
+        error_rate: float | None = None,
     ) -> Float64[np.ndarray, "*recording class"]:
         """Conformal p-value of each class: the share of recordings whose score is at least as high, this one counted.
 
-        (1 + #{i : s_i >= -log p_c}) / (n + 1), with p_c before the temperature. For the true class it is at most e in
-        a share e of the recordings.
+        (1 + #{i : s_i >= -log p_c}) / (m + 1) over the m validation recordings of the class's `class_groups`, each cut
+        to the most `listening_windows` that the recording has. p_c is that before the temperature, so that no p-value
+        depends on what was fitted to the validation recordings. For the true class it is at most e in a share e of
+        the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
+
+        Parameters
+        ----------
+        probability : from the mean log-probability of the windows (`pooled_probabilities`).
+        n_windows : windows of each recording.
+        error_rate : rate that decides how classes are grouped; the confidence's own by default.
         """
-        return _share(self.nonconformity_score, nonconformity_scores(probability))
+        score = nonconformity_scores(probability)
+        row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1
+        group = self.class_groups(score.shape[-1], error_rate)
+        p_value = np.empty_like(score)
+        for index in np.unique(group):
+            among = self.nonconformity_score[row][..., group[self.target] == index]
+            at_least = (among[..., None, :] >= score[..., group == index, None]).sum(axis=-1)
+            p_value[..., group == index] = (1 + at_least) / (among.shape[-1] + 1)
+        return p_value
+
+    def class_groups(self, n_classes: int, error_rate: float | None = None) -> Int64[np.ndarray, " class"]:
+        """Group of each class: its index where it has validation recordings enough of its own, else -1.
+
+        Scarce classes are judged together. Where they are too few even so, the next scarcest classes join them.
+        """
+        least = least_validation(self.error_rate if error_rate is None else error_rate)
+        count = np.bincount(self.target, minlength=n_classes)
+        order = np.argsort(count, kind="stable")
+        n_together = int(np.count_nonzero(count < least))
+        while n_together and n_together < n_classes and count[order[:n_together]].sum() < least:
+            n_together += 1
+        group = np.arange(n_classes)
+        group[order[:n_together]] = -1
+        return group
 
     def prediction_set(
-        self, probability: Float[np.ndarray, "*recording class"], error_rate: float | None = None
+        self,
+        probability: Float[np.ndarray, "*recording class"],
+        n_windows: int | Int[np.ndarray, "*recording"],
+        error_rate: float | None = None,
     ) -> Bool[np.ndarray, "*recording class"]:
         """Which classes cannot be ruled out at the error rate: those more plausible than it, and always the likeliest.
 
@@ -75,14 +143,16 @@ class Confidence:
         rate = self.error_rate if error_rate is None else error_rate
         require_enough(self.n_recordings, rate)
         probability = np.asarray(probability)
-        return np.asarray((self.plausibility(probability) > rate) | (probability == probability.max(-1, keepdims=True)))
+        is_likeliest = probability == probability.max(-1, keepdims=True)
+        return np.asarray((self.plausibility(probability, n_windows, rate) > rate) | is_likeliest)
 
     def ood_p_value(self, ood_score: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
         """Conformal p-value of resembling the training: the share of recordings whose score is at least as high.
 
         Where it is at most the error rate, the recording is called unknown.
         """
-        return _share(self.ood_score, np.asarray(ood_score))
+        at_least = self.n_recordings - np.searchsorted(self.ood_score, np.asarray(ood_score), side="left")
+        return np.asarray((1 + at_least) / (self.n_recordings + 1), dtype=np.float64)
 
 
 def least_validation(error_rate: float) -> int:
@@ -169,11 +239,18 @@ def allowed_error_rate(n_validation: int, error_rate: float) -> float:
     return math.ceil(1000 / (n_validation + 1)) / 1000
 
 
+def pooled_temperature(
+    temperature: float, dependence: float, n_windows: int | Int[np.ndarray, "*recording"]
+) -> Float64[np.ndarray, "*recording"]:
+    """T / n_eff = T (ρ + (1 - ρ) / n): what divides the mean log-probability of n windows."""
+    return np.asarray(temperature * (dependence + (1 - dependence) / np.asarray(n_windows)), dtype=np.float64)
+
+
 def temperature_scaled(
-    probability: Float[np.ndarray, "*recording class"], temperature: float
+    probability: Float[np.ndarray, "*recording class"], temperature: float | Float[np.ndarray, "..."]
 ) -> Float64[np.ndarray, "*recording class"]:
     """p_c^(1/T) / Σ p^(1/T) along the last axis."""
-    logarithm = -nonconformity_scores(probability) / temperature
+    logarithm = -nonconformity_scores(probability) / np.asarray(temperature)[..., None]
     share = np.exp(logarithm - logarithm.max(axis=-1, keepdims=True))
     return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
@@ -181,8 +258,3 @@ def temperature_scaled(
 def nonconformity_scores(probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
     """-log p [nat], p being 1e-300 at least."""
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
-
-
-def _share(ascending: Float64[np.ndarray, " recording"], value: Float[np.ndarray, "..."]) -> np.ndarray:
-    at_least = ascending.size - np.searchsorted(ascending, value, side="left")
-    return np.asarray((1 + at_least) / (ascending.size + 1), dtype=np.float64)

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
@@ -65,7 +66,7 @@ class _Receptance(torch.autograd.Function):
 
 def _solve(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor) -> Tensor:
     leading = (damping.shape[:-2], stiffness.shape[:-2], s.shape[:-1], force.shape[:-2])
-    batch = torch.broadcast_shapes(*leading)
+    batch = np.broadcast_shapes(*leading)
     damping, stiffness = _flat(damping, batch, 2), _flat(stiffness, batch, 2)
     s, force, mass = _flat(s, batch, 1), _flat(force, batch, 2), mass.contiguous()
     motion = force.new_empty(math.prod(batch), *force.shape[1:])
@@ -77,7 +78,7 @@ def _solve(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: T
     return motion.reshape(*batch, *motion.shape[1:])
 
 
-def _flat(tensor: Tensor, batch: torch.Size, tail: int) -> Tensor:
+def _flat(tensor: Tensor, batch: tuple[int, ...], tail: int) -> Tensor:
     """One leading axis, of length 1 where all of the batch share the values, which lie in memory in their order."""
     shape = tensor.shape[-tail:]
     if math.prod(tensor.shape[:-tail]) > 1:

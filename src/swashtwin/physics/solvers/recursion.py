@@ -22,7 +22,7 @@ def linear_recursion(
     Differentiable with respect to every argument, any number of times: the adjoint is the same recursion backwards in
     time, with Phi transposed. It keeps the states and nothing else.
     """
-    batch = torch.broadcast_shapes(phi.shape[:-2], driven.shape[:-2], start.shape[:-1])
+    batch = np.broadcast_shapes(phi.shape[:-2], driven.shape[:-2], start.shape[:-1])
     count = math.prod(batch)
     phi, driven, start = (
         part.expand(*batch, *part.shape[len(part.shape) - tail :]).reshape(count, *part.shape[len(part.shape) - tail :])

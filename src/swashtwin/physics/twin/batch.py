@@ -3,6 +3,7 @@
 Twins of one pump are solved together, each at its own frequencies; how they are grouped changes no result.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -70,8 +71,8 @@ def accelerations(
         scales = values.new_tensor([twin.scales.values() for twin in twins])
         scales = scales.reshape(len(twins), *[1] * (values.ndim - 2), 4)
     require_positive(values, scales)
-    shape = torch.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
-    inner = shape[1:].numel()
+    shape = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
+    inner = math.prod(shape[1:])
     values, scales = values.expand(*shape, 6).reshape(-1, inner, 6), scales.expand(*shape, 4).reshape(-1, inner, 4)
     orders = reduce(np.union1d, (twin.orders for twin in twins))
     columns, parts = [], []

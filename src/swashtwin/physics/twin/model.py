@@ -212,7 +212,7 @@ class Twin:
         values = self.values if values is None else values
         scales = values.new_tensor(self.scales.values()) if scales is None else scales
         require_positive(values, scales)
-        batch = torch.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
+        batch = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
         rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, 4).reshape(-1, 4)
         lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
         return lines.reshape(*batch, *lines.shape[1:])

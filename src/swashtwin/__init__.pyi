@@ -6,9 +6,11 @@ from .calibration import calibrate as calibrate
 from .calibration import estimate_severity as estimate_severity
 from .calibration import identifiability as identifiability
 from .calibration import load_calibration as load_calibration
+from .diagnosis import AnomalyDetector as AnomalyDetector
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import FaultClassifier as FaultClassifier
 from .diagnosis import export_onnx as export_onnx
+from .diagnosis import fit_healthy as fit_healthy
 from .foundation import LeakError as LeakError
 from .foundation import MPa as MPa
 from .foundation import SwashTwinError as SwashTwinError
@@ -48,6 +50,7 @@ from .synthesis import register_filler as register_filler
 from .synthesis import synthesize as synthesize
 
 __all__ = [
+    "AnomalyDetector",
     "BoreDefect",
     "Calibration",
     "DamScratch",
@@ -78,6 +81,7 @@ __all__ = [
     "deg",
     "estimate_severity",
     "export_onnx",
+    "fit_healthy",
     "identifiability",
     "inspect_recordings",
     "load_calibration",

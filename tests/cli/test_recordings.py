@@ -196,7 +196,7 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
     answer = run_json("diagnose", tmp_path / "m.safetensors", tmp_path / "new.h5")["diagnoses"]
     assert [item["label"] for item in answer] == [item["recording_id"].split("_")[0] for item in answer]
     refusal = one_line(run("diagnose", tmp_path / "m.safetensors", tmp_path / "new", code=3))
-    assert "does not fit the classifier" in refusal
+    assert "does not fit the model" in refusal
     assert 'resample = "..."' in refusal
 
 

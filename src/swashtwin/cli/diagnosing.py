@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
+from swashtwin.cli.detecting import diagnose_anomalies
 from swashtwin.cli.exits import NO_VERDICT, require_files, require_target
 from swashtwin.cli.options import (
     CalibrationFactor,
@@ -30,7 +31,7 @@ from swashtwin.foundation import plural
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swashtwin.diagnosis import Diagnosis, Evidence
+    from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, Evidence
 
 EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
@@ -48,7 +49,8 @@ def diagnose(
     pressure: StatedPressure = None,
     resample: Resample = None,
     error_rate: Annotated[
-        float | None, typer.Option(help="Of the prediction sets and of calling unknown; the model's own by default.")
+        float | None,
+        typer.Option(help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."),
     ] = None,
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
     report: Annotated[
@@ -57,7 +59,7 @@ def diagnose(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Name the class of each recording, and what a reader should know before trusting it.
+    """Name the class of each recording, or whether it deviates, and what to know before trusting it.
 
     The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
     """
@@ -67,7 +69,7 @@ def diagnose(
         require_target(report)
     elif report is not None:
         as_folder(report)
-    classifier = diagnosis.load_classifier(model)
+    classifier = diagnosis.load_model(model)
     facts = present(
         sample_rate=sample_rate,
         unit=unit,
@@ -79,6 +81,9 @@ def diagnose(
         resample=resample,
     )
     recordings = load_distinct(paths, **facts)
+    if isinstance(classifier, diagnosis.AnomalyDetector):
+        diagnose_anomalies(classifier, model, recordings, error_rate, report, as_json)
+        return
     verdicts = [
         diagnosis.diagnose(classifier, recording, error_rate=error_rate)
         for recording in with_bar(recordings, "diagnosing")
@@ -90,7 +95,9 @@ def diagnose(
             diagnosis.explain(classifier, recording, verdict, pistons=pistons)
             for recording, verdict in with_bar(pairs, "collecting evidence")
         ]
-        page = _write_page(verdicts, evidence, report)
+        by_id = {item.recording_id: item for item in evidence}
+        items = [item for verdict in verdicts for item in (verdict, by_id.get(verdict.recording_id))]
+        page = write_page([item for item in items if item is not None], report)
 
     def show() -> None:
         _show_verdicts(verdicts, len(classifier.manifest))
@@ -106,14 +113,11 @@ def diagnose(
         raise typer.Exit(NO_VERDICT)
 
 
-def _write_page(verdicts: "Sequence[Diagnosis]", evidence: "Sequence[Evidence]", target: Path) -> Path:
+def write_page(items: "Sequence[Diagnosis | Evidence | AnomalyVerdict]", target: Path) -> Path:
     """Path of the page: `target` itself where it is an HTML file, which needs no other."""
     from swashtwin.foundation import write_text
     from swashtwin.report import write_report
 
-    by_id = {item.recording_id: item for item in evidence}
-    pairs = [(verdict, by_id.get(verdict.recording_id)) for verdict in verdicts]
-    items = [item for pair in pairs for item in pair if item is not None]
     if target.suffix != ".html":
         return write_report(*items, folder=target)
     with TemporaryDirectory() as folder:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.detecting import are_healthy, evaluate_detector, train_detector
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import (
     GroupName,
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 _ERROR_RATE = 0.1
 """Error rate by default."""
+_TEST_FRACTION = 0.2
+"""Share held out by default."""
 
 
 def train(
@@ -46,8 +49,9 @@ def train(
         list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
     ] = None,
     test_fraction: Annotated[
-        float, typer.Option(min=0, max=0.5, help="Share held out for evaluate; 0 trains on all.")
-    ] = 0.2,
+        float | None,
+        typer.Option(min=0, max=0.5, help="Share held out for evaluate; 0.2 by default, 0 trains on all."),
+    ] = None,
     validation_fraction: Annotated[
         float,
         typer.Option(
@@ -58,7 +62,8 @@ def train(
         float | None,
         typer.Option(
             help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown; 0.1 by default, "
-            "or the least that the validation recordings allow."
+            "or the least that the validation recordings allow. Of healthy recordings alone: the false-alarm rate, "
+            "0.05 by default."
         ),
     ] = None,
     group: GroupName = "recording",
@@ -87,9 +92,12 @@ def train(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on."""
+    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on.
+
+    Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
+    """
     from swashtwin.diagnosis import save_classifier
-    from swashtwin.foundation import DataError, InputError
+    from swashtwin.foundation import DataError
     from swashtwin.learning import (
         build_network,
         check_disjoint,
@@ -112,17 +120,22 @@ def train(
         seen_recordings,
     )
 
-    if resume and checkpoint is None:
-        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
+    _require_checkpoint(checkpoint, resume)
     require_target(out)
     require_files(add or [])
-    network, recipe, shape = _recipe(network, settings, preset, window)
+    network_name, (network, recipe, shape) = network, _recipe(network, settings, preset, window)
     added = [load_windows(path) for path in add or ()]
     manifest = join_manifests([synthetic.manifest for synthetic in added])
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": window}
-    if checkpoint is not None and checkpoint.exists() and not resume:
-        raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
     recordings = load_recordings(source)
+    if not added and are_healthy(recordings):
+        classifier_options = {
+            "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network_name,
+            "set": settings, "checkpoint": checkpoint, "window_stride": window_stride,
+        }  # fmt: skip
+        train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
+        return
+    test_fraction = _or_default(test_fraction, _TEST_FRACTION)
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     groups = recording_groups(recordings, group)
     windows = cut_windows(
@@ -136,7 +149,7 @@ def train(
     if test_fraction:
         training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
     validation = None
-    asked_rate = allowed_rate = _ERROR_RATE if error_rate is None else error_rate
+    asked_rate = allowed_rate = _or_default(error_rate, _ERROR_RATE)
     if validation_fraction:
         n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
         plan = plan_validation(n_left, asked_rate, validation_fraction)
@@ -178,6 +191,20 @@ def train(
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
 
 
+def _or_default(value: float | None, default: float) -> float:
+    return default if value is None else value
+
+
+def _require_checkpoint(checkpoint: Path | None, resume: bool) -> None:
+    """Refuse to continue from nothing, and to replace a checkpoint."""
+    from swashtwin.foundation import InputError
+
+    if resume and checkpoint is None:
+        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
+    if checkpoint is not None and checkpoint.exists() and not resume:
+        raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
+
+
 def _recipe(
     network: str | None, texts: list[str] | None, preset: Preset, window: int
 ) -> tuple[str, "TrainingSettings", dict[str, Any]]:
@@ -207,7 +234,8 @@ def _check_classes(labels: set[str | None], source: Path) -> None:
     if len(classes) == 1:
         raise DataError(
             f"{source}: every recording is of the class {classes[0]!r}; a classifier needs two classes at least: "
-            "record a fault, or add synthetic windows of one with --add."
+            "record another, or add synthetic windows of one with --add; healthy recordings alone make an anomaly "
+            "detector."
         )
 
 
@@ -291,16 +319,19 @@ def evaluate(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Score a classifier on the recordings of an index that had no part in it."""
+    """Score a model on the recordings of an index that had no part in it."""
     import swashtwin.learning as learning
-    from swashtwin.diagnosis import load_classifier
+    from swashtwin.diagnosis import AnomalyDetector, load_model
     from swashtwin.recordings import load_recordings
 
     if level is not None and level not in learning.LEVELS:
         raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
-    classifier = load_classifier(model)
+    classifier = load_model(model)
+    recordings = load_recordings(source)
+    if isinstance(classifier, AnomalyDetector):
+        evaluate_detector(classifier, model, recordings, ids, as_json)
+        return
     with progress("evaluating"):
-        recordings = load_recordings(source)
         chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
         test = learning.cut_windows(
             chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True

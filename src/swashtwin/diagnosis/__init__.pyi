@@ -1,9 +1,15 @@
 """Names that other rooms import, and where each lives."""
 
+from .alarm_scores import AlarmScores as AlarmScores
+from .alarm_scores import score_alarms as score_alarms
+from .anomaly_detector import AnomalyDetector as AnomalyDetector
+from .anomaly_detector import AnomalyVerdict as AnomalyVerdict
+from .anomaly_detector import fit_healthy as fit_healthy
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .evidence import hertz as hertz
 from .fault_classifier import FaultClassifier as FaultClassifier
+from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
@@ -11,13 +17,19 @@ from .verdict import Diagnosis as Diagnosis
 from .verdict import diagnose as diagnose
 
 __all__ = [
+    "AlarmScores",
+    "AnomalyDetector",
+    "AnomalyVerdict",
     "Diagnosis",
     "Evidence",
     "FaultClassifier",
     "diagnose",
     "explain",
     "export_onnx",
+    "fit_healthy",
     "hertz",
     "load_classifier",
+    "load_model",
     "save_classifier",
+    "score_alarms",
 ]

@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
     DiagnosingClassifier,
-    WindowLayout,
     WindowSet,
     likeliest_class,
     pooled_probabilities,
@@ -103,7 +103,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
             f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it with "
             "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
-    _require_layout(classifier, recording)
+    require_layout(classifier.layout, recording)
     try:
         scaled_classifier, parts = fit_to_recording(classifier, recording)
         answers = [scaled_classifier.answer(windows) for windows in parts()]
@@ -158,7 +158,7 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
     DataError
         The recording does not fit the classifier.
     """
-    _require_layout(classifier, recording)
+    require_layout(classifier.layout, recording)
     parts = partial(
         window_batches,
         recording.relabeled(None),
@@ -168,27 +168,6 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
         batch=_TOGETHER,
     )
     return classifier.scaled_for(parts), parts
-
-
-def _require_layout(classifier: DiagnosingClassifier, recording: Recording) -> None:
-    layout = WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, classifier.layout.length)
-    if difference := classifier.layout.difference(layout):
-        raise DataError(
-            f"{recording.recording_id} does not fit the classifier (what it was trained on against this recording): "
-            f"{difference}; {_advice(difference, classifier.layout.sample_rate)}."
-        )
-
-
-def _advice(difference: str, rate: float) -> str:
-    """What to do about a difference of layouts."""
-    if difference.startswith("sample rate"):
-        return f'bring it to the classifier\'s rate with --resample "{rate:g} Hz", or resample = "..." in its index'
-    if difference.startswith("unit"):
-        return 'state what a sample is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
-    return (
-        "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
-        "for each"
-    )
 
 
 def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:

@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .artifacts import add_prefix as add_prefix
+from .artifacts import artifact_kind as artifact_kind
 from .artifacts import optimizer_tensors as optimizer_tensors
 from .artifacts import parse_json as parse_json
 from .artifacts import read_artifact as read_artifact
@@ -75,6 +76,7 @@ __all__ = [
     "UnitError",
     "__version__",
     "add_prefix",
+    "artifact_kind",
     "bar",
     "celsius",
     "compiled",

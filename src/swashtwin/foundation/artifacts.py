@@ -109,6 +109,16 @@ def read_artifact(
     return card, tensors
 
 
+def artifact_kind(path: Path | str) -> str:
+    """Kind of the artifact in a file, empty where it is none; nothing else of it is read or checked."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            note = parse_json((file.metadata() or {}).get(_KEY, "{}"))
+    except (SafetensorError, OSError, ValueError, RecursionError):
+        return ""
+    return str(note.get("kind", "")) if isinstance(note, dict) else ""
+
+
 def parse_json(text: str) -> Any:
     """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a number can be."""
     return json.loads(text, parse_constant=_refuse_constant, parse_int=_parse_int, parse_float=_parse_float)

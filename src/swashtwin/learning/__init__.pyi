@@ -17,6 +17,7 @@ from .evaluation.confidence import score_confidence as score_confidence
 from .evaluation.levels import LEVELS as LEVELS
 from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
+from .evaluation.metrics import wilson_interval as wilson_interval
 from .evaluation.pooling import likeliest_class as likeliest_class
 from .evaluation.pooling import pooled_probabilities as pooled_probabilities
 from .evaluation.pooling import window_counts as window_counts
@@ -29,6 +30,11 @@ from .evaluation.unseen import unseen_recordings as unseen_recordings
 from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features
+from .healthy.healthy_levels import Deviation as Deviation
+from .healthy.healthy_levels import HealthyLevels as HealthyLevels
+from .healthy.healthy_levels import measure_healthy as measure_healthy
+from .healthy.levels import Level as Level
+from .healthy.levels import LevelLayout as LevelLayout
 from .leakage.audit import audit as audit
 from .leakage.confounding import confounding as confounding
 from .leakage.copies import copied_recordings as copied_recordings
@@ -95,12 +101,16 @@ __all__ = [
     "ConfidenceScores",
     "DataCheck",
     "DecisionSoftmax",
+    "Deviation",
     "DiagnosingClassifier",
     "Epoch",
     "FeatureTable",
     "FittedBaseline",
     "FittedClassifier",
     "Fold",
+    "HealthyLevels",
+    "Level",
+    "LevelLayout",
     "Network",
     "Normalization",
     "Scores",
@@ -135,6 +145,7 @@ __all__ = [
     "learn_confidence",
     "likeliest_class",
     "load_windows",
+    "measure_healthy",
     "plan_validation",
     "pooled_probabilities",
     "read_audit_rows",
@@ -150,6 +161,7 @@ __all__ = [
     "score_confidence",
     "split_by_recording",
     "unseen_recordings",
+    "wilson_interval",
     "window_batches",
     "window_counts",
     "window_groups",

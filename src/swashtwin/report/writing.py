@@ -14,9 +14,10 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
-from swashtwin.diagnosis import Diagnosis, Evidence
+from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, Evidence
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, replacing
 from swashtwin.learning import DataCheck, Scores
+from swashtwin.report.anomaly_part import anomaly_part
 from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
@@ -35,7 +36,15 @@ _UNKNOWN_ORIGIN = (
 
 
 def write_report(
-    *items: Calibration | Difference | IdentifiabilityReport | Scores | DataCheck | Diagnosis | Evidence | Part,
+    *items: Calibration
+    | Difference
+    | IdentifiabilityReport
+    | Scores
+    | DataCheck
+    | Diagnosis
+    | AnomalyVerdict
+    | Evidence
+    | Part,
     folder: Path | str,
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
@@ -99,6 +108,7 @@ part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
 part_of.register(DataCheck)(check_part)
 part_of.register(Diagnosis)(diagnosis_part)
+part_of.register(AnomalyVerdict)(anomaly_part)
 part_of.register(Evidence)(evidence_part)
 
 

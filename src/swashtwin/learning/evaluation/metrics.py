@@ -90,13 +90,13 @@ def accuracy_interval(
     [0.839, 1.0]
     """
     correct, total = np.bincount(group, weights=right), np.bincount(group)
-    wilson = _wilson_interval(float(right.mean()), total.size)
+    wilson = wilson_interval(float(right.mean()), total.size)
     times = stream(seed, "bootstrap").multinomial(total.size, np.full(total.size, 1 / total.size), size=draws)
     low, high = np.percentile((times @ correct) / (times @ total), [2.5, 97.5])
     return min(float(low), wilson[0]), max(float(high), wilson[1])
 
 
-def _wilson_interval(share: float, n: int) -> tuple[float, float]:
+def wilson_interval(share: float, n: int) -> tuple[float, float]:
     """95 % interval of a share in `n` independent trials."""
     z = 1.959964
     middle = (share + z**2 / (2 * n)) / (1 + z**2 / n)

@@ -218,7 +218,8 @@ class WindowSet:
         if len(self.classes) < 2:
             raise DataError(
                 f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
-                "classes at least: record a fault, or add synthetic windows of one."
+                "classes at least: record a fault, or add synthetic windows of one. Of healthy recordings alone, "
+                "fit_healthy(recordings) makes a detector of deviations."
             )
 
     def fingerprint(self) -> str:

@@ -1,0 +1,231 @@
+"""`AnomalyDetector`: alarms at a stated false-alarm rate, learned from healthy recordings alone."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from swashtwin.diagnosis.detector_file import read_detector, write_detector
+from swashtwin.diagnosis.layout import require_layout
+from swashtwin.diagnosis.level_changes import LevelChange, level_changes
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import Deviation, HealthyLevels, Level, LevelLayout, measure_healthy
+from swashtwin.pump import is_healthy
+from swashtwin.recordings import Manifest, Recording, manifest_of, seen_recordings, stated_speed
+
+USUAL_ERROR_RATE = 0.05
+"""False-alarm rate where none is asked for and the recordings allow it."""
+
+
+@dataclass(frozen=True, eq=False)
+class AnomalyVerdict:
+    """Whether a recording deviates from the healthy ones of its machine."""
+
+    recording_id: str
+    """The recording that was judged."""
+    alarm: bool | None
+    """Whether it is further from the healthy recordings than the false-alarm rate allows; None without a verdict."""
+    p_value: float
+    """Chance that a healthy recording is as far, 1 / (n + 1) at least; NaN without a verdict."""
+    error_rate: float
+    """False-alarm rate: an alarm is raised where `p_value` is at most this."""
+    n_healthy: int
+    """Number of healthy recordings that it was compared with."""
+    shifts: tuple[str, ...]
+    """Channels that moved as a whole, in words."""
+    changes: tuple[LevelChange, ...]
+    """Levels that moved, furthest first; also without an alarm."""
+    notes: tuple[str, ...]
+    """What a reader should know before trusting it."""
+    no_verdict: str | None = None
+    """Why there is no verdict; None where there is one."""
+    deviation: Deviation | None = None
+    """All levels' changes; None without a verdict."""
+    levels: tuple[Level, ...] = ()
+    """What each level is."""
+
+    def __repr__(self) -> str:
+        return f"<AnomalyVerdict on {self.recording_id}: {self.sentence()}>"
+
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        if self.alarm is None:
+            return f"no verdict. {self.no_verdict}"
+        rate, least = f"{100 * self.error_rate:.3g} %", 1 / (self.n_healthy + 1)
+        less = "or less" if self.p_value <= least * (1 + 1e-9) else ""
+        p_value = f"p = {self.p_value:.3g} {less}".rstrip()
+        moved = "; ".join((*self.shifts, *(change.sentence for change in self.changes[:3])))
+        moved = f" Moved: {moved}." if moved else ""
+        if self.alarm:
+            return f"alarm at a false-alarm rate of {rate} ({p_value}, {self.n_healthy} healthy recordings).{moved}"
+        return f"no alarm at a false-alarm rate of {rate} ({p_value}, {self.n_healthy} healthy recordings)."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, words and lists that JSON can hold."""
+        deviation = self.deviation
+        return {
+            "recording_id": self.recording_id,
+            "alarm": self.alarm,
+            "p_value": None if deviation is None else self.p_value,
+            "score": None if deviation is None else deviation.score,
+            "error_rate": self.error_rate,
+            "n_healthy": self.n_healthy,
+            "point": None if deviation is None else deviation.point,
+            "shifts": list(self.shifts),
+            "changes": [change.to_dict() for change in self.changes],
+            "notes": list(self.notes),
+            "no_verdict": self.no_verdict,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class AnomalyDetector:
+    """Levels of healthy recordings, and the false-alarm rate; `fit_healthy` makes it."""
+
+    healthy: HealthyLevels
+    """What a recording is compared with."""
+    error_rate: float
+    """False-alarm rate."""
+    notes: tuple[str, ...] = ()
+    """What was left out, and what so many recordings cannot give."""
+
+    def __post_init__(self) -> None:
+        require_allowed(self.healthy.n_recordings, self.error_rate)
+
+    def __repr__(self) -> str:
+        return (
+            f"<AnomalyDetector: {self.healthy.n_recordings} healthy recordings at {len(self.healthy.points)} operating "
+            f"point(s), false-alarm rate {self.error_rate:g}>"
+        )
+
+    @property
+    def layout(self) -> LevelLayout:
+        """What recordings must have in common with the healthy ones, and which levels are compared."""
+        return self.healthy.layout
+
+    @property
+    def manifest(self) -> Manifest:
+        """The healthy recordings, by id and content."""
+        return self.healthy.manifest
+
+    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> AnomalyVerdict:
+        """Whether a recording deviates from the healthy ones of its machine at its operating point, and in what.
+
+        A recording that cannot be used, or of a machine or operating point without healthy recordings, has no verdict.
+
+        Parameters
+        ----------
+        error_rate : false-alarm rate; the detector's own by default.
+
+        Raises
+        ------
+        DataError
+            The recording has another sample rate, other channels or another unit.
+        InputError
+            A false-alarm rate that the healthy recordings are too few for.
+        """
+        rate = self.error_rate if error_rate is None else error_rate
+        require_allowed(self.healthy.n_recordings, rate)
+        require_layout(self.layout, recording)
+        count = self.healthy.n_recordings
+        try:
+            deviation = self.healthy.deviation(recording)
+            seen = seen_recordings(self.manifest, manifest_of([recording]))
+        except DataError as cause:
+            return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), str(cause))
+        if not math.isfinite(deviation.score):
+            reason = "its levels are no finite numbers: a sample is far too large; cut it out or repair the file."
+            return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), reason)
+        notes = deviation.notes
+        if seen:
+            notes = (
+                "It is one of the healthy recordings that made the detector; this proves nothing.",
+                *notes,
+            )
+        shifts, changes = level_changes(deviation, self.layout.levels, stated_speed(recording))
+        return AnomalyVerdict(
+            recording_id=recording.recording_id,
+            alarm=deviation.p_value <= rate * (1 + 1e-9),
+            p_value=deviation.p_value,
+            error_rate=rate,
+            n_healthy=count,
+            shifts=shifts,
+            changes=changes,
+            notes=notes,
+            deviation=deviation,
+            levels=self.layout.levels,
+        )
+
+    def save(self, path: Path | str) -> Path:
+        """`path`, after the detector was written to it whole."""
+        return write_detector(path, self.healthy, self.error_rate, self.notes)
+
+    @classmethod
+    def load(cls, path: Path | str) -> "AnomalyDetector":
+        """The detector that `save` wrote.
+
+        Raises
+        ------
+        MissingFileError
+            There is no such file.
+        ArtifactError
+            It is damaged, no detector, or of another version.
+        """
+        return cls(*read_detector(path))
+
+
+def fit_healthy(
+    recordings: Sequence[Recording],
+    *,
+    error_rate: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> AnomalyDetector:
+    """Detector of deviations from healthy recordings, with a stated false-alarm rate.
+
+    Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
+    operating point; how much they scatter is learned from all points together. docs/diagnosis.md has the method.
+
+    Parameters
+    ----------
+    recordings : healthy ones, labeled so or not at all; 20 allow a rate of 0.05, n of them 1 / (n + 1).
+    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow.
+    progress : called with the number of recordings that are done, and of all.
+
+    Raises
+    ------
+    DataError
+        A recording has a label that is not healthy, or they are unfit, do not fit together, or are too few.
+    InputError
+        A false-alarm rate that the recordings are too few for.
+    """
+    for recording in recordings:
+        if recording.label is not None and not is_healthy(recording.label):
+            raise DataError(
+                f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector learns from healthy "
+                "recordings alone: leave the others out, or train a classifier on two classes or more."
+            )
+    if error_rate is not None:
+        require_allowed(len(recordings), error_rate)
+    healthy, notes = measure_healthy(recordings, progress=progress)
+    allowed = math.ceil(1000 * healthy.least_error_rate - 1e-9) / 1000
+    if error_rate is None and allowed > USUAL_ERROR_RATE:
+        needed = math.ceil(1 / USUAL_ERROR_RATE - 1)
+        notes = (
+            *notes,
+            f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {allowed:g}; "
+            f"{USUAL_ERROR_RATE:g} takes {needed}.",
+        )
+    return AnomalyDetector(healthy, max(USUAL_ERROR_RATE, allowed) if error_rate is None else error_rate, notes)
+
+
+def require_allowed(n_healthy: int, error_rate: float) -> None:
+    """Refuse a false-alarm rate that so many healthy recordings cannot state."""
+    if not 0 < error_rate < 1:
+        raise InputError(f"error_rate ({error_rate:g}) must lie between 0 and 1; one false alarm in twenty is 0.05.")
+    needed = math.ceil(1 / error_rate - 1 - 1e-9)
+    if n_healthy < needed:
+        raise InputError(
+            f"a false-alarm rate of {error_rate:g} needs {needed} healthy recordings at least, there are {n_healthy}; "
+            f"record more, or allow {math.ceil(1000 / (n_healthy + 1) - 1e-9) / 1000:g}."
+        )

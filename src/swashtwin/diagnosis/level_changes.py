@@ -1,0 +1,96 @@
+"""Which levels of a recording moved, in words."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.learning import Deviation, Level
+
+LEAST_SPREADS = 3.0
+"""Standard deviations by which a level must have moved to be listed."""
+_MOST = 8
+_SHIFT, _ALIKE = 3.0, 0.25
+"""A channel as a whole moved if the median change of its bands is at least so many dB, and the bands differ from it by
+so little, relative to it, in the median."""
+
+
+@dataclass(frozen=True)
+class LevelChange:
+    """One level that moved."""
+
+    channel: str
+    """Channel."""
+    level: str
+    """What it is the level of, such as ``shaft order 9 (129 Hz)``."""
+    change: float
+    """Change from the mean of the healthy recordings [dB]."""
+    spreads: float
+    """The same over the standard deviation of such a difference between healthy recordings."""
+
+    @property
+    def sentence(self) -> str:
+        """The same in words: ``+6.2 dB at shaft order 9 (129 Hz), channel x``."""
+        return f"{self.change:+.1f} dB at {self.level}, channel {self.channel}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers and words that JSON can hold."""
+        return asdict(self)
+
+
+def level_changes(
+    deviation: Deviation, levels: Sequence[Level], shaft: float | None
+) -> tuple[tuple[str, ...], tuple[LevelChange, ...]]:
+    """(channels that moved as a whole, in words; the levels that moved most beside that, furthest first).
+
+    A band is left out where an order within it moved further, and an order where its band did.
+
+    Parameters
+    ----------
+    levels : what each level is.
+    shaft : shaft frequency [Hz], to say where orders are.
+    """
+    change, spreads = deviation.change.copy(), deviation.spreads.copy()
+    sentences = []
+    for channel in dict.fromkeys(level.channel for level in levels):
+        of_channel = np.array([level.channel == channel for level in levels])
+        shift = _common_shift(change[of_channel & np.array([level.is_band for level in levels])])
+        if shift:
+            sentences.append(
+                f"{shift:+.1f} dB in all bands of channel {channel}: a changed gain, sensor or mounting does that"
+            )
+            scatter = deviation.change[of_channel] / deviation.spreads[of_channel]
+            change[of_channel] -= shift
+            spreads[of_channel] = change[of_channel] / scatter
+    listed: list[int] = []
+    for index in np.argsort(-np.abs(spreads)).tolist():
+        if len(listed) == _MOST or abs(spreads[index]) < LEAST_SPREADS:
+            break
+        if not any(_overlap(levels[index], levels[other], shaft) for other in listed):
+            listed.append(index)
+    return tuple(sentences), tuple(
+        LevelChange(
+            levels[index].channel, levels[index].words(shaft), float(deviation.change[index]),
+            float(deviation.spreads[index]),
+        )
+        for index in listed
+    )  # fmt: skip
+
+
+def _common_shift(change: Float[np.ndarray, " band"]) -> float:
+    """Median change of a channel's bands [dB] where nearly all moved alike, else 0."""
+    shift = float(np.median(change))
+    is_alike = np.median(np.abs(change - shift)) <= _ALIKE * abs(shift)
+    return shift if abs(shift) >= _SHIFT and is_alike else 0.0
+
+
+def _overlap(first: Level, second: Level, shaft: float | None) -> bool:
+    """Whether two levels of one channel, one an order and one a band, hold the same lines."""
+    if (first.channel, first.is_envelope) != (second.channel, second.is_envelope):
+        return False
+    if (first.order is None) is (second.order is None):
+        return False
+    edges = first.edges(shaft), second.edges(shaft)
+    return edges[0][0] < edges[1][1] and edges[1][0] < edges[0][1]

@@ -1,0 +1,1 @@
+"""Novelty detection: levels of healthy recordings, and how far a recording is from them."""

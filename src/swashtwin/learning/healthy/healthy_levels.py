@@ -1,0 +1,264 @@
+"""Levels of a machine's healthy recordings by operating point: what a new recording is compared with."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.learning.healthy.conformal import conformal_p_value, nonconformity_scores, robust_spread
+from swashtwin.learning.healthy.levels import MOST_ORDERS, LevelLayout
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values, values_match
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    layout_findings,
+    manifest_of,
+    repeated_recordings,
+    stated_pressure,
+    stated_speed,
+)
+
+LEAST_HEALTHY = 5
+"""Healthy recordings that levels are compared with at least: of fewer, no spread can be told."""
+_TURNS = 8
+"""Revolutions in each segment where the speed is known, so that eight spectral lines lie from order to order."""
+_SEGMENT = 8192
+"""Samples of each segment otherwise, at most."""
+_SHORTEST = 0.5
+"""Length of a recording over that of the shortest healthy one, at least: levels of a shorter one scatter more."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a recording is from the healthy ones of its machine at its operating point."""
+
+    score: float
+    """Nonconformity score: squared Mahalanobis distance, up to a factor."""
+    p_value: float
+    """Conformal p-value: chance that a healthy recording is as far, 1 / (n + 1) at least."""
+    change: Float64[np.ndarray, " level"]
+    """Change [dB] of each level from the mean of the healthy ones."""
+    spreads: Float64[np.ndarray, " level"]
+    """The same over the standard deviation of such a difference between healthy recordings."""
+    point: str
+    """Machine and operating point whose healthy recordings it was compared with, in words; empty for the only one."""
+    n_point: int
+    """How many these are."""
+    notes: tuple[str, ...]
+    """What was assumed, since the recording does not state it."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthyLevels:
+    """Levels of healthy recordings, with the machine and the operating point of each; it holds no samples."""
+
+    layout: LevelLayout
+    """Which levels."""
+    levels: Float64[np.ndarray, "recording level"]
+    """Levels of each recording [dB]."""
+    specimen: tuple[str, ...]
+    """Machine of each; empty where none is stated."""
+    speed: Float64[np.ndarray, " recording"]
+    """Speed of each recording's operating point [rad/s], NaN where none is stated."""
+    pressure: Float64[np.ndarray, " recording"]
+    """Discharge pressure of each recording's operating point [Pa], NaN where none is stated."""
+    shortest: int
+    """Samples of the shortest recording."""
+    manifest: Manifest
+    """The recordings, by id and content."""
+
+    @property
+    def n_recordings(self) -> int:
+        """Number of recordings."""
+        return len(self.levels)
+
+    @property
+    def least_error_rate(self) -> float:
+        """Least false-alarm rate that so many recordings can state: 1 / (n + 1)."""
+        return 1 / (self.n_recordings + 1)
+
+    @cached_property
+    def points(self) -> tuple[tuple[str | float, ...], ...]:
+        """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point."""
+        return tuple(dict.fromkeys(map(_point_key, self.specimen, self.speed.tolist(), self.pressure.tolist())))
+
+    @cached_property
+    def point_index(self) -> Int64[np.ndarray, " recording"]:
+        """Index of each recording's point."""
+        index = {key: number for number, key in enumerate(self.points)}
+        keys = map(_point_key, self.specimen, self.speed.tolist(), self.pressure.tolist())
+        return np.array([index[key] for key in keys], dtype=np.int64)
+
+    def deviation(self, recording: Recording) -> Deviation:
+        """How far a recording is from the healthy ones.
+
+        The recording joins the healthy ones, and all of them are scored alike, so the p-value is exact where it is
+        exchangeable with them (`conformal_p_value`).
+
+        Raises
+        ------
+        DataError
+            It is unfit, much shorter than the healthy ones, or of a machine or operating point that has none.
+        """
+        if recording.n_samples < _SHORTEST * self.shortest:
+            raise DataError(
+                f"{recording.recording_id} is {recording.duration:.3g} s long, the shortest healthy recording "
+                f"{self.shortest / self.layout.sample_rate:.3g} s: the levels of so short a one scatter more; record "
+                "longer."
+            )
+        index, notes = self._point_of(recording)
+        levels = self.layout.measure(recording)
+        scores = nonconformity_scores(np.vstack([self.levels, levels]), np.append(self.point_index, index))
+        members = self.levels[self.point_index == index]
+        change = levels - members.mean(axis=0)
+        scatter = robust_spread(self.levels, self.point_index) * math.sqrt(1 + 1 / len(members))
+        words = self._words(index) if len(self.points) > 1 else ""
+        p_value = conformal_p_value(scores)
+        return Deviation(float(scores[-1]), p_value, change, change / scatter, words, len(members), notes)
+
+    def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
+        """Index of a recording's point, and notes on what it does not state."""
+        stated = (recording.specimen or "", *_stated_point(recording))
+        left, missing = list(range(len(self.points))), []
+        for part, (noun, tolerance) in enumerate(_FACTS):
+            matching = [index for index in left if _may_match(self.points[index][part], stated[part], tolerance)]
+            if not matching:
+                others = dict.fromkeys(_fact_words(part, self.points[index][part]) for index in left)
+                where = f"{'of' if part == 0 else 'at the'} {noun} {_fact_words(part, stated[part])}"
+                raise DataError(
+                    f"no healthy recording is {where} ({', '.join(others)} {'were' if len(others) > 1 else 'was'} "
+                    "recorded), so nothing can be said about this one."
+                )
+            left = matching
+            if _is_missing(stated[part]) and not all(_is_missing(self.points[index][part]) for index in left):
+                missing.append(noun)
+        if len(left) > 1:
+            raise DataError(
+                f"healthy recordings are of {len(left)} machines and operating points ("
+                f"{'; '.join(self._words(index) for index in left[:6])}), and {recording.recording_id} does not state "
+                f"its {' and '.join(missing)}; state {'them' if len(missing) > 1 else 'it'} in an index, or the speed "
+                "and the pressure with --speed and --pressure."
+            )
+        if not missing:
+            return left[0], ()
+        return left[0], (f"It does not state its {' and '.join(missing)}; {self._words(left[0])} was assumed.",)
+
+    def _words(self, index: int) -> str:
+        facts = [_fact_words(part, value) for part, value in enumerate(self.points[index]) if not _is_missing(value)]
+        return ", ".join(facts) or "no operating point stated"
+
+
+_FACTS = (("specimen", 0.0), ("speed", SPEED_TOLERANCE), ("pressure", PRESSURE_TOLERANCE))
+"""Facts of a point, and the relative difference up to which two are the same."""
+
+
+def measure_healthy(
+    recordings: Sequence[Recording], *, progress: Callable[[int, int], None] | None = None
+) -> tuple[HealthyLevels, tuple[str, ...]]:
+    """(levels of healthy recordings, notes on what was left out and why).
+
+    Parameters
+    ----------
+    recordings : in memory or in their files, all healthy. Recordings of one machine within 2 % of speed and 6 % of
+        pressure are of one operating point.
+    progress : called with the number of recordings that are done, and of all.
+
+    Raises
+    ------
+    DataError
+        Recordings that do not fit together or are unfit, or fewer than `LEAST_HEALTHY` are left.
+    InputError
+        A recording is synthetic.
+    """
+    for recording in recordings:
+        if recording.synthetic:
+            raise InputError(f"{recording.recording_id} is synthetic; only measured recordings say how much scatters.")
+    for finding in layout_findings(recordings):
+        raise DataError(finding.message)
+    manifest = manifest_of(recordings)
+    copies = repeated_recordings(manifest)
+    notes = [f"{name} holds the same samples as {first} and is left out." for name, first in copies.items()]
+    distinct = [recording for recording in recordings if recording.recording_id not in copies]
+    facts = np.array([_stated_point(recording) for recording in distinct]).reshape(-1, 2)
+    speed = merge_close_values(facts[:, 0], SPEED_TOLERANCE)
+    pressure = merge_close_values(facts[:, 1], PRESSURE_TOLERANCE)
+    keys = [
+        _point_key(recording.specimen or "", *pair)
+        for recording, *pair in zip(distinct, speed.tolist(), pressure.tolist(), strict=True)
+    ]
+    for key in dict.fromkeys(key for key in keys if keys.count(key) == 1):
+        words = ", ".join(_fact_words(part, value) for part, value in enumerate(key) if not _is_missing(value))
+        notes.append(f"{distinct[keys.index(key)].recording_id} is the only one at {words} and is left out.")
+    used = [index for index, key in enumerate(keys) if keys.count(key) > 1]
+    if len(used) < LEAST_HEALTHY:
+        raise DataError(
+            f"{plural(len(used), 'healthy recording')} of {len(recordings)} can be compared with others of the same "
+            f"machine and operating point; {LEAST_HEALTHY} are needed at least, and 20 for a false-alarm rate of "
+            f"0.05. {' '.join(notes)}".rstrip()
+        )
+    layout, reason = _level_layout([distinct[index] for index in used])
+    rows = []
+    for number, index in enumerate(used):
+        if progress is not None:
+            progress(number, len(used))
+        rows.append(layout.measure(distinct[index]))
+    healthy = HealthyLevels(
+        layout=layout,
+        levels=np.stack(rows),
+        specimen=tuple(distinct[index].specimen or "" for index in used),
+        speed=speed[used],
+        pressure=pressure[used],
+        shortest=min(distinct[index].n_samples for index in used),
+        manifest={distinct[index].recording_id: manifest[distinct[index].recording_id] for index in used},
+    )
+    return healthy, (*notes, *reason)
+
+
+def _level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
+    """Levels that all recordings allow, and why orders are not among them."""
+    first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
+    shafts = [stated_speed(recording) for recording in recordings]
+    stated = [shaft for shaft in shafts if shaft]
+    segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
+    if len(stated) < len(shafts):
+        reason = f"{recordings[shafts.index(None)].recording_id} states no speed"
+    elif shortest / first.sample_rate * min(stated) < _TURNS:
+        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {_TURNS} turns"
+    else:
+        segment = min(round(_TURNS * first.sample_rate / min(stated)), shortest)
+        n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
+    notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
+    return LevelLayout(float(first.sample_rate), first.channels, first.unit, segment, n_orders), notes
+
+
+def _stated_point(recording: Recording) -> tuple[float, float]:
+    """Speed [rad/s] and discharge pressure [Pa] that a recording states, NaN where it states none."""
+    return 2 * math.pi * (stated_speed(recording) or math.nan), stated_pressure(recording)
+
+
+def _point_key(specimen: str, speed: float, pressure: float) -> tuple[str | float, ...]:
+    """Key of a point; all NaN are one object, so that they are equal."""
+    return specimen, math.nan if math.isnan(speed) else speed, math.nan if math.isnan(pressure) else pressure
+
+
+def _is_missing(value: str | float) -> bool:
+    return not value if isinstance(value, str) else math.isnan(value)
+
+
+def _may_match(first: str | float, second: str | float, tolerance: float) -> bool:
+    """Whether two facts agree, or one is not stated."""
+    if _is_missing(first) or _is_missing(second):
+        return True
+    if isinstance(first, str) or isinstance(second, str):
+        return first == second
+    return bool(values_match(first, second, tolerance))
+
+
+def _fact_words(part: int, value: str | float) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value * 30 / math.pi:.4g} rev/min" if part == 1 else f"{value / 1e6:.3g} MPa"

@@ -1,0 +1,173 @@
+"""Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its envelope."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.windows.window_set import WindowLayout
+from swashtwin.recordings import Recording, refuse_unfit, stated_speed
+from swashtwin.signals import power_density, signal_envelope
+
+MOST_ORDERS = 40
+"""Shaft orders that have levels, at most."""
+LEAST_LINES = 4
+"""Spectral lines in each band at least: the level of a single line scatters by 5.6 dB."""
+_RATIO = 2 ** (1 / 3)
+"""Upper over lower edge of a wide band: a third octave."""
+_ORDER_WIDTH = 0.5
+"""Width of the band around a shaft order, in orders; a wandering speed smears the line within it."""
+_STRETCH = 1 << 18
+"""Samples of a channel that are transformed together; a longer recording is read in such stretches."""
+_FAINTEST = 1e-12
+"""Power of a level over that of its channel, at least: the converter's steps are far above it."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """What one level is the power of."""
+
+    channel: str
+    """Channel."""
+    is_envelope: bool
+    """Whether it is of the envelope rather than of the signal."""
+    order: int | None
+    """Shaft order, or None for a band."""
+    low: float
+    """Lower edge: in Hz, or in shaft orders for an order."""
+    high: float
+    """Upper edge, likewise."""
+
+    @property
+    def is_band(self) -> bool:
+        """Whether it is a band of the signal."""
+        return self.order is None and not self.is_envelope
+
+    def edges(self, shaft: float | None) -> tuple[float, float]:
+        """Its edges [Hz] at a shaft frequency [Hz]."""
+        factor = 1.0 if self.order is None else math.nan if shaft is None else shaft
+        return self.low * factor, self.high * factor
+
+    def words(self, shaft: float | None = None) -> str:
+        """Where it is, such as ``shaft order 9 (129 Hz)`` at a shaft frequency [Hz].
+
+        Examples
+        --------
+        >>> Level("x", True, 9, 8.75, 9.25).words(14.333)
+        'shaft order 9 of the envelope (129 Hz)'
+        """
+        of = " of the envelope" if self.is_envelope else ""
+        if self.order is None:
+            return f"{_hertz(self.low)} to {_hertz(self.high)} Hz{of}"
+        return f"shaft order {self.order}{of}" + ("" if shaft is None else f" ({_hertz(self.order * shaft)} Hz)")
+
+
+@dataclass(frozen=True)
+class LevelLayout(WindowLayout):
+    """Which levels a recording is described by; `length` is that of the half-overlapping segments of its spectra."""
+
+    n_orders: int
+    """Shaft orders 1, 2, ... that have levels; 0 where the speed is not known or too few turns were recorded."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.sample_rate < math.inf and self.channels and self.length >= 2):
+            raise InputError("levels need a positive sample rate, a channel, and segments of two samples at least.")
+        if not 0 <= self.n_orders <= MOST_ORDERS:
+            raise InputError(f"n_orders ({self.n_orders}) must lie between 0 and {MOST_ORDERS}.")
+
+    @cached_property
+    def levels(self) -> tuple[Level, ...]:
+        """What each level is: for each channel bands and orders of the signal, then those of its envelope."""
+        edges = (band_edges(self.length // 2) * self.sample_rate / self.length).tolist()
+        half = _ORDER_WIDTH / 2
+        return tuple(
+            level
+            for channel in self.channels
+            for is_envelope in (False, True)
+            for level in (
+                *(Level(channel, is_envelope, None, *pair) for pair in pairwise(edges)),
+                *(Level(channel, is_envelope, k, k - half, k + half) for k in range(1, self.n_orders + 1)),
+            )
+        )
+
+    def measure(self, recording: Recording) -> Float64[np.ndarray, " level"]:
+        """The recording's `levels` [dB of the squared unit]; it is never whole in memory.
+
+        10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The envelope is the magnitude
+        of the analytic signal of the whole band.
+
+        Raises
+        ------
+        DataError
+            The recording is unfit, shorter than a segment, or states no speed where orders have levels.
+        """
+        refuse_unfit(recording)
+        if recording.n_samples < self.length:
+            raise DataError(
+                f"{recording.recording_id} has {recording.n_samples} samples, and its levels take {self.length} "
+                f"({self.length / self.sample_rate:.3g} s) at least; record longer."
+            )
+        shaft = stated_speed(recording) if self.n_orders else None
+        if self.n_orders and not shaft:
+            raise DataError(
+                f"{recording.recording_id} states no speed, and levels at shaft orders need it; state it in the index, "
+                "or with --speed."
+            )
+        densities = list(self._densities(recording))
+        weights = np.array([weight for weight, _ in densities])
+        density = np.einsum("p,pcef->cef", weights / weights.sum(), np.stack([part for _, part in densities]))
+        edges = np.array([level.edges(shaft) for level in self.levels[: self._n_each]])
+        power = density[..., 1:] @ line_shares(density.shape[-1] - 1, edges * self.length / self.sample_rate)
+        power *= self.sample_rate / self.length
+        total = density[..., 1:].sum(axis=-1, keepdims=True) * self.sample_rate / self.length
+        return np.asarray(10 * np.log10(np.maximum(power, np.maximum(_FAINTEST * total, 1e-300)))).ravel()
+
+    @property
+    def _n_each(self) -> int:
+        """Levels of one signal: of a channel, or of its envelope."""
+        return len(self.levels) // (2 * len(self.channels))
+
+    def _densities(
+        self, recording: Recording
+    ) -> Iterator[tuple[int, Float64[np.ndarray, "channel envelope frequency"]]]:
+        """Power densities of signal and envelope in each stretch, and how many samples they are of."""
+        step = max(self.length, _STRETCH)
+        for start in range(0, recording.n_samples, step):
+            stop = min(start + step, recording.n_samples)
+            if stop - start < self.length:
+                break
+            signal = recording.slice(start, stop).signal
+            pair = np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
+            yield stop - start, power_density(pair, self.sample_rate, self.length)[1]
+
+
+def _hertz(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
+    """Edges of bands over the lines 1 to `n_lines`, in lines: third octaves, but no fewer than `LEAST_LINES` wide.
+
+    Examples
+    --------
+    >>> band_edges(40).round(1).tolist()
+    [0.5, 4.5, 8.5, 12.5, 16.5, 20.8, 26.2, 33.0, 40.5]
+    """
+    edges = [0.5]
+    while edges[-1] < n_lines + 0.5:
+        edges.append(max(edges[-1] * _RATIO, edges[-1] + LEAST_LINES))
+    if len(edges) > 2 and n_lines + 0.5 - edges[-2] < (edges[-1] - edges[-2]) / 2:
+        del edges[-1]
+    edges[-1] = n_lines + 0.5
+    return np.array(edges)
+
+
+def line_shares(n_lines: int, edges: Float[np.ndarray, "band 2"]) -> Float64[np.ndarray, "line band"]:
+    """Share of each of the lines 1 to `n_lines` in each band between two edges, in lines."""
+    line = np.arange(1, n_lines + 1)[:, None]
+    return np.asarray(np.clip(np.minimum(edges[:, 1], line + 0.5) - np.maximum(edges[:, 0], line - 0.5), 0, None))

@@ -1,0 +1,240 @@
+"""A detector from healthy recordings alone: false alarms, what it says that moved, when it says nothing, its file."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import one_line, run
+
+import swashtwin as st
+from swashtwin.diagnosis import AnomalyVerdict, score_alarms
+from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError, read_artifact, write_artifact
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, write_index, write_recording
+
+RATE, LENGTH = 2000.0, 2000
+SHAFT = 20.0
+
+
+def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: str = "normal"):
+    """A machine whose orders and noise follow the pressure [MPa]; order 9 of channel x is raised by `rise` [dB]."""
+    draw = np.random.default_rng([*name.encode()])
+    time = np.arange(LENGTH) / RATE
+    scatter = 10 ** (draw.normal(0, 1.0, (2, 12)) / 20)
+    amplitude = pressure / 10 * scatter
+    amplitude[0, 8] *= 10 ** (rise / 20)
+    phase = draw.uniform(0, 2 * math.pi, (2, 12, 1))
+    angle = 2 * math.pi * SHAFT * np.arange(1, 13)[:, None] * time
+    signal = (amplitude[..., None] * np.sin(angle + phase)).sum(axis=1)
+    signal = signal + 0.3 * pressure / 10 * 10 ** (draw.normal(0, 0.5) / 20) * draw.normal(size=signal.shape)
+    condition = OperatingCondition(2 * math.pi * SHAFT, st.MPa(pressure))
+    return Recording(signal, RATE, name, channels=("x", "y"), label=label, condition=condition, specimen="A")
+
+
+@pytest.fixture(scope="module")
+def healthy() -> list[Recording]:
+    return [recording(f"h{n}", pressure=(5.0, 10.0)[n % 2]) for n in range(20)]
+
+
+@pytest.fixture(scope="module")
+def detector(healthy: list[Recording]) -> st.AnomalyDetector:
+    return st.fit_healthy(healthy)
+
+
+def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(detector: st.AnomalyDetector) -> None:
+    verdict = detector.diagnose(recording("fault", rise=12.0))
+    assert verdict.alarm
+    assert verdict.p_value == pytest.approx(1 / 21)
+    first = verdict.changes[0]
+    assert (first.channel, first.level) == ("x", "shaft order 9 (180 Hz)")
+    assert first.change == pytest.approx(12.0, abs=3.0)
+    assert first.sentence in verdict.sentence()
+    assert "alarm at a false-alarm rate of 5 %" in verdict.sentence()
+
+
+def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> None:
+    """Over draws of both the healthy recordings and the new ones, as conformal p-values promise."""
+    alarms = []
+    for part in range(6):
+        few = [recording(f"{part} h{n}", pressure=(5.0, 10.0)[n % 2]) for n in range(9)]
+        detector = st.fit_healthy(few, error_rate=0.1)
+        verdicts = [detector.diagnose(recording(f"{part} t{n}", pressure=(5.0, 10.0)[n % 2])) for n in range(20)]
+        alarms += [verdict.alarm for verdict in verdicts]
+    assert np.mean(alarms) <= 0.1 + 2 * math.sqrt(0.1 * 0.9 / len(alarms))
+    assert any(alarms)
+
+
+def test_the_p_value_does_not_depend_on_the_order_of_the_healthy_recordings(
+    healthy: list[Recording], detector: st.AnomalyDetector
+) -> None:
+    new = recording("new", rise=3.0)
+    assert st.fit_healthy(healthy[::-1]).diagnose(new).p_value == detector.diagnose(new).p_value
+
+
+def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(detector: st.AnomalyDetector) -> None:
+    loud = recording("loud")
+    verdict = detector.diagnose(loud.replace(signal=loud.signal * np.array([[4.0], [1.0]])))
+    assert verdict.alarm
+    assert len(verdict.shifts) == 1
+    assert "in all bands of channel x" in verdict.shifts[0]
+    assert not [change for change in verdict.changes if change.change > 9]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"pressure": 7.0}, "no healthy recording is at the pressure 7 MPa (5 MPa, 10 MPa were recorded)"),
+        ({"specimen": "B"}, "no healthy recording is of specimen B (A was recorded)"),
+        ({"condition": None}, "does not state its speed and pressure"),
+        ({"length": 900}, "is 0.45 s long"),
+        ({"signal": 1e200}, "larger than a window can hold"),
+    ],
+)
+def test_what_the_healthy_recordings_do_not_cover_has_no_verdict(
+    detector: st.AnomalyDetector, change: dict, words: str
+) -> None:
+    new = recording("new", pressure=change.get("pressure", 10.0))
+    if "length" in change:
+        new = new.slice(0, change["length"])
+    elif "signal" in change:
+        new = new.replace(signal=new.signal * change["signal"])
+    elif "pressure" not in change:
+        new = new.replace(**change)
+    verdict = detector.diagnose(new)
+    assert verdict.alarm is None
+    assert words in str(verdict.no_verdict)
+    assert math.isnan(verdict.p_value)
+
+
+def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
+    detector = st.fit_healthy([recording(f"h{n}") for n in range(6)])
+    verdict = detector.diagnose(recording("new").replace(condition=None, specimen=None, attributes={"speed": "20 Hz"}))
+    assert verdict.alarm is not None
+    assert verdict.notes == ("It does not state its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",)
+
+
+def test_recordings_without_a_speed_are_compared_by_bands() -> None:
+    plain = [recording(f"h{n}").replace(condition=None) for n in range(6)]
+    detector = st.fit_healthy(plain)
+    assert detector.layout.n_orders == 0
+    assert "orders are not compared" in detector.notes[0]
+    assert detector.diagnose(recording("new", rise=25.0).replace(condition=None)).alarm
+
+
+def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(healthy: list[Recording]) -> None:
+    detector = st.fit_healthy(healthy[:8])
+    assert detector.error_rate == 0.112
+    assert "8 healthy recordings allow no false-alarm rate below 0.112; 0.05 takes 19." in detector.notes
+    with pytest.raises(InputError, match="needs 99 healthy recordings at least, there are 20"):
+        st.fit_healthy(healthy, error_rate=0.01)
+    with pytest.raises(InputError, match="needs 99"):
+        detector.diagnose(healthy[0], error_rate=0.01)
+    with pytest.raises(DataError, match="5 are needed at least, and 20 for"):
+        st.fit_healthy(healthy[:4])
+
+
+def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(healthy: list[Recording]) -> None:
+    with pytest.raises(DataError, match="'piston'"):
+        st.fit_healthy([*healthy, recording("p", label="piston")])
+    detector = st.fit_healthy([*healthy, healthy[0].replace(recording_id="z")])
+    assert detector.notes == ("z holds the same samples as h0 and is left out.",)
+    assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
+
+
+def test_another_rate_is_refused_with_what_to_do(detector: st.AnomalyDetector) -> None:
+    with pytest.raises(DataError, match="bring it to the model's rate"):
+        detector.diagnose(replace(recording("new"), sample_rate=1000.0))
+
+
+def test_scores_count_alarms_by_class_and_refuse_what_was_seen(
+    healthy: list[Recording], detector: st.AnomalyDetector
+) -> None:
+    test = [recording(f"t{n}", label="gut") for n in range(4)]
+    test += [recording(f"p{n}", rise=15.0, label="piston") for n in range(3)]
+    test += [recording("far", pressure=20.0, label="piston")]
+    scores = score_alarms(detector, test)
+    good, piston = scores.classes
+    assert (good.label, good.n_recordings) == ("gut", 4)
+    assert math.isnan(good.auroc)
+    assert (piston.n_alarms, piston.n_no_verdict, piston.auroc) == (3, 1, 1.0)
+    assert json.dumps(scores.to_dict()["classes"][1]["interval"])
+    with pytest.raises(LeakError, match="h0 had a part in the detector"):
+        score_alarms(detector, healthy[:1])
+
+
+def test_a_saved_detector_answers_as_before(detector: st.AnomalyDetector, tmp_path: Path) -> None:
+    again = st.AnomalyDetector.load(detector.save(tmp_path / "d.safetensors"))
+    new = recording("new", rise=4.0)
+    assert again.diagnose(new).to_dict() == detector.diagnose(new).to_dict()
+    assert (again.notes, again.error_rate, again.manifest) == (detector.notes, detector.error_rate, detector.manifest)
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"error_rate": 0.001}, {"error_rate": "x"}, {"shortest": 3}, {"specimen": ["A"]}, {"notes": None},
+        {"manifest": {}}, {"specimen": [str(n) for n in range(20)]}, {"further": 1},
+        {"layout": {"n_orders": 10**30}}, {"layout": {"length": 10**12}}, {"layout": {"sample_rate": -1.0}},
+        {"layout": {"channels": []}}, {"layout": {"length": 0}}, {"layout": {"channels": ["x"] * 3}},
+    ],
+)  # fmt: skip
+def test_a_card_that_lies_is_refused_in_one_line(detector: st.AnomalyDetector, tmp_path: Path, lie: dict) -> None:
+    card, tensors = read_artifact(
+        detector.save(tmp_path / "d.safetensors"), "anomaly detector", 1, advice="", may_be_nan=None
+    )
+    for name, value in lie.items():
+        card[name] = {**card[name], **value} if name == "layout" else value
+    path = write_artifact(tmp_path / "lie.safetensors", "anomaly detector", 1, card, tensors, may_be_nan=None)
+    with pytest.raises(ArtifactError) as caught:
+        st.AnomalyDetector.load(path)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 600
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, healthy: list[Recording]) -> Path:
+    """Folders ``healthy`` and ``all`` with an index each."""
+    folder = tmp_path_factory.mktemp("plant")
+    faults = [recording(f"p{n}", rise=15.0, label="piston") for n in range(2)]
+    for name, members in (("healthy", healthy), ("all", [*healthy, *faults, recording("t1")])):
+        (folder / name).mkdir()
+        files = [Path(f"{member.recording_id}.h5") for member in members]
+        for member, file in zip(members, files, strict=True):
+            write_recording(member, folder / name / file)
+        write_index(members, files, folder / name / "recordings.toml")
+    return folder
+
+
+def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Path) -> None:
+    model = folder / "model.safetensors"
+    trained = json.loads(run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout)
+    assert (trained["kind"], trained["error_rate"], len(trained["recordings"])) == ("anomaly detector", 0.05, 20)
+    scored = json.loads(run("evaluate", str(model), str(folder / "all"), "--json").stdout)
+    assert [(item["label"], item["n_recordings"]) for item in scored["classes"]] == [("normal", 1), ("piston", 2)]
+    page = folder / "page.html"
+    answer = run("diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json")
+    (verdict,) = json.loads(answer.stdout)["diagnoses"]
+    assert verdict["alarm"] is True
+    assert verdict["changes"][0]["level"] == "shaft order 9 (180 Hz)"
+    assert "Change of the levels" in page.read_text(encoding="utf-8")
+    shown = run("diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3)
+    assert "20" in one_line(shown)
+
+
+def test_an_option_of_a_classifier_is_refused_where_all_recordings_are_healthy(folder: Path) -> None:
+    refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=2)
+    assert "anomaly" in refused.stderr
+
+
+def test_one_class_given_to_a_classifier_points_to_the_detector(healthy: list[Recording]) -> None:
+    with pytest.raises((DataError, InputError), match="fit_healthy"):
+        st.FaultClassifier(window=512, epochs=1).fit(healthy[:6])
+
+
+def test_a_verdict_without_levels_has_a_page_too(tmp_path: Path) -> None:
+    verdict = AnomalyVerdict("a", None, math.nan, 0.05, 20, (), (), (), "the file is damaged.")
+    text = st.write_report(verdict, folder=tmp_path / "page").read_text(encoding="utf-8")
+    assert "the file is damaged" in text

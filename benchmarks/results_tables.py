@@ -16,7 +16,7 @@ import numpy as np
 
 from swashtwin.bench import StudyResult, collect_studies
 from swashtwin.bench.results.naming import classifier_words, training_set_words
-from swashtwin.bench.rivals.models import DEFAULT
+from swashtwin.bench.rivals.models import CHOSEN, DEFAULT
 
 LEVELS = ("L2", "L3", "L4")
 LONG = {
@@ -24,14 +24,18 @@ LONG = {
     "case2": ("accuracy", "f1", "g_mean", "scarce_recall", "recording_accuracy"),
     "unseen-pressure": ("accuracy", "g_mean"),
     "calibrators": ("accuracy", "g_mean", "scarce_recall"),
+    "noise": ("accuracy", "recording_accuracy"),
 }
 """Studies with one line a row, and the metrics that stand there."""
 
-CURVES = {"noise": "perturbation", "few-shot": "real_windows", "unseen-specimen": "pumps", "shaft-angle": "domain"}
+CURVES = {"few-shot": "real_windows", "unseen-specimen": "pumps", "shaft-angle": "domain"}
 """Studies with one column for each value of what they vary: accuracy."""
 
 AGAINST = {"algorithms": (DEFAULT,), "ablation": (DEFAULT, "bitcn")}
 """Studies whose rows are differences from one of these, those of the paper's network from that."""
+
+CHOSEN_AGAINST = [({"classifier": CHOSEN}, {"classifier": name}) for name in (DEFAULT, "levels", "extra_trees")]
+"""The default training against the default network so far, its own kind of network alone, and trees."""
 
 CALIBRATED, MEASURED, NOMINAL = ({"training_set": name} for name in ("calibrated", "measured", "nominal"))
 Change = Mapping[str, str]
@@ -43,7 +47,12 @@ def at_budget(training_set: str, budget: str) -> Change:
 
 
 FURTHER: Mapping[str, Sequence[tuple[Change, Change]]] = {
-    "case1": [(CALIBRATED, MEASURED), (CALIBRATED, NOMINAL)],
+    "case1": [
+        (CALIBRATED, MEASURED),
+        (CALIBRATED, NOMINAL),
+        ({"training_set": "posterior"}, CALIBRATED),
+        *CHOSEN_AGAINST,
+    ],
     "case2": [(CALIBRATED, MEASURED), (CALIBRATED, NOMINAL)],
     "algorithms": [
         ({"classifier": "bitcn"}, {"classifier": name}) for name in ("tcn", "lstm", "bilstm", "bigru", "resnet1d")
@@ -52,7 +61,8 @@ FURTHER: Mapping[str, Sequence[tuple[Change, Change]]] = {
     "noise": [
         ({"classifier": "spectral_noise", **CALIBRATED}, {"classifier": DEFAULT, "training_set": name})
         for name in ("calibrated", "calibrated_noise")
-    ],
+    ]
+    + CHOSEN_AGAINST,
     "few-shot": [
         (CALIBRATED, MEASURED),
         (CALIBRATED, NOMINAL),
@@ -87,7 +97,11 @@ FURTHER: Mapping[str, Sequence[tuple[Change, Change]]] = {
 }
 """Differences that are told: what the first row has in place of what the second has, all else alike."""
 
-FURTHER_METRICS = {"case1": ("scarce_recall",), "augmentation": ("scarce_recall",)}
+FURTHER_METRICS = {
+    "case1": ("recording_accuracy", "scarce_recall"),
+    "noise": ("recording_accuracy",),
+    "augmentation": ("scarce_recall",),
+}
 
 
 def rows_of(study: StudyResult) -> list[dict[str, Any]]:

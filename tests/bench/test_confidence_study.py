@@ -8,7 +8,7 @@ import pytest
 
 from swashtwin.bench import ConfidenceStudySettings, run_confidence
 from swashtwin.bench.questions import confidence
-from swashtwin.bench.questions.confidence import METRICS, _record
+from swashtwin.bench.questions.confidence import METRICS, record_roles
 from swashtwin.learning import (
     FittedBaseline,
     TrainingSettings,
@@ -31,7 +31,7 @@ TINY = ConfidenceStudySettings(
 
 
 def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
-    parts = _record(0, TINY)
+    parts = record_roles(0, TINY)
     ids = [recording.recording_id for some in parts.values() for recording in some]
     assert len(set(ids)) == len(ids)
     specimens = {role: {recording.specimen for recording in some} for role, some in parts.items()}
@@ -60,7 +60,7 @@ def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatc
 
 
 def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    parts = _record(0, TINY)
+    parts = record_roles(0, TINY)
 
     def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedBaseline:
         validation = [recording for recording in parts["same"] if recording.label != "piston"]

@@ -14,10 +14,12 @@ from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import (
     BiTCN,
     Confidence,
+    FittedBaseline,
     FittedClassifier,
     TrainingReference,
     TrainingSettings,
     WindowSet,
+    cross_fit,
     cross_fitted_confidence,
     cut_windows,
     fit,
@@ -210,6 +212,25 @@ def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> 
     probability[4] = np.nan
     with pytest.raises(DataError, match="recording 0001: its out-of-fold answer is not finite"):
         cross_fitted_confidence(probability, names, target, np.zeros(10))
+
+
+def test_cross_fitting_asks_no_model_about_a_recording_that_it_was_trained_on() -> None:
+    train, trained = windows(several("train", 10)), []
+
+    def fit_trees(some: WindowSet) -> FittedBaseline:
+        trained.append({*some.recording_id.tolist()})
+        return fit_extra_trees(some, n_trees=3)
+
+    result = cross_fit(fit_trees, train, n_folds=4)
+    names = {*train.recording_id.tolist()}
+    assert [len(part) for part in trained] == [15, 15, 15, 15, 20]
+    assert set.union(*(names - part for part in trained[:4])) == names
+    assert {*result.manifest} == names
+    assert result.confidence.n_recordings == 20
+    assert result.confidence.cross_fitted
+    reference = fit_trees(train).training_reference
+    alike = [reference.ood_score(features) for features in reference.features]
+    assert np.median(result.confidence.ood_score) > np.median(alike)  # each is less like a training without it
 
 
 def test_a_diagnosis_says_that_its_confidence_was_cross_fitted(bare: FittedClassifier) -> None:

@@ -13,6 +13,8 @@ from .questions.confidence import run_confidence as run_confidence
 from .questions.contenders import CONTENDERS as CONTENDERS
 from .questions.fault_map import run_fault_map as run_fault_map
 from .questions.leakage import run_leakage as run_leakage
+from .questions.listening import ListeningStudySettings as ListeningStudySettings
+from .questions.listening import run_listening as run_listening
 from .questions.misspecification import BACKGROUNDS as BACKGROUNDS
 from .questions.misspecification import run_misspecification as run_misspecification
 from .questions.severity import run_severity as run_severity
@@ -45,6 +47,7 @@ __all__ = [
     "CalibrationStudySettings",
     "ConfidenceStudySettings",
     "Fleets",
+    "ListeningStudySettings",
     "Plan",
     "SameRecordings",
     "StudyResult",
@@ -62,6 +65,7 @@ __all__ = [
     "run_confidence",
     "run_fault_map",
     "run_leakage",
+    "run_listening",
     "run_misspecification",
     "run_plan",
     "run_public",

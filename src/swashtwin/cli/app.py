@@ -67,6 +67,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "confidence": questions.confidence,
             "fault-map": questions.fault_map,
             "leakage": questions.leakage,
+            "listening": questions.listening,
             "misspecification": questions.misspecification,
             "public": questions.public,
             "public-default": questions.public_default,

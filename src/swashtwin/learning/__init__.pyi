@@ -10,6 +10,7 @@ from .estimators.registry import BASELINES as BASELINES
 from .estimators.registry import RIDGE_PENALTIES as RIDGE_PENALTIES
 from .estimators.registry import Baseline as Baseline
 from .evaluation.confidence import ConfidenceScores as ConfidenceScores
+from .evaluation.confidence import cross_fit as cross_fit
 from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confidence
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
@@ -130,6 +131,7 @@ __all__ = [
     "check_recordings",
     "confounding",
     "copied_recordings",
+    "cross_fit",
     "cross_fitted_confidence",
     "cut_windows",
     "default_settings",

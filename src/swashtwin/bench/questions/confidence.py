@@ -119,7 +119,7 @@ def run_confidence(
     roles: dict[str, int] = {}
     trainings = [(kind, left_out) for kind in kinds for left_out in (None, *CLASSES)]
     for number, seed in enumerate(seeds):
-        parts = _record(seed, settings)
+        parts = record_roles(seed, settings)
         roles = roles or {name: len(group) for name, group in parts.items()}
         origin = origin_of(parts["train"])
         running = parallel(jobs, return_as="generator")(
@@ -169,7 +169,7 @@ _NOTES = (
 )
 
 
-def _record(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Recording]]:
+def record_roles(seed: int, settings: ConfidenceStudySettings) -> dict[str, list[Recording]]:
     """Recordings by role; the rig gives the same ones whichever others are taken with them."""
     trained = RigSize(settings.trained_pumps, 3, settings.duration)
     all_pumps = RigSize(

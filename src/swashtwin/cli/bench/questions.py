@@ -114,6 +114,28 @@ def confidence(
     tell_study(study, None if out is None else out / "confidence", as_json)
 
 
+def listening(
+    seeds: FleetSeeds = "100,101",
+    classifiers: Annotated[str, typer.Option(help="Models, with commas.")] = "extra_trees",
+    out: ReportFolder = None,
+    jobs: Jobs = 2,
+    as_json: Json = False,
+) -> None:
+    """How long to listen: accuracy, probability and prediction sets from one window to a whole recording."""
+    from swashtwin.bench import run_listening
+
+    numbers = read_seeds(seeds)
+    with progress("training on pumps of the virtual rig") as bar:
+        study = run_listening(
+            seeds=numbers,
+            classifiers=read_words(classifiers) or (),
+            jobs=jobs,
+            progress=bar,
+            command=typed_command(),
+        )
+    tell_study(study, out, as_json)
+
+
 def misspecification(
     seeds: FleetSeeds = "2",
     specimens: Specimens = 4,

@@ -1,7 +1,7 @@
 """`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence, `score_confidence` tests it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
@@ -15,6 +15,7 @@ from swashtwin.learning.evaluation.pooling import fit_pooling, pooled_probabilit
 from swashtwin.learning.evaluation.protocols import SureClassifier
 from swashtwin.learning.evaluation.unseen import refuse_seen
 from swashtwin.learning.training.confidence import Confidence, allowed_error_rate, nonconformity_scores
+from swashtwin.learning.windows.folding import group_folds
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import join_manifests, say_seen, seen_recordings
 
@@ -183,6 +184,55 @@ def cross_fitted_confidence(
     rate = allowed_error_rate(len(names), _ERROR_RATE) if error_rate is None else error_rate
     parts = [probability[index == number] for number in range(len(names))]
     return _confidence(parts, target[first], np.asarray(ood_score), rate, cross_fitted=True)
+
+
+def cross_fit(
+    train: Callable[[WindowSet], C],
+    windows: WindowSet,
+    *,
+    group: str | Mapping[str, str] = "recording",
+    n_folds: int = 5,
+    error_rate: float | None = None,
+    seed: int = 0,
+) -> C:
+    """The classifier trained on all windows, with a `cross_fitted_confidence` from trainings without a fold each.
+
+    Parameters
+    ----------
+    train : what trains a classifier on windows; it is called `n_folds` + 1 times.
+    windows : measured windows with labels, without overlap.
+    group : what the folds never split: by specimen for pumps that were never measured; see `group_folds`.
+    n_folds : number of folds.
+    error_rate : see `cross_fitted_confidence`.
+    seed : seed of the folds.
+
+    Raises
+    ------
+    InputError
+        More folds than groups, or too few recordings for the error rate.
+    DataError
+        A fold leaves nothing of a class to train on, or an answer is not finite.
+    LeakError
+        Some windows are synthetic.
+    """
+    probability = np.full((len(windows), len(windows.classes)), np.nan)
+    ood_score: dict[str, float] = {}
+    for trained, tested in group_folds(windows, group=group, n_folds=n_folds, seed=seed):
+        held_out = windows.subset(tested)
+        classifier = train(windows.subset(trained))
+        probability[tested], features = classifier.answer(held_out)
+        answers = _pooled(classifier, held_out, probability[tested], features)
+        ood_score.update(zip(answers.recording_id, answers.ood_score.tolist(), strict=True))
+    names = sorted(ood_score)
+    confidence = cross_fitted_confidence(
+        probability,
+        windows.recording_id,
+        windows.target,
+        np.array([ood_score[name] for name in names]),
+        error_rate=error_rate,
+    )
+    fitted: C = replace(train(windows), confidence=confidence)  # type: ignore[type-var]
+    return fitted
 
 
 def _confidence(

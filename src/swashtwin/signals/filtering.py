@@ -1,5 +1,6 @@
 """Noise added to a signal, and the part of it within a band."""
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -106,8 +107,13 @@ def band_limited(
     nyquist = sample_rate / 2
     if not 0 < low < min(high, nyquist):
         raise InputError(f"a band of {low:g}...{high:g} Hz is none at {sample_rate:g} Hz; it needs 0 < low < high.")
-    if high >= 0.98 * nyquist:
-        sos = scipy.signal.butter(4, low / nyquist, "highpass", output="sos")
-    else:
-        sos = scipy.signal.butter(4, [low / nyquist, high / nyquist], "bandpass", output="sos")
+    sos = _butterworth(low / nyquist, None if high >= 0.98 * nyquist else high / nyquist)
     return scipy.signal.sosfiltfilt(sos, signal, axis=-1)
+
+
+@lru_cache(maxsize=256)
+def _butterworth(low: float, high: float | None) -> Float[np.ndarray, "section 6"]:
+    """Sections of order 4 between shares of half the sample rate; None has no upper edge."""
+    if high is None:
+        return scipy.signal.butter(4, low, "highpass", output="sos")
+    return scipy.signal.butter(4, [low, high], "bandpass", output="sos")

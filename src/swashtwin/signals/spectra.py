@@ -67,35 +67,17 @@ def power_density(
     segments = sliding_window_view(np.asarray(signal, dtype=np.float64), length, axis=-1)
     segments = segments[..., :: max(1, length - length // 2), :]
     density = np.zeros((*segments.shape[:-2], length // 2 + 1))
-    at_once = max(1, AT_ONCE // length // 2) * 2
-    in_pairs = segments.shape[-2] > 1 and scipy.fft.next_fast_len(length, real=True) > length
+    at_once = max(1, AT_ONCE // length)
     for first in range(0, segments.shape[-2], at_once):
         part = segments[..., first : first + at_once, :]
         part = (part - part.mean(axis=-1, keepdims=True)) * taper
-        if in_pairs:
-            density += _power_of_pairs(part)
-        else:
-            lines = scipy.fft.rfft(part, axis=-1, overwrite_x=True)
-            density += (lines.real**2 + lines.imag**2).sum(axis=-2)
+        lines = scipy.fft.rfft(part, axis=-1, overwrite_x=True)
+        density += (lines.real**2 + lines.imag**2).sum(axis=-2)
     density *= 2 / (sample_rate * (taper @ taper) * segments.shape[-2])
     density[..., 0] /= 2
     if length % 2 == 0:
         density[..., -1] /= 2
     return line_frequencies(length, sample_rate), density
-
-
-def _power_of_pairs(segments: Float[np.ndarray, "*batch segment time"]) -> Float[np.ndarray, "*batch frequency"]:
-    """Sum of the squared magnitudes of the segments' `transform`, two segments in one complex transform.
-
-    That halves the work where the length has large prime factors, whose real transforms are complex ones inside.
-    """
-    pairs = segments[..., ::2, :].astype(np.complex128)
-    pairs.imag[..., : segments.shape[-2] // 2, :] = segments[..., 1::2, :]
-    lines = scipy.fft.fft(pairs, axis=-1, overwrite_x=True)
-    power = (lines.real**2 + lines.imag**2).sum(axis=-2)
-    index = np.arange(segments.shape[-1] // 2 + 1)
-    result: np.ndarray = (power[..., index] + power[..., -index]) / 2
-    return result
 
 
 @lru_cache(maxsize=16)

@@ -1,13 +1,14 @@
 """The real cepstrum: families of lines at one spacing, gathered into one peak."""
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.signals.spectra import inverse_transform, power_density, tapered_transform
 
 _PERIODS = 10
-"""Periods of the spacing in each segment of the family index: its lines then lie ten samples apart."""
+"""Periods of the spacing in each segment of the family index, at least: its lines then lie ten samples apart."""
 _NEAR, _AROUND = 0.015, 0.05
 """How far from the expected quefrency a peak may lie, and how far about it nothing counts as background; relative."""
 
@@ -33,10 +34,11 @@ def harmonic_family_index(
 ) -> Float[np.ndarray, " channel"]:
     """How far the cepstrum's peak at the quefrency 1 / `spacing` stands out, in deviations of what surrounds it.
 
-    The cepstrum of the power averaged over half-overlapping segments of ten periods, in which a family's lines fill the
-    spectrum as far as they go; its highest value within 1.5 % of that quefrency, over 1.4826 times the median magnitude
-    between half and one and a half times of it, the nearest 5 % left out (our reading; the literature has no one
-    definition). docs/indicators.md says what noise alone and families of lines reach.
+    The cepstrum of the power averaged over half-overlapping segments of ten periods, or of the next longer length that
+    is fast to transform, in which a family's lines fill the spectrum as far as they go; its highest value within 1.5 %
+    of that quefrency, over 1.4826 times the median magnitude between half and one and a half times of it, the nearest
+    5 % left out (our reading; the literature has no one definition). docs/indicators.md says what noise alone and
+    families of lines reach.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ def harmonic_family_index(
             f"lines {spacing:g} Hz apart are no family in {duration:.3g} s at {sample_rate:g} Hz; the spacing must lie "
             f"between {3 / duration:.3g} and {sample_rate / 20:g} Hz."
         )
-    length = min(signal.shape[-1], round(_PERIODS / spacing * sample_rate))
+    length = min(signal.shape[-1], scipy.fft.next_fast_len(round(_PERIODS / spacing * sample_rate), real=True))
     _, power = power_density(signal, sample_rate, length)
     least = 1e-24 * np.maximum(power.max(axis=-1, keepdims=True), 1e-300)
     cepstrum = inverse_transform(np.log(np.maximum(power, least)) / 2, length)[:, : length // 2 + 1]

@@ -24,6 +24,11 @@ LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}
 """Lag [rev/min] over the speed squared of each state of the made-up pump."""
 
 
+@pytest.fixture(autouse=True)
+def _few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swashtwin.bench.public.estimators.N_TREES", 20)
+
+
 def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], count: int = 6720) -> Path:
     """A made-up pump_cavitation with three repeats of each state; only the slip tells the state."""
     random = np.random.default_rng(0)

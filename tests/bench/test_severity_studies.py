@@ -9,6 +9,7 @@ import pytest
 from swashtwin.bench import StudyTable, run_fault_map, run_severity, write_study_report
 from swashtwin.bench.questions.severity import _Case, _values
 from swashtwin.bench.rigs.trending import TRENDS, trend_recordings
+from swashtwin.calibration import GaussNewton
 from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
 
 CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
@@ -60,6 +61,7 @@ def test_the_map_holds_moves_of_each_kind_and_recalls_of_held_out_pumps(
 ) -> None:
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.SEVERITIES", (1.0,))
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.HEALTHY", 3)
+    monkeypatch.setattr("swashtwin.bench.questions.fault_map.METHOD", GaussNewton(starts=1))
     trends = {name: TRENDS[name] for name in ("swash_plate", "piston")}
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.TRENDS", trends)
     monkeypatch.setattr("swashtwin.bench.rigs.trending.TRENDS", trends)

@@ -3,9 +3,6 @@
 import json
 import math
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +13,7 @@ from commandline import AT_15, DEFECT, one_line, run, run_json
 from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import difference, load_calibration
+from swashtwin.calibration.methods.checkpoint import Checkpoint
 from swashtwin.foundation import MPa
 from swashtwin.learning import load_windows
 from swashtwin.recordings import load_recordings, write_index, write_recording
@@ -146,40 +144,23 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
     assert said in stderr
 
 
-def interrupted(rig: Path, out: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """A calibration that got Ctrl-C once its checkpoint was there."""
-    command = [
-        sys.executable,
-        "-B",
-        "-m",
-        "swashtwin",
-        "calibrate",
-        str(rig),
-        *AT_15,
-        *DEFECT,
-        *words,
-        "--out",
-        str(out),
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 120
-        while not out.with_name(f"{out.name}.checkpoint").exists() and process.poll() is None:
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=60)
-    return subprocess.CompletedProcess(command, process.returncode, stdout, stderr)
-
-
-def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_values(rig: Path, tmp_path: Path) -> None:
-    out = tmp_path / "long.json"
+def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_values(
+    rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, save = tmp_path / "long.json", Checkpoint.save
     words = ("--preset", "paper", "--set", "epochs=50", "--set", "learning_rate=0.001")
-    process = interrupted(rig, out, *words)
-    assert process.returncode == 130, process.stderr
-    assert process.stdout == ""
-    last = process.stderr.strip().splitlines()[-1]
+
+    def save_and_interrupt(*arguments: Any) -> None:
+        save(*arguments)
+        signal.raise_signal(signal.SIGINT)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpoint, "save", save_and_interrupt)
+        interrupted = run("calibrate", rig, *AT_15, *DEFECT, *words, "--out", out, code=130)
+    assert interrupted.stdout == ""
+    last = interrupted.stderr.strip().splitlines()[-1]
     assert last.startswith("swashtwin: interrupted; ")
-    assert "long.json.checkpoint holds every 25th epoch: the same command with --resume continues" in process.stderr
+    assert "long.json.checkpoint holds every 25th epoch: the same command with --resume continues" in interrupted.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["long.json.checkpoint"]
     other = one_line(run("calibrate", rig, *AT_15, *DEFECT, *words, "--seed", "1", "--resume", "--out", out, code=3))
     assert "its seed is 0, this run's is 1" in other

@@ -121,9 +121,13 @@ def _with_squares() -> Any:
     return make_pipeline(StandardScaler(), bent, StandardScaler(), Discriminant(solver="lsqr", shrinkage=1e-3))
 
 
+N_TREES = 100
+"""Trees of the usual rival."""
+
+
 def extra_trees(seed: int) -> ExtraTreesClassifier:
     """The usual rival: extremely randomized trees."""
-    return ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
+    return ExtraTreesClassifier(N_TREES, random_state=seed, class_weight="balanced", n_jobs=1)
 
 
 ESTIMATORS: dict[str, Callable[[int], Any]] = {

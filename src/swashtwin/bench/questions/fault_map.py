@@ -38,6 +38,8 @@ SEVERITIES = (0.8, 1.0, 1.25)
 """Severities over the rig's typical ones."""
 HEALTHY = 6
 """Healthy recordings of each pump; the first half calibrates it, the others are a class of their own."""
+METHOD = GaussNewton(starts=2)
+"""How each twin is calibrated."""
 MODELS = ("healthy", "fault")
 """Twins that are calibrated: one without a fault, and one with the fault's typical dimensions."""
 
@@ -138,10 +140,9 @@ def _of_pump(seed: int, specimen: str) -> list[_Move]:
 
 def _calibrate(twin: Twin, recordings: Sequence[Recording]) -> Calibration:
     nuisances = Nuisances.usual(excitation=0.0)
-    method = GaussNewton(starts=2)
     band = SeveritySettings().band
     return calibrate(
-        twin, recordings, method=method, nuisances=nuisances, phases=False, explain_misfit=False, band=band
+        twin, recordings, method=METHOD, nuisances=nuisances, phases=False, explain_misfit=False, band=band
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from commandline import one_line, run, run_json
 from sklearn.covariance import LedoitWolf
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
@@ -203,6 +204,26 @@ def test_few_training_recordings_give_the_least_error_rate_that_they_allow(count
     assert predictor.basis == f"{count} training recordings answered by models trained without them"
     with pytest.raises(InputError, match=rf"0\.03 needs 33 validation recordings at least, there are {count}"):
         cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
+
+
+def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None:
+    draw = np.random.default_rng(0)
+    means, covered = draw.normal(size=(3, 4)), []
+    for _ in range(25):
+        target = np.arange(80) % 3
+        values = means[target][:, None] + draw.normal(size=(80, 1, 4)) + draw.normal(size=(80, 6, 4))
+        rows, classes = values[:20].reshape(120, 4), np.repeat(target[:20], 6)
+        names = np.repeat(np.arange(20), 6)
+        out_of_fold = np.zeros((120, 3))
+        for fold in range(5):
+            tested = names // 3 % 5 == fold
+            model = LinearDiscriminantAnalysis().fit(rows[~tested], classes[~tested])
+            out_of_fold[tested] = model.predict_proba(rows[tested])
+        predictor = cross_fitted_confidence(out_of_fold, names, classes, draw.normal(size=20))
+        model = LinearDiscriminantAnalysis().fit(rows, classes)
+        pooled = np.stack([pooled_probabilities(model.predict_proba(windows)) for windows in values[20:]])
+        covered.append(predictor.prediction_set(pooled, 6)[np.arange(60), target[20:]].mean())
+    assert 0.88 < np.mean(covered) < 0.97
 
 
 def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> None:

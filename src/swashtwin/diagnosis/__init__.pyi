@@ -11,6 +11,7 @@ from .evidence import hertz as hertz
 from .fault_classifier import FaultClassifier as FaultClassifier
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
+from .persistence import persistent_alarms as persistent_alarms
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis
@@ -30,6 +31,7 @@ __all__ = [
     "hertz",
     "load_classifier",
     "load_model",
+    "persistent_alarms",
     "save_classifier",
     "score_alarms",
 ]

@@ -6,6 +6,7 @@ which attribute is which, and what misleads in the set. No data comes with this 
 =========================  ======================================  ===========================================
 set                        labels                                  groups (attributes, or ``specimen``)
 =========================  ======================================  ===========================================
+``bearing_run_to_failure`` none: six bearings until they failed    ``specimen``
 ``cwru``                   normal, inner_race, ball, outer_race    ``specimen``, ``fault_size_mil``, ``end``
 ``mfpt``                   normal, inner_race, outer_race          ``load``, ``sample_rate_as_recorded``
 ``motor_pump_industrial``  healthy, faulty                         ``block``
@@ -17,6 +18,7 @@ set                        labels                                  groups (attri
 from collections.abc import Callable
 from pathlib import Path
 
+from swashtwin.bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
 from swashtwin.bench.public.readers.cwru import read_cwru
 from swashtwin.bench.public.readers.mfpt import read_mfpt
 from swashtwin.bench.public.readers.motor_pump_industrial import read_motor_pump_industrial
@@ -26,6 +28,7 @@ from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 
 PUBLIC_SETS: dict[str, Callable[[Path], list[Recording]]] = {
+    "bearing_run_to_failure": read_bearing_run_to_failure,
     "cwru": read_cwru,
     "mfpt": read_mfpt,
     "motor_pump_industrial": read_motor_pump_industrial,
@@ -36,6 +39,7 @@ PUBLIC_SETS: dict[str, Callable[[Path], list[Recording]]] = {
 
 __all__ = [
     "PUBLIC_SETS",
+    "read_bearing_run_to_failure",
     "read_cwru",
     "read_mfpt",
     "read_motor_pump_industrial",

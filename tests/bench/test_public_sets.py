@@ -220,5 +220,7 @@ def test_a_folder_without_the_set_is_refused_in_one_line(name: str, tmp_path: Pa
 
 
 def test_an_unknown_set_offers_the_known() -> None:
-    with pytest.raises(InputError, match="'paderborn' is no public set that is known; there are cwru, mfpt"):
+    with pytest.raises(
+        InputError, match="'paderborn' is no public set that is known; there are bearing_run_to_failure, cwru"
+    ):
         read_public_set("paderborn", ".")

@@ -127,6 +127,7 @@ def test_check_answers_whether_recordings_are_sound_and_enough(folder: Path) -> 
     assert answer["answer"] == "The data are sound and enough to train and to test."
     assert {use["name"]: use["state"] for use in answer["uses"]} == {
         "training of a classifier": "yes",
+        "detection from healthy recordings alone": "no",
         "test on recordings that were not trained on": "yes",
         "test on specimens that were not trained on": "no",
         "test at operating conditions that were not trained at": "no",

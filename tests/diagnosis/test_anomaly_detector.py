@@ -224,6 +224,12 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     assert "20" in one_line(shown)
 
 
+def test_check_finds_healthy_recordings_alone_enough_for_a_detector(folder: Path) -> None:
+    shown = run("check", str(folder / "healthy")).stdout
+    assert "20 healthy recordings allow a false-alarm rate of 0.05" in shown
+    assert "The data are sound and enough for an anomaly detector." in shown
+
+
 def test_an_option_of_a_classifier_is_refused_where_all_recordings_are_healthy(folder: Path) -> None:
     refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=2)
     assert "anomaly" in refused.stderr

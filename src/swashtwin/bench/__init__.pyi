@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .fillers.registry import FILLERS as FILLERS
+from .public.bearing_life import run_bearing_life as run_bearing_life
 from .public.default_training import run_public_default as run_public_default
 from .public.readers.registry import read_public_set as read_public_set
 from .public.scarce import run_scarce as run_scarce
@@ -12,6 +13,8 @@ from .questions.confidence import ConfidenceStudySettings as ConfidenceStudySett
 from .questions.confidence import run_confidence as run_confidence
 from .questions.contenders import CONTENDERS as CONTENDERS
 from .questions.fault_map import run_fault_map as run_fault_map
+from .questions.healthy import HealthyStudySettings as HealthyStudySettings
+from .questions.healthy import run_healthy as run_healthy
 from .questions.leakage import run_leakage as run_leakage
 from .questions.listening import ListeningStudySettings as ListeningStudySettings
 from .questions.listening import run_listening as run_listening
@@ -47,6 +50,7 @@ __all__ = [
     "CalibrationStudySettings",
     "ConfidenceStudySettings",
     "Fleets",
+    "HealthyStudySettings",
     "ListeningStudySettings",
     "Plan",
     "SameRecordings",
@@ -60,10 +64,12 @@ __all__ = [
     "read_public_set",
     "require_rig",
     "rig_recordings",
+    "run_bearing_life",
     "run_calibration_study",
     "run_conditions",
     "run_confidence",
     "run_fault_map",
+    "run_healthy",
     "run_leakage",
     "run_listening",
     "run_misspecification",

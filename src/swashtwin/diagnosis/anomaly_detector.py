@@ -10,12 +10,18 @@ from swashtwin.diagnosis.detector_file import read_detector, write_detector
 from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.level_changes import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import Deviation, HealthyLevels, Level, LevelLayout, measure_healthy
+from swashtwin.learning import (
+    USUAL_ERROR_RATE,
+    Deviation,
+    HealthyLevels,
+    Level,
+    LevelLayout,
+    allowed_error_rate,
+    least_validation,
+    measure_healthy,
+)
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import Manifest, Recording, manifest_of, seen_recordings, stated_speed
-
-USUAL_ERROR_RATE = 0.05
-"""False-alarm rate where none is asked for and the recordings allow it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,24 +214,21 @@ def fit_healthy(
     if error_rate is not None:
         require_allowed(len(recordings), error_rate)
     healthy, notes = measure_healthy(recordings, progress=progress)
-    allowed = math.ceil(1000 * healthy.least_error_rate - 1e-9) / 1000
+    allowed = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE) if error_rate is None else error_rate
     if error_rate is None and allowed > USUAL_ERROR_RATE:
-        needed = math.ceil(1 / USUAL_ERROR_RATE - 1)
-        notes = (
-            *notes,
+        few = (
             f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {allowed:g}; "
-            f"{USUAL_ERROR_RATE:g} takes {needed}.",
+            f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
         )
-    return AnomalyDetector(healthy, max(USUAL_ERROR_RATE, allowed) if error_rate is None else error_rate, notes)
+        notes = (*notes, few)
+    return AnomalyDetector(healthy, allowed, notes)
 
 
 def require_allowed(n_healthy: int, error_rate: float) -> None:
     """Refuse a false-alarm rate that so many healthy recordings cannot state."""
-    if not 0 < error_rate < 1:
-        raise InputError(f"error_rate ({error_rate:g}) must lie between 0 and 1; one false alarm in twenty is 0.05.")
-    needed = math.ceil(1 / error_rate - 1 - 1e-9)
+    needed = least_validation(error_rate)
     if n_healthy < needed:
         raise InputError(
             f"a false-alarm rate of {error_rate:g} needs {needed} healthy recordings at least, there are {n_healthy}; "
-            f"record more, or allow {math.ceil(1000 / (n_healthy + 1) - 1e-9) / 1000:g}."
+            f"record more, or allow {allowed_error_rate(n_healthy, error_rate):g}."
         )

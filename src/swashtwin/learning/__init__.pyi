@@ -31,6 +31,7 @@ from .evaluation.unseen import unseen_recordings as unseen_recordings
 from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features
+from .healthy.healthy_levels import USUAL_ERROR_RATE as USUAL_ERROR_RATE
 from .healthy.healthy_levels import Deviation as Deviation
 from .healthy.healthy_levels import HealthyLevels as HealthyLevels
 from .healthy.healthy_levels import measure_healthy as measure_healthy
@@ -56,6 +57,7 @@ from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
 from .training.confidence import ValidationPlan as ValidationPlan
 from .training.confidence import allowed_error_rate as allowed_error_rate
+from .training.confidence import least_validation as least_validation
 from .training.confidence import plan_validation as plan_validation
 from .training.confidence import require_enough as require_enough
 from .training.loop import fit as fit
@@ -95,6 +97,7 @@ __all__ = [
     "RANGE",
     "RECOMMENDED_TRAINING",
     "RIDGE_PENALTIES",
+    "USUAL_ERROR_RATE",
     "Baseline",
     "BiTCN",
     "Classifier",
@@ -145,6 +148,7 @@ __all__ = [
     "has_network",
     "hold_out",
     "learn_confidence",
+    "least_validation",
     "likeliest_class",
     "load_windows",
     "measure_healthy",

@@ -8,10 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
 from swashtwin.learning.leakage.confounding import Confounding, confounding
 from swashtwin.learning.leakage.copies import Copy, copied_recordings
-from swashtwin.learning.training.confidence import plan_validation
+from swashtwin.learning.training.confidence import allowed_error_rate, plan_validation
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Finding,
@@ -29,6 +30,7 @@ from swashtwin.recordings import (
 _MOST_SAMPLES = 1 << 27
 """Samples of all recordings up to which copies and confounding are looked for: these need all in memory (1 GB)."""
 _TEST_FRACTION = 0.2
+_DETECTION = "detection from healthy recordings alone"
 _CALIBRATION_TURNS = 16
 """Revolutions whose orders a calibration can read."""
 
@@ -98,7 +100,10 @@ class DataCheck:
     def answer(self) -> str:
         """The answer in one sentence."""
         missing = [use.name for use in self.uses if use.is_required and use.state == "no"]
-        enough = f"not enough: no {' and no '.join(missing)}" if missing else "enough to train and to test"
+        is_tested = any(use.is_required and use.state != "no" for use in self.uses if use.name != _DETECTION)
+        enough = f"enough {'to train and to test' if is_tested else 'for an anomaly detector'}"
+        if missing:
+            enough = f"not enough: no {' and no '.join(missing)}"
         if not self.is_sound:
             enough = f"the usable recordings are {enough}"
         findings = [*self.inspection.findings, *(f for report in self.inspection.recordings for f in report.findings)]
@@ -221,25 +226,36 @@ def _gaps(counts: Sequence[ClassCount]) -> tuple[tuple[str, str], ...]:
 
 def _uses(labeled: Sequence[Recording], error_rate: float) -> list[Use]:
     classes = Counter(str(recording.label) for recording in labeled)
-    uses = [_training(classes)]
-    uses += [
-        _test(labeled, "recording", "test on recordings that were not trained on", True),
+    is_healthy_only = bool(classes) and all(map(is_healthy, classes))
+    return [
+        _training(classes, not is_healthy_only),
+        _detection(sum(count for name, count in classes.items() if is_healthy(name)), is_healthy_only),
+        _test(labeled, "recording", "test on recordings that were not trained on", not is_healthy_only),
         _test(labeled, "specimen", "test on specimens that were not trained on", False),
         _test(labeled, "condition", "test at operating conditions that were not trained at", False),
         _confidence(len(labeled), error_rate),
         _calibration(labeled),
     ]
-    return uses
 
 
-def _training(classes: Counter[str]) -> Use:
+def _training(classes: Counter[str], is_required: bool) -> Use:
     if len(classes) < 2:
         reason = f"{len(classes)} class{'es' * (len(classes) != 1)} with a label; a classifier tells two or more apart."
-        return Use("training of a classifier", "no", True, reason)
+        return Use("training of a classifier", "no", is_required, reason)
     healthy = any(is_healthy(name) for name in classes)
     listed = ", ".join(f"{count} {name}" for name, count in classes.items())
     reason = f"{listed}." if healthy else f"{listed}; none is healthy, so false alarms cannot be counted."
-    return Use("training of a classifier", "yes" if healthy else "partly", True, reason)
+    return Use("training of a classifier", "yes" if healthy else "partly", is_required, reason)
+
+
+def _detection(n_healthy: int, is_required: bool) -> Use:
+    """Whether an anomaly detector can be made, at the false-alarm rate that is usual or at a higher one."""
+    count = plural(n_healthy, "healthy recording")
+    if n_healthy < LEAST_HEALTHY:
+        return Use(_DETECTION, "no", is_required, f"{count}; {LEAST_HEALTHY} are needed at least.")
+    allowed = allowed_error_rate(n_healthy, USUAL_ERROR_RATE)
+    reason = f"{count} allow a false-alarm rate of {allowed:g}: train on an index of these alone."
+    return Use(_DETECTION, "yes" if allowed == USUAL_ERROR_RATE else "partly", is_required, reason)
 
 
 def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool) -> Use:

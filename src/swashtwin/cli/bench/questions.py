@@ -136,6 +136,29 @@ def listening(
     tell_study(study, out, as_json)
 
 
+def healthy(
+    seeds: FleetSeeds = "100,101", specimens: Specimens = 3, out: ReportFolder = None, jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """A detector from a pump's healthy recordings alone: false alarms against the stated rate, alarms by fault."""
+    from swashtwin.bench import HealthyStudySettings, run_healthy
+
+    numbers = read_seeds(seeds)
+    settings = HealthyStudySettings(pumps=specimens)
+    with progress("pumps of the virtual rig") as bar:
+        study = run_healthy(seeds=numbers, settings=settings, jobs=jobs, progress=bar, command=typed_command())
+    tell_study(study, out, as_json)
+
+
+def run_to_failure(data: PublicData, out: ReportFolder = None, as_json: Json = False) -> None:
+    """When the alarm of a bearing's first recordings comes in its life, on bearings run until they failed."""
+    from swashtwin.bench import run_bearing_life
+
+    with progress("bearings") as bar:
+        study = run_bearing_life(data / "bearing_run_to_failure", progress=bar, command=typed_command())
+    tell_study(study, out, as_json)
+
+
 def misspecification(
     seeds: FleetSeeds = "2",
     specimens: Specimens = 4,

@@ -24,6 +24,8 @@ from swashtwin.recordings import (
 
 LEAST_HEALTHY = 5
 """Healthy recordings that levels are compared with at least: of fewer, no spread can be told."""
+USUAL_ERROR_RATE = 0.05
+"""False-alarm rate of a detector where none is asked for and the recordings allow it."""
 _TURNS = 8
 """Revolutions in each segment where the speed is known, so that eight spectral lines lie from order to order."""
 _SEGMENT = 8192

@@ -33,15 +33,16 @@ class Preset:
         return f"<Preset: {self.name}>"
 
 
-def _classifier(network: str, training: TrainingSettings) -> Mapping[str, Any]:
-    names = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
-    return MappingProxyType({"network": network, **{name: getattr(training, name) for name in names}})
+_NAMES = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 
-
-paper = Preset("paper", PAPER_CALIBRATION, PAPER_TRAINING, _classifier("bitcn", PAPER_TRAINING))
+paper = Preset(
+    "paper",
+    PAPER_CALIBRATION,
+    PAPER_TRAINING,
+    MappingProxyType({"network": "bitcn", **{name: getattr(PAPER_TRAINING, name) for name in _NAMES}}),
+)
 """The recipe of the paper (DOI 10.1177/00202940261419020)."""
 
-recommended = Preset(
-    "recommended", MappingProxyType({}), RECOMMENDED_TRAINING, _classifier("spectral_bitcn", RECOMMENDED_TRAINING)
-)
-"""Ours (docs/networks.md): the defaults of `calibrate` and `FaultClassifier`."""
+recommended = Preset("recommended", MappingProxyType({}), RECOMMENDED_TRAINING, MappingProxyType({}))
+"""Ours (docs/networks.md): the defaults of `calibrate` and `FaultClassifier`, which chooses by trials; a network that
+is named is trained by `training`."""

@@ -46,13 +46,24 @@ def test_train_takes_any_network_and_its_settings(
 
 
 def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(folder: Path, tmp_path: Path) -> None:
-    recipes = {}
-    for preset in ("recommended", "paper"):
-        out = tmp_path / f"{preset}.safetensors"
-        run("train", folder, "--window", 100, "--preset", preset, *settings("epochs=1"), "--out", out)
-        classifier = load_classifier(out)
-        recipes[preset] = (classifier.network.name, classifier.settings.batch_size, classifier.settings.decay)
-    assert recipes == {"recommended": ("spectral_bitcn", 64, "cosine"), "paper": ("bitcn", 30, "none")}
+    out = tmp_path / "paper.safetensors"
+    run("train", folder, "--window", 100, "--preset", "paper", *settings("epochs=1"), "--out", out)
+    paper = load_classifier(out)
+    assert (paper.network.name, paper.settings.batch_size, paper.settings.decay) == ("bitcn", 30, "none")
+    out = tmp_path / "chosen.safetensors"
+    answer = run_json("train", folder, "--window", 100, "--budget", "10 s", "--out", out)
+    chosen = load_classifier(out)
+    assert chosen.network.name == "levels"
+    assert chosen.choice.to_dict() == answer["choice"]
+    assert chosen.confidence.cross_fitted
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--set", "epochs=3"), ("--checkpoint", "run.checkpoint"), ("--network", "mlp", "--budget", "1 min")],
+)
+def test_options_of_a_network_and_of_the_choice_exclude_each_other(words: tuple[str, ...]) -> None:
+    assert "--network" in run("train", "nowhere", *words, code=2).stderr
 
 
 @pytest.mark.parametrize(
@@ -79,16 +90,16 @@ def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--set", "frame=1"), "frame"),
-        (("--set", "epochs=0"), "epochs (0) must be at least 1"),
-        (("--set", "normalization=guess"), "normalization 'guess' is none of"),
-        (("--set", "stretch=2"), "must be between 0 and 0.2"),
-        (("--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
-        (("--network", "bi_lstm"), "Did you mean 'bilstm'"),
+        (("spectral_bitcn", "--set", "frame=1"), "frame"),
+        (("mlp", "--set", "epochs=0"), "epochs (0) must be at least 1"),
+        (("mlp", "--set", "normalization=guess"), "normalization 'guess' is none of"),
+        (("mlp", "--set", "stretch=2"), "must be between 0 and 0.2"),
+        (("mlp", "--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
+        (("bi_lstm",), "Did you mean 'bilstm'"),
     ],
 )
 def test_a_value_that_cannot_be_is_one_line_before_any_recording_is_read(words: tuple[str, ...], reason: str) -> None:
-    line = one_line(run("train", "nowhere", *words, code=3))
+    line = one_line(run("train", "nowhere", "--network", *words, code=3))
     assert reason in line
     assert "bug" not in line
 
@@ -106,7 +117,7 @@ def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None
 def test_train_learns_with_noise_other_gains_and_speeds_where_they_are_set(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.safetensors"
     texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
-    run("train", folder, "--window", 100, *settings(*texts), "--out", out)
+    run("train", folder, "--window", 100, "--network", "mlp", *settings(*texts), "--out", out)
     trained = load_classifier(out).settings
     assert (trained.noise_snr, trained.gain, trained.stretch) == (0.0, 3.0, 0.02)
 
@@ -121,7 +132,7 @@ def test_resume_needs_a_checkpoint() -> None:
         (("--test-fraction", 0.7), 2, "less than or equal to 0.5"),
         (("--validation-fraction", -0.1), 2, "greater than or equal to 0"),
         (("--group", "pump_run"), 3, "pump_run"),
-        (("--checkpoint", "run.checkpoint"), 3, "run.checkpoint exists; continue it with --resume"),
+        (("--network", "mlp", "--checkpoint", "run.checkpoint"), 3, "run.checkpoint exists; continue it with --resume"),
     ],
 )
 def test_a_split_or_a_checkpoint_that_cannot_be_is_refused_before_windows_are_cut(

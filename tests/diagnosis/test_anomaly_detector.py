@@ -237,7 +237,7 @@ def test_an_option_of_a_classifier_is_refused_where_all_recordings_are_healthy(f
 
 def test_one_class_given_to_a_classifier_points_to_the_detector(healthy: list[Recording]) -> None:
     with pytest.raises((DataError, InputError), match="fit_healthy"):
-        st.FaultClassifier(window=512, epochs=1).fit(healthy[:6])
+        st.FaultClassifier(window=512).fit(healthy[:6])
 
 
 def test_a_verdict_without_levels_has_a_page_too(tmp_path: Path) -> None:

@@ -15,7 +15,10 @@ from swashtwin.recordings import Recording
 AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
 RECESS = "--fault swash_plate:length=30mm,width=24mm,depth=0.07mm"
 GAUSS_NEWTON = "--method gauss-newton --set starts=1 --nuisances none --no-phases"
-NETWORK = "--set epochs=12 --set batch_size=16 --set channels=8,8 --set dilations=1,2 --set hidden=16"
+NETWORK = (
+    "--network spectral_bitcn --set epochs=12 --set batch_size=16 --set channels=8,8 --set dilations=1,2 "
+    "--set hidden=16"
+)
 WORN = "recordings/A_swash_plate_15MPa_1.h5"
 
 
@@ -76,7 +79,8 @@ COMMANDS: dict[str, Command] = {
     "compare": Command("twin compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
     "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
     "synthesize": Command(
-        "synthesize worn.json --like split/train.toml --count 3 --out synthetic.safetensors", after=("calibrate",)
+        "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",
+        after=("calibrate",),
     ),
     "augment": Command(
         "bench augment split/train.toml --filler jitter --label swash_plate --pressure '15 MPa' --count 8 "

@@ -16,6 +16,7 @@ from swashtwin.cli import (
     signal,
     simulating,
     synthesizing,
+    testing,
     training,
     twin,
 )
@@ -29,7 +30,7 @@ FIRST: Mapping[str, Callable[..., None]] = {
     "inspect": recordings.inspect,
     "check": recordings.check,
     "train": training.train,
-    "evaluate": training.evaluate,
+    "evaluate": testing.evaluate,
     "diagnose": diagnosing.diagnose,
     "calibrate": calibrating.calibrate,
     "synthesize": synthesizing.synthesize,
@@ -55,7 +56,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "severity": twin.severity,
         },
     ),
-    "model": ("Use a trained model in other programs.", {"export": training.export}),
+    "model": ("Use a trained model in other programs.", {"export": testing.export}),
     "bench": (
         "Ask whether the methods work: virtual rig, fillers, studies.",
         {

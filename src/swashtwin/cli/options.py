@@ -104,6 +104,9 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that
 GroupName = Annotated[
     str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
 ]
+UsualWindow = Annotated[
+    int | None, typer.Option("--window", help="Samples per window; by default 8192 or as many as recordings allow.")
+]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.", callback=as_model)]

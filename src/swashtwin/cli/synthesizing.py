@@ -9,7 +9,7 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import require_files, require_target
-from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, Window, fault_from
+from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, UsualWindow, fault_from
 
 
 class Background(StrEnum):
@@ -41,7 +41,7 @@ def synthesize(
             "shaft, or none."
         ),
     ] = Background.spectrum,
-    window: Window = 2048,
+    window: UsualWindow = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -52,7 +52,7 @@ def synthesize(
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
     from swashtwin.learning import cut_windows, save_windows
-    from swashtwin.recordings import join_manifests, load_recordings
+    from swashtwin.recordings import join_manifests, load_recordings, usual_window
     from swashtwin.synthesis import require_same_machine, simulate_windows
     from swashtwin.synthesis import synthesize as simulate
 
@@ -71,7 +71,7 @@ def synthesize(
     conditions = [fit.condition for fit in result.fits] if condition is None else [condition]
     recordings = load_recordings(like)
     classes = sorted({recording.label for recording in recordings if recording.label is not None} | {twin.label})
-    measured = cut_windows(recordings, length=window, classes=classes)
+    measured = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
     notes = require_same_machine(twin, conditions, recordings, speed=speed is None, pressure=pressure is None)
     is_drawn = draws and not nominal
     options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": background.value}

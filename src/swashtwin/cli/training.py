@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.detecting import are_healthy, evaluate_detector, train_detector
+from swashtwin.cli.detecting import are_healthy, train_detector
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import (
     GroupName,
     Index,
     Json,
-    ModelFile,
     Preset,
     PresetName,
     Seed,
-    Window,
+    UsualWindow,
     defaults_of,
     read_settings,
 )
@@ -26,9 +25,8 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.learning import (
-        ConfidenceScores,
+        Choice,
         FittedClassifier,
-        Scores,
         TrainingSettings,
         ValidationPlan,
         WindowSet,
@@ -40,6 +38,8 @@ _ERROR_RATE = 0.1
 """Error rate by default."""
 _TEST_FRACTION = 0.2
 """Share held out by default."""
+_NETWORK_WINDOW = 2048
+"""Samples per window of a named network by default."""
 
 
 def train(
@@ -67,7 +67,7 @@ def train(
         ),
     ] = None,
     group: GroupName = "recording",
-    window: Window = 2048,
+    window: UsualWindow = None,
     window_stride: Annotated[
         int | None, typer.Option(help="Samples from window to window; its length by default.")
     ] = None,
@@ -75,14 +75,19 @@ def train(
         bool, typer.Option("--allow-partial-revolution", help="Accept windows shorter than one turn of the shaft.")
     ] = False,
     network: Annotated[
-        str | None, typer.Option(help="Name of the network; spectral_bitcn by default, the paper's is bitcn.")
+        str | None,
+        typer.Option(help="Train this network, such as the paper's bitcn, instead of choosing by trials."),
+    ] = None,
+    budget: Annotated[
+        str | None,
+        typer.Option(help='Computing time that choosing may take on one core, such as "5 min"; 10 min by default.'),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="Any setting of the training or the network: epochs=60, noise_snr=5, hidden=256,128; repeatable.",
+            help="Any setting of a named network or its training: epochs=60, noise_snr=5, hidden=256,128; repeatable.",
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
@@ -97,12 +102,14 @@ def train(
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     from swashtwin.diagnosis import save_classifier
-    from swashtwin.foundation import DataError
+    from swashtwin.foundation import DataError, parse
     from swashtwin.learning import (
+        BUDGET,
         build_network,
         check_disjoint,
         cut_windows,
         fit,
+        fit_chosen,
         learn_confidence,
         load_windows,
         plan_validation,
@@ -118,19 +125,24 @@ def train(
         recording_groups,
         repeated_recordings,
         seen_recordings,
+        usual_window,
     )
 
     _require_checkpoint(checkpoint, resume)
     require_target(out)
     require_files(add or [])
-    network_name, (network, recipe, shape) = network, _recipe(network, settings, preset, window)
+    is_chosen = network is None and preset is Preset.recommended
+    _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
+    seconds = BUDGET if budget is None else parse(budget, "s", name="--budget")
+    recipe = None if is_chosen else _recipe(network, settings, preset, window or _NETWORK_WINDOW)
     added = [load_windows(path) for path in add or ()]
     manifest = join_manifests([synthetic.manifest for synthetic in added])
-    layout: dict[str, Any] = {"like": added[0]} if added else {"length": window}
     recordings = load_recordings(source)
+    length = window or (usual_window(recordings) if is_chosen else _NETWORK_WINDOW)
+    layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
     if not added and are_healthy(recordings):
         classifier_options = {
-            "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network_name,
+            "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
             "set": settings, "checkpoint": checkpoint, "window_stride": window_stride,
         }  # fmt: skip
         train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
@@ -174,21 +186,44 @@ def train(
     hint = f"{checkpoint} holds the last whole epoch: the same command with --resume continues" if checkpoint else ""
     with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
         with progress("training") as bar:
-            classifier = fit(
-                build_network(network, training.n_channels, len(training.classes), length=training.length, **shape),
-                training,
-                settings=recipe,
-                seed=seed,
-                validation=validation,
-                checkpoint=checkpoint,
-                resume=resume,
-                progress=lambda epoch: bar(epoch.number, recipe.epochs, f"training, loss {epoch.loss:.4f}"),
-                device=device,
-            )
+            if recipe is None:
+                classifier = fit_chosen(
+                    training,
+                    budget=seconds,
+                    error_rate=None if validation_fraction else error_rate,
+                    seed=seed,
+                    device=device,
+                    progress=lambda activity, finished, total: bar(finished, total, activity),
+                )
+            else:
+                name, how, shape = recipe
+                classifier = fit(
+                    build_network(name, training.n_channels, len(training.classes), length=training.length, **shape),
+                    training,
+                    settings=how,
+                    seed=seed,
+                    validation=validation,
+                    checkpoint=checkpoint,
+                    resume=resume,
+                    progress=lambda epoch: bar(epoch.number, how.epochs, f"training, loss {epoch.loss:.4f}"),
+                    device=device,
+                )
         if validation is not None:
             classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
         save_classifier(classifier, out)
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
+
+
+def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:
+    """Refuse options of a named network where training chooses, and the other way round."""
+    for name, value in (of_network if is_chosen else of_choice).items():
+        if value:
+            advice = (
+                "belongs to a network; name it with --network, such as spectral_bitcn."
+                if is_chosen
+                else "belongs to the training that chooses; leave it out, or leave out --network and --preset."
+            )
+            raise typer.BadParameter(advice, param_hint=name)
 
 
 def _or_default(value: float | None, default: float) -> float:
@@ -213,7 +248,7 @@ def _recipe(
     from swashtwin.learning import NETWORKS, build_network, default_settings, has_network
 
     recipe = presets.paper if preset is Preset.paper else presets.recommended
-    name = network or recipe.classifier["network"]
+    name = network or str(recipe.classifier["network"])
     if not has_network(name):
         build_network(name, 2, 2)
     shape_defaults = default_settings(NETWORKS[name])
@@ -292,10 +327,13 @@ def _tell_training(
         "validation": [] if validation is None else sorted(set(validation.recording_id.tolist())),
         "temperature": None if confidence is None else confidence.temperature,
         "dependence": None if confidence is None else confidence.dependence,
+        "choice": None if classifier.choice is None else classifier.choice.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
         say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
+        if classifier.choice is not None:
+            _show_choice(classifier.choice)
         if confidence is None:
             note(f"note: its confidence is not calibrated; {confidence_advice(len(classifier.manifest))}.")
         else:
@@ -309,91 +347,12 @@ def _tell_training(
     tell(result, as_json, show)
 
 
-def evaluate(
-    model: ModelFile,
-    source: Index,
-    level: Annotated[str | None, typer.Option(help="Distance of the test from the training: L0 to L5.")] = None,
-    ids: Annotated[
-        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
-    ] = None,
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """Score a model on the recordings of an index that had no part in it."""
-    import swashtwin.learning as learning
-    from swashtwin.diagnosis import AnomalyDetector, load_model
-    from swashtwin.recordings import load_recordings
-
-    if level is not None and level not in learning.LEVELS:
-        raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
-    classifier = load_model(model)
-    recordings = load_recordings(source)
-    if isinstance(classifier, AnomalyDetector):
-        evaluate_detector(classifier, model, recordings, ids, as_json)
-        return
-    with progress("evaluating"):
-        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
-        test = learning.cut_windows(
-            chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True
-        )
-        scores = learning.evaluate(classifier, test, level=level, seed=seed)
-        confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
-    names = [recording.recording_id for recording in chosen]
-    if not ids and len(names) < len(recordings):
-        note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")
-    result = {"model": model, "recordings": names, **scores.to_dict()}
-    result["confidence"] = None if confidence is None else confidence.to_dict()
-
-    def show() -> None:
-        _show_scores(scores)
-        if confidence is not None:
-            _show_confidence(confidence)
-
-    tell(result, as_json, show)
-
-
-def _show_confidence(confidence: "ConfidenceScores") -> None:
-    rows = [(name, value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
-    table("Confidence, by recording", ("figure", "value"), rows)
-
-
-def _show_scores(scores: "Scores") -> None:
-    names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
-             "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
-    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
-    count = plural(scores.n_recordings, "recording")
-    title = f"{scores.n_windows} windows of {count}, level {scores.level or 'not stated'}"
-    table(title, ("score", "value", ""), rows)
-    low, high = scores.accuracy_interval
-    say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
-    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
-    without = ("no verdict",) if scores.confusion.shape[1] > len(scores.classes) else ()
-    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes, *without), counts)
-
-
-def export(
-    model: ModelFile,
-    out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("model.onnx"),
-    as_json: Json = False,
-) -> None:
-    """Write a model as an ONNX file, which runs without torch and without swashtwin."""
-    from swashtwin.diagnosis import export_onnx, load_classifier
-
-    require_target(out, ".onnx")
-    classifier = load_classifier(model)
-    with progress("writing ONNX"):
-        export_onnx(classifier, out)
-    layout, kind = classifier.layout, classifier.normalization.kind
-    result = {
-        "model": out, "network": classifier.network.name, "classes": classifier.classes,
-        "channels": layout.channels, "length": layout.length, "sample_rate": layout.sample_rate,
-        "unit": layout.unit, "normalization": kind, "scaled": kind != "recording",
-    }  # fmt: skip
-
-    def show() -> None:
-        shape = f"(any, {len(layout.channels)}, {layout.length})"
-        say(f"{out}: windows {shape} in {layout.unit} at {layout.sample_rate:g} Hz, to one probability per class")
-        if kind == "recording":
-            note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
-
-    tell(result, as_json, show)
+def _show_choice(choice: "Choice") -> None:
+    rows = [
+        (trial.candidate, trial.clean, trial.disturbed, "chosen" if trial.candidate == choice.chosen else "")
+        for trial in choice.trials
+    ]
+    if rows:
+        kept = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
+        table(f"Candidates: {kept}", ("candidate", "clean", "noise, gain, speed", ""), rows)
+    say(choice.sentence())

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
 from swashtwin.recordings import Recording, Recordings
@@ -61,6 +63,42 @@ def synthetic_sets(synthetic: WindowSet | Iterable[WindowSet] | None) -> list[Wi
         if not windows.synthetic.all():
             raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
     return sets
+
+
+def windows_of_array(
+    X: np.ndarray, target: np.ndarray, classes: tuple[str, ...], groups: Any, sample_rate: float
+) -> WindowSet:
+    """Windows of an array ``(window, channel, sample)`` or ``(window, sample)``, each a recording by default.
+
+    Parameters
+    ----------
+    target : index of each window's class; -1 for none.
+    groups : recording of each window, or None.
+    sample_rate : samples per second [Hz].
+    """
+    signal = X[:, None] if X.ndim == 2 else X
+    if signal.ndim != 3:
+        raise InputError(f"X has {X.ndim} dimensions; an array is (window, channel, sample) or (window, sample).")
+    if signal.shape[2] < 2:
+        raise InputError(f"X has n_features = {signal.shape[2]}: a window of one sample cannot be learned from.")
+    names = np.arange(len(signal)) if groups is None else np.asarray(groups)
+    if names.shape != (len(signal),):
+        raise InputError(f"groups has shape {names.shape} for {len(signal)} windows; name the recording of each.")
+    nan = np.full(len(signal), np.nan)
+    return WindowSet(
+        signal=signal.astype(np.float32),
+        target=target.astype(np.int64),
+        classes=classes,
+        recording_id=np.array([f"window {name}" if groups is None else str(name) for name in names], dtype=np.str_),
+        specimen=np.full(len(signal), "", dtype=np.str_),
+        discharge_pressure=nan,
+        speed=nan,
+        start=np.arange(len(signal), dtype=np.int64) * signal.shape[2],
+        synthetic=np.zeros(len(signal), dtype=np.bool_),
+        sample_rate=sample_rate,
+        channels=tuple(f"channel {index + 1}" for index in range(signal.shape[1])),
+        unit="1",
+    )
 
 
 def with_synthetic(measured: WindowSet, sets: Sequence[WindowSet]) -> WindowSet:

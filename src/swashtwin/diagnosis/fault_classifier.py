@@ -10,12 +10,20 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from swashtwin.diagnosis.classifier_input import as_recordings, relabeled, require_none, synthetic_sets, with_synthetic
+from swashtwin.diagnosis.classifier_input import (
+    as_recordings,
+    relabeled,
+    require_none,
+    synthetic_sets,
+    windows_of_array,
+    with_synthetic,
+)
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis, diagnose, fit_to_recording
 from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.learning import (
     BASELINES,
+    BUDGET,
     NETWORKS,
     RECOMMENDED_TRAINING,
     Epoch,
@@ -30,6 +38,7 @@ from swashtwin.learning import (
     evaluate,
     fit,
     fit_baseline,
+    fit_chosen,
     has_network,
     learn_confidence,
     pooled_probabilities,
@@ -39,8 +48,11 @@ from swashtwin.learning import (
     split_by_recording,
     without_overlap,
 )
-from swashtwin.recordings import Recording, join_manifests
+from swashtwin.recordings import Recording, join_manifests, usual_window
 
+_ERROR_RATE = 0.1
+_NETWORK_WINDOW = 2048
+"""Samples per window of a named network by default."""
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
 
@@ -57,15 +69,20 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     Parameters
     ----------
     network : name of a network (`NETWORKS`; `register_network` adds one), or of a classifier on vibration features
-        (`BASELINES`, such as ``"extra_trees"``).
-    window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own.
+        (`BASELINES`, such as ``"extra_trees"``). By default the training chooses among `CANDIDATES` by trials on inner
+        folds, and learns its confidence from them (`fit_chosen`).
+    window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own. By
+        default `usual_window` of the recordings, or 2048 for a network that is named.
     stride : samples from one window of a training recording to the next; None lets none overlap.
     allow_partial_revolution : accept windows shorter than one turn of the shaft.
     epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks only.
     training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
-    validation_fraction : share of the recordings that calibrate its confidence (`learn_confidence`); 0 for none.
-    error_rate : share of recordings whose prediction set may miss the true class; used with `validation_fraction`.
+    budget : computing time [s] on one core that choosing may take.
+    validation_fraction : share of the recordings that calibrate its confidence (`learn_confidence`) instead; 0 for
+        none. A network that is named has no confidence without.
+    error_rate : share of recordings whose prediction set may miss the true class; by default 0.1, or the least that the
+        recordings allow.
     sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
     device : ``"cpu"``, or a GPU such as ``"cuda"``.
     seed : seed of everything random. The same seed, data and machine give the same bits.
@@ -87,9 +104,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
 
     def __init__(
         self,
-        network: str = "spectral_bitcn",
+        network: str | None = None,
         *,
-        window: int = 2048,
+        window: int | None = None,
         stride: int | None = None,
         allow_partial_revolution: bool = False,
         epochs: int = RECOMMENDED_TRAINING.epochs,
@@ -99,8 +116,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         normalization: str = RECOMMENDED_TRAINING.normalization,
         training_settings: Mapping[str, Any] | None = None,
         network_settings: Mapping[str, Any] | None = None,
+        budget: float = BUDGET,
         validation_fraction: float = 0.0,
-        error_rate: float = 0.1,
+        error_rate: float | None = None,
         sample_rate: float = 1.0,
         device: str = "cpu",
         seed: int = 0,
@@ -116,6 +134,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         self.normalization = normalization
         self.training_settings = training_settings
         self.network_settings = network_settings
+        self.budget = budget
         self.validation_fraction = validation_fraction
         self.error_rate = error_rate
         self.sample_rate = sample_rate
@@ -150,9 +169,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             A recording is unfit or too short, a label is missing, or a class has no window.
         """
         settings = self._settings()
-        measured = self._training_windows(X, y, groups)
         further = synthetic_sets(synthetic)
-        validation = None
+        measured = self._training_windows(X, y, groups, further[0].length if further else None)
+        validation, rate = None, _ERROR_RATE if self.error_rate is None else self.error_rate
         if self.validation_fraction:
             measured, validation = split_by_recording(
                 measured,
@@ -160,19 +179,24 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
                 seed=self.seed,
                 keep_in_training=join_manifests([windows.manifest for windows in further]),
             )
-            require_enough(np.unique(validation.recording_id).size, self.error_rate)
+            require_enough(np.unique(validation.recording_id).size, rate)
         for windows in further:
             require_shared_speed(measured, windows)
         windows = with_synthetic(measured, further)
         fitted: FittedClassifier | FittedBaseline
-        if self.network in BASELINES:
+        if self.network is None:
+            rate_of_folds = None if validation is not None else self.error_rate
+            fitted = fit_chosen(
+                windows, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, device=self.device
+            )
+        elif self.network in BASELINES:
             fitted = fit_baseline(self.network, windows, seed=self.seed)
         else:
-            network = self._network(windows)
+            network = self._network(self.network, windows)
             fitted = fit(network, windows, settings=settings, seed=self.seed, device=self.device, progress=progress)
         if validation is not None:
             validation = without_overlap(validation).with_classes(windows.classes)
-            fitted = learn_confidence(fitted, validation, error_rate=self.error_rate)
+            fitted = learn_confidence(fitted, validation, error_rate=rate)
         self.fitted_ = fitted
         if windows.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(windows.classes, dtype=np.str_)
@@ -288,12 +312,15 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             fitted.network.name, settings["n_channels"], settings["n_classes"], length=fitted.length
         ).settings
         network = {name: value for name, value in settings.items() if name not in plain or value != plain[name]}
-        classifier = cls(
-            fitted.network.name,
-            window=fitted.length,
+        named: dict[str, Any] = {
+            "network": fitted.network.name,
             **{name: training[name] for name in _OWN_PARAMETERS},
-            training_settings=other or None,
-            network_settings=network or None,
+            "training_settings": other or None,
+            "network_settings": network or None,
+        }
+        classifier = cls(
+            **({} if fitted.choice is not None else named),
+            window=fitted.length,
             sample_rate=fitted.sample_rate,
             seed=fitted.seed,
         )
@@ -308,6 +335,11 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         return tags
 
     def _settings(self) -> TrainingSettings:
+        if self.network is None:
+            usual = type(self)()
+            for name in (*_OWN_PARAMETERS, "training_settings", "network_settings"):
+                if getattr(self, name) != getattr(usual, name):
+                    raise InputError(f"{name} belongs to a network; name it, such as network='spectral_bitcn'.")
         values = {name: getattr(self, name) for name in _OWN_PARAMETERS}
         other = dict(self.training_settings or {})
         unknown = [name for name in other if name not in asdict(RECOMMENDED_TRAINING) or name in values]
@@ -318,17 +350,17 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             )
         return TrainingSettings(**values, **other)
 
-    def _network(self, windows: WindowSet) -> Network:
-        if not has_network(self.network):
+    def _network(self, name: str, windows: WindowSet) -> Network:
+        if not has_network(name):
             raise InputError(
-                f"unknown network {self.network!r}; there are {', '.join(sorted(NETWORKS))}, and on vibration features "
+                f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}, and on vibration features "
                 f"{', '.join(sorted(BASELINES))}. An own one is added with register_network."
             )
         settings = self.network_settings or {}
-        return build_network(self.network, windows.n_channels, len(windows.classes), length=windows.length, **settings)
+        return build_network(name, windows.n_channels, len(windows.classes), length=windows.length, **settings)
 
-    def _training_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
-        """Labeled windows, with `classes_` set where `X` is an array."""
+    def _training_windows(self, X: Any, y: Any, groups: Any, length: int | None) -> WindowSet:
+        """Labeled windows, with `classes_` set where `X` is an array; `length` is that of synthetic ones."""
         if isinstance(y, WindowSet):
             raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
         if isinstance(X, WindowSet):
@@ -340,7 +372,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         require_none(None, groups, "each recording is a group")
         return cut_windows(
             relabeled(recordings, y),
-            length=self.window,
+            length=self.window or length or (usual_window(recordings) if self.network is None else _NETWORK_WINDOW),
             stride=self.stride,
             allow_partial_revolution=self.allow_partial_revolution,
         )
@@ -353,29 +385,8 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         else:
             X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
             target = np.full(len(X), -1)
-        signal = X[:, None] if X.ndim == 2 else X
-        if signal.ndim != 3:
-            raise InputError(f"X has {X.ndim} dimensions; an array is (window, channel, sample) or (window, sample).")
-        if signal.shape[2] < 2:
-            raise InputError(f"X has n_features = {signal.shape[2]}: a window of one sample cannot be learned from.")
-        names = np.arange(len(signal)) if groups is None else np.asarray(groups)
-        if names.shape != (len(signal),):
-            raise InputError(f"groups has shape {names.shape} for {len(signal)} windows; name the recording of each.")
-        nan = np.full(len(signal), np.nan)
-        return WindowSet(
-            signal=signal.astype(np.float32),
-            target=target.astype(np.int64),
-            classes=tuple(str(name) for name in self.classes_),
-            recording_id=np.array([f"window {name}" if groups is None else str(name) for name in names], dtype=np.str_),
-            specimen=np.full(len(signal), "", dtype=np.str_),
-            discharge_pressure=nan,
-            speed=nan,
-            start=np.arange(len(signal), dtype=np.int64) * signal.shape[2],
-            synthetic=np.zeros(len(signal), dtype=np.bool_),
-            sample_rate=float(self.sample_rate),
-            channels=tuple(f"channel {index + 1}" for index in range(signal.shape[1])),
-            unit="1",
-        )
+        classes = tuple(str(name) for name in self.classes_)
+        return windows_of_array(X, target, classes, groups, float(self.sample_rate))
 
     def _recording_probability(self, recording: Recording) -> np.ndarray:
         classifier, parts = fit_to_recording(self.fitted_, recording)

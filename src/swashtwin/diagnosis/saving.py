@@ -19,6 +19,7 @@ from swashtwin.learning import (
     BUILT_IN,
     NETWORKS,
     NORMALIZATIONS,
+    Choice,
     Confidence,
     Epoch,
     FittedClassifier,
@@ -47,6 +48,26 @@ _FORM: dict[str, Any] = {
     "manifest": {str: [str]},
     "pressures": [float],
     "speeds": [float],
+    "choice": (
+        {
+            "chosen": str,
+            "group": str,
+            "n_folds": int,
+            "n_windows": int,
+            "reason": str,
+            "trials": [
+                {
+                    "candidate": str,
+                    "score": float,
+                    "standard_error": float,
+                    "clean": float,
+                    "disturbed": float,
+                    "is_tied": bool,
+                }
+            ],
+        },
+        None,
+    ),
     "training_reference": ({"recording_id": [str], "label": [str]}, None),
     "confidence": (
         {
@@ -129,6 +150,7 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         "manifest": classifier.manifest,
         "pressures": classifier.pressures,
         "speeds": classifier.speeds,
+        "choice": None if classifier.choice is None else classifier.choice.to_dict(),
         "training_reference": None
         if reference is None
         else {"recording_id": reference.recording_id, "label": reference.label},
@@ -159,6 +181,7 @@ def _classifier(card: dict[str, Any], tensors: dict[str, Tensor]) -> FittedClass
         manifest=join_manifests([card["manifest"]]),
         pressures=tuple(card["pressures"]),
         speeds=tuple(card["speeds"]),
+        choice=None if card["choice"] is None else Choice.from_dict(card["choice"]),
         training_reference=_reference(card["training_reference"], tensors),
         confidence=_confidence(card["confidence"], tensors),
     )

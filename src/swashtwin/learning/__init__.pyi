@@ -1,5 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
+from .choice.candidates import CANDIDATES as CANDIDATES
+from .choice.candidates import Candidate as Candidate
+from .choice.choice import Choice as Choice
+from .choice.choice import Trial as Trial
+from .choice.choosing import BUDGET as BUDGET
+from .choice.choosing import choose as choose
+from .choice.chosen_training import fit_chosen as fit_chosen
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
 from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
@@ -89,7 +96,9 @@ from .windows.window_set import WindowSet as WindowSet
 
 __all__ = [
     "BASELINES",
+    "BUDGET",
     "BUILT_IN",
+    "CANDIDATES",
     "LEVELS",
     "NETWORKS",
     "NORMALIZATIONS",
@@ -100,6 +109,8 @@ __all__ = [
     "USUAL_ERROR_RATE",
     "Baseline",
     "BiTCN",
+    "Candidate",
+    "Choice",
     "Classifier",
     "Confidence",
     "ConfidenceScores",
@@ -115,6 +126,7 @@ __all__ = [
     "HealthyLevels",
     "Level",
     "LevelLayout",
+    "LevelNetwork",
     "Network",
     "Normalization",
     "Scores",
@@ -122,6 +134,7 @@ __all__ = [
     "SureClassifier",
     "TrainingReference",
     "TrainingSettings",
+    "Trial",
     "ValidationPlan",
     "WindowLayout",
     "WindowSet",
@@ -132,6 +145,7 @@ __all__ = [
     "build_network",
     "check_disjoint",
     "check_recordings",
+    "choose",
     "confounding",
     "copied_recordings",
     "cross_fit",
@@ -142,6 +156,7 @@ __all__ = [
     "extract_features",
     "fit",
     "fit_baseline",
+    "fit_chosen",
     "fit_extra_trees",
     "g_mean",
     "group_folds",

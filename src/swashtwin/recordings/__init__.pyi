@@ -8,6 +8,7 @@ from .checks.findings import RecordingReport as RecordingReport
 from .checks.inspection import inspect_recording as inspect_recording
 from .checks.inspection import inspect_recordings as inspect_recordings
 from .checks.layout import layout_findings as layout_findings
+from .checks.layout import usual_window as usual_window
 from .checks.layout import window_findings as window_findings
 from .checks.usability import refuse_unfit as refuse_unfit
 from .collection import Recordings as Recordings
@@ -100,6 +101,7 @@ __all__ = [
     "stem_of",
     "suffix_of",
     "suffixes",
+    "usual_window",
     "window_findings",
     "write_blocks",
     "write_index",

@@ -16,7 +16,7 @@ from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import Fault, OperatingCondition, is_same_class
-from swashtwin.recordings import Recording, join_manifests
+from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
 from swashtwin.synthesis.filler import build_windows, require_count
@@ -37,7 +37,7 @@ def synthesize(
     condition: OperatingCondition | None = None,
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
-    window: int = 2048,
+    window: int | None = None,
 ) -> WindowSet:
     """Synthetic windows of a fault, labeled with its class.
 
@@ -55,7 +55,7 @@ def synthesize(
         operating points take turns among these.
     variation : what differs from window to window.
     background : what the windows are laid over, see `simulate_windows`.
-    window : samples per window where `like` is recordings; as in `FaultClassifier`.
+    window : samples per window where `like` is recordings; by default as in `FaultClassifier` (`usual_window`).
 
     Raises
     ------
@@ -79,7 +79,7 @@ def synthesize(
         recordings = list(like)
         labels = sorted({recording.label for recording in recordings if recording.label is not None})
         classes = sorted({*labels, _class_among(labels, twin)})
-        like = cut_windows(recordings, length=window, classes=classes)
+        like = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
         require_same_machine(twin, conditions, recordings, speed=not is_free, pressure=not is_free)
     else:
         require_same_machine(twin, conditions, like, speed=not is_free, pressure=not is_free)

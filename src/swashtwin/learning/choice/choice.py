@@ -12,17 +12,15 @@ class Trial:
     candidate: str
     """Its name."""
     score: float
-    """Mean of `clean` and `disturbed`."""
+    """Mean over the groups of the mean of `clean` and `disturbed`."""
+    standard_error: float
+    """Standard error of `score`, between the groups; 0 with one group."""
     clean: float
     """Mean over the classes of the share of windows told right, as they were measured."""
     disturbed: float
     """The same under noise at 5 dB, and under other gains and speeds, on average."""
-    behind: float
-    """Mean over the groups of the best candidate's score less this one's."""
-    standard_error: float
-    """Standard error of `behind`, between the groups."""
     is_tied: bool
-    """Whether it is within one standard error of the best."""
+    """Whether its score is within one standard error of the best one."""
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64, Int64, Shaped
+from jaxtyping import Float64, Int64, Shaped
 from torch import Tensor
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
 from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
 from swashtwin.learning.choice.choice import Choice, Trial
 from swashtwin.learning.networks.level_network import LevelNetwork
-from swashtwin.learning.networks.window_levels import window_levels
+from swashtwin.learning.networks.window_levels import gain_response, window_levels
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
@@ -24,6 +24,9 @@ from swashtwin.signals import NoiseKind, unit_noise
 MOST_WINDOWS = 3000
 """Measured windows of a trial; of more, every recording lends its share, evenly spaced."""
 MOST_FOLDS = 4
+"""Inner folds at most; fewer where a class stands in fewer groups."""
+BUDGET = 600.0
+"""Seconds of one core that a choice may take, by the model of its cost."""
 SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
 """Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative change of speed."""
 _KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
@@ -38,21 +41,17 @@ class FoldAnswers:
 
     probability: Float64[np.ndarray, "window class"]
     """Of each class."""
-    levels: Float[np.ndarray, "window level"]
-    """Levels of each window, as the candidate's network represents them."""
     target: Int64[np.ndarray, " window"]
     """Index of the class."""
     recording_id: Shaped[np.ndarray, " window"]
-    """Recording of each window."""
-    fold: Int64[np.ndarray, " window"]
-    """Fold that tested it."""
+    """Recording of each window, in order of time."""
 
 
 def choose(
     windows: WindowSet,
     *,
     candidates: Sequence[Candidate] = CANDIDATES,
-    budget: float = 300.0,
+    budget: float = BUDGET,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Candidate, Choice, FoldAnswers | None]:
@@ -61,8 +60,8 @@ def choose(
     Measured windows are dealt into folds by specimen, else by condition, else by recording: the hardest grouping in
     which every class stands in two groups. Each candidate is trained on the other folds and on the synthetic windows of
     other specimens, and tested on the fold as it is, under noise at 5 dB, and under gains of ±12 dB with speeds of
-    ±2 %. Of the candidates within one standard error of the best (of the difference, between groups) the first in the
-    declared order is chosen.
+    ±2 %. Of the candidates whose score is within one standard error of the best (between the groups; Breiman and
+    others 1984, "Classification and Regression Trees") the first in the declared order is chosen.
 
     Parameters
     ----------
@@ -89,14 +88,11 @@ def choose(
     groups = window_groups(measured, group)
     trials = _trials(tried, log_probability, measured, groups)
     chosen = next(candidate for candidate, trial in zip(tried, trials, strict=True) if trial.is_tied)
-    tested = np.concatenate([rows for _, rows in folds])
-    fold = np.concatenate([np.full(len(rows), number) for number, (_, rows) in enumerate(folds)])
+    tested = np.sort(np.concatenate([rows for _, rows in folds]))
     answers = FoldAnswers(
         probability=np.exp(log_probability[chosen.name][0][tested]),
-        levels=views.network(chosen).shaped(views.levels(chosen.axis, "clean")).numpy()[tested],
         target=measured.target[tested],
         recording_id=measured.recording_id[tested],
-        fold=fold,
     )
     return chosen, Choice(chosen.name, tuple(trials), group, len(folds), len(tested), reason), answers
 
@@ -223,6 +219,8 @@ class _Views:
         return windows
 
     def _computed(self, windows: WindowSet, axis: str) -> Tensor:
+        if not len(windows):
+            return torch.zeros(0, windows.n_channels, len(gain_response(axis == "order")))
         signal = torch.from_numpy(self._normalization.apply(windows)).split(_BATCH)
         turns = torch.from_numpy(windows.turns_per_sample).split(_BATCH)
         with torch.no_grad():
@@ -319,21 +317,20 @@ def _trials(
             recall(views[0], everything),
             float(np.mean([recall(view, everything) for view in views[1:]])),
         )
-    best = max(candidates, key=lambda candidate: by_group[candidate.name].mean())
+    best = max(by_group.values(), key=np.mean)
+    least = best.mean() - (best.std(ddof=1) / np.sqrt(len(best)) if len(best) > 1 else 0.0)
     trials = []
     for candidate in candidates:
-        difference = by_group[best.name] - by_group[candidate.name]
-        error = float(difference.std(ddof=1) / np.sqrt(len(difference))) if len(difference) > 1 else 0.0
+        scores = by_group[candidate.name]
         clean, disturbed = whole[candidate.name]
         trials.append(
             Trial(
                 candidate=candidate.name,
-                score=(clean + disturbed) / 2,
+                score=float(scores.mean()),
+                standard_error=float(scores.std(ddof=1) / np.sqrt(len(scores))) if len(scores) > 1 else 0.0,
                 clean=clean,
                 disturbed=disturbed,
-                behind=float(difference.mean()),
-                standard_error=error,
-                is_tied=bool(difference.mean() <= error + 1e-12),
+                is_tied=bool(scores.mean() >= least - 1e-12),
             )
         )
     return trials

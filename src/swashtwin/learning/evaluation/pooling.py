@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64, Int64
-from scipy.optimize import minimize
-from scipy.special import log_softmax
 
 from swashtwin.learning.training.confidence import Confidence, pooled_temperature
 
@@ -66,7 +65,7 @@ def fit_pooling(
     def loss(parameters: Float64[np.ndarray, " 2"]) -> tuple[float, Float64[np.ndarray, " 2"]]:
         logarithm, dependence = parameters
         inverse = 1 / pooled_temperature(float(np.exp(logarithm)), float(dependence), count)
-        log_share = log_softmax(inverse[:, None] * mean, axis=1)
+        log_share = scipy.special.log_softmax(inverse[:, None] * mean, axis=1)
         slope = weight * ((np.exp(log_share) - goals) * mean).sum(axis=1) * -inverse
         relative = (1 - 1 / count) / (dependence + (1 - dependence) / count)
         return float(-(weight @ (goals * log_share).sum(axis=1)) / n), np.array(
@@ -75,7 +74,8 @@ def fit_pooling(
 
     low, high = np.log(_TEMPERATURES)
     fits = [
-        minimize(loss, (0.0, start), jac=True, method="L-BFGS-B", bounds=((low, high), (0.0, 1.0))) for start in _STARTS
+        scipy.optimize.minimize(loss, (0.0, start), jac=True, method="L-BFGS-B", bounds=((low, high), (0.0, 1.0)))
+        for start in _STARTS
     ]
     best = min(fits, key=lambda fit: float(fit.fun))
     return float(np.exp(best.x[0])), float(best.x[1])

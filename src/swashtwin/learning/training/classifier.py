@@ -9,6 +9,7 @@ from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.choice.choice import Choice
 from swashtwin.learning.features import extract_features
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.confidence import Confidence
@@ -48,6 +49,8 @@ class FittedClassifier:
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
     training_reference: TrainingReference | None = None
     """The measured recordings it was trained on, by their vibration features; None where there was none."""
+    choice: Choice | None = None
+    """What was tried and chosen (`fit_chosen`); None where the network was named."""
     confidence: Confidence | None = None
     """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
 

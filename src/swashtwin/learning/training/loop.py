@@ -131,10 +131,22 @@ def _require_device(device: str) -> None:
         raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
 
 
-def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet | None) -> None:
+def require_trainable(windows: WindowSet) -> None:
+    """Raise a `DataError` where there is no window, one without a label, one class, or a class without a window."""
     if len(windows) == 0:
         raise DataError("no window to train on.")
     windows.require_labels("training")
+    windows.require_two_classes()
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not counts.all():
+        raise DataError(
+            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
+            "cut the windows without this class."
+        )
+
+
+def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet | None) -> None:
+    require_trainable(windows)
     if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
         raise InputError(
             f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
@@ -143,13 +155,6 @@ def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet
     length = network.settings.get("length", windows.length)
     if length != windows.length:
         raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
-    windows.require_two_classes()
-    counts = np.bincount(windows.target, minlength=len(windows.classes))
-    if not counts.all():
-        raise DataError(
-            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
-            "cut the windows without this class."
-        )
     if validation is None:
         return
     validation.require_labels("validation")

@@ -52,6 +52,18 @@ class TrainingReference:
         nearest = np.einsum("cf,fg,cg->c", offset, space.within, offset).min()
         return float(nearest - scaled @ space.overall @ scaled) / scaled.size
 
+    def cross_fitted_scores(self) -> Float64[np.ndarray, " recording"]:
+        """`ood_score` of each training recording by nine in ten of the others; NaN where none is of its class."""
+        fold, label = np.arange(len(self.label)) % 10, np.array(self.label)
+        scores = np.full(len(label), np.nan)
+        for number in np.unique(fold):
+            used = fold != number
+            scored = np.flatnonzero(~used & np.isin(label, label[used]))
+            names = np.array(self.recording_id)[used]
+            others = TrainingReference(tuple(names.tolist()), tuple(label[used].tolist()), self.features[used])
+            scores[scored] = [others.ood_score(self.features[index]) for index in scored]
+        return scores
+
     @cached_property
     def _space(self) -> "_Space":
         deviation = self.features.std(axis=0)

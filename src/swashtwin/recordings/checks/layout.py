@@ -1,13 +1,16 @@
 """What recordings must have in common to be cut into windows of one length: rate, channels, unit, length."""
 
 import math
+import statistics
 from collections.abc import Iterable, Iterator, Sequence
 
+from swashtwin.foundation import DataError
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 
 _SHOWN = 3
+_LONGEST, _LEAST, _DURATION = 8192, 256, 0.33  # samples, samples, seconds of a window where nobody says
 
 
 def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
@@ -47,6 +50,31 @@ def window_findings(
             f"{_turn(slowest)} or more, or allow_partial_revolution=True."
         )
         yield Finding("partial_turn", "warning", None, message)
+
+
+def usual_window(recordings: Sequence[Recording]) -> int:
+    """Samples of the windows that recordings are cut into where nobody says: a power of two.
+
+    0.32 s or more, 8,192 samples at least, so that a spectrum tells the shaft's orders apart; but no more than a
+    quarter of most recordings, nor than the shortest recording holds.
+
+    Raises
+    ------
+    DataError
+        There is no recording.
+    """
+    if not recordings:
+        raise DataError("no recording to cut windows from; check the folder or the selection.")
+    counts = [recording.n_samples for recording in recordings]
+    rate = max(recording.sample_rate for recording in recordings)
+    longest = max(_LONGEST, _power_of_two(_DURATION * rate))
+    usual = min(longest, _power_of_two(statistics.median(counts) / 4))
+    return max(_LEAST, min(usual, _power_of_two(min(counts))))
+
+
+def _power_of_two(samples: float) -> int:
+    """The greatest power of two that is not above it; 1 at least."""
+    return 1 << max(0, math.floor(math.log2(max(samples, 1.0))))
 
 
 def _more(recordings: Sequence[Recording]) -> str:

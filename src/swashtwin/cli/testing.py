@@ -1,0 +1,105 @@
+"""Commands that test a model and write it for other programs: evaluate, model export."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.detecting import evaluate_detector
+from swashtwin.cli.exits import require_target
+from swashtwin.cli.options import Index, Json, ModelFile, Seed
+from swashtwin.foundation import plural
+
+if TYPE_CHECKING:
+    from swashtwin.learning import ConfidenceScores, Scores
+
+
+def evaluate(
+    model: ModelFile,
+    source: Index,
+    level: Annotated[str | None, typer.Option(help="Distance of the test from the training: L0 to L5.")] = None,
+    ids: Annotated[
+        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Score a model on the recordings of an index that had no part in it."""
+    import swashtwin.learning as learning
+    from swashtwin.diagnosis import AnomalyDetector, load_model
+    from swashtwin.recordings import load_recordings
+
+    if level is not None and level not in learning.LEVELS:
+        raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
+    classifier = load_model(model)
+    recordings = load_recordings(source)
+    if isinstance(classifier, AnomalyDetector):
+        evaluate_detector(classifier, model, recordings, ids, as_json)
+        return
+    with progress("evaluating"):
+        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
+        test = learning.cut_windows(
+            chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True
+        )
+        scores = learning.evaluate(classifier, test, level=level, seed=seed)
+        confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
+    names = [recording.recording_id for recording in chosen]
+    if not ids and len(names) < len(recordings):
+        note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")
+    result = {"model": model, "recordings": names, **scores.to_dict()}
+    result["confidence"] = None if confidence is None else confidence.to_dict()
+
+    def show() -> None:
+        _show_scores(scores)
+        if confidence is not None:
+            _show_confidence(confidence)
+
+    tell(result, as_json, show)
+
+
+def _show_confidence(confidence: "ConfidenceScores") -> None:
+    rows = [(name, value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
+    table("Confidence, by recording", ("figure", "value"), rows)
+
+
+def _show_scores(scores: "Scores") -> None:
+    names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
+             "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
+    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
+    count = plural(scores.n_recordings, "recording")
+    title = f"{scores.n_windows} windows of {count}, level {scores.level or 'not stated'}"
+    table(title, ("score", "value", ""), rows)
+    low, high = scores.accuracy_interval
+    say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
+    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
+    without = ("no verdict",) if scores.confusion.shape[1] > len(scores.classes) else ()
+    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes, *without), counts)
+
+
+def export(
+    model: ModelFile,
+    out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("model.onnx"),
+    as_json: Json = False,
+) -> None:
+    """Write a model as an ONNX file, which runs without torch and without swashtwin."""
+    from swashtwin.diagnosis import export_onnx, load_classifier
+
+    require_target(out, ".onnx")
+    classifier = load_classifier(model)
+    with progress("writing ONNX"):
+        export_onnx(classifier, out)
+    layout, kind = classifier.layout, classifier.normalization.kind
+    result = {
+        "model": out, "network": classifier.network.name, "classes": classifier.classes,
+        "channels": layout.channels, "length": layout.length, "sample_rate": layout.sample_rate,
+        "unit": layout.unit, "normalization": kind, "scaled": kind != "recording",
+    }  # fmt: skip
+
+    def show() -> None:
+        shape = f"(any, {len(layout.channels)}, {layout.length})"
+        say(f"{out}: windows {shape} in {layout.unit} at {layout.sample_rate:g} Hz, to one probability per class")
+        if kind == "recording":
+            note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
+
+    tell(result, as_json, show)

@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from stub_runs import run
 
+from swashtwin.bench.results.runs import save_run
 from swashtwin.foundation import DataError, MPa, file_name, rpm, stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
@@ -21,6 +24,7 @@ COMMANDS = (
     "--test-fraction 0 --checkpoint training --out model.safetensors",
     "evaluate model.safetensors split/test.toml --level L2",
     "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
+    "report runs --out 'report of all'",
     "signal spectrum data/normal_0.h5 --out spectrum.svg",
     "twin pump new mine",
 )
@@ -33,10 +37,21 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
             signal = stream(0, label, number).normal(size=(1, 4096))
             recording = Recording(signal, 6400.0, f"{label}_{number}", label=label, condition=condition)
             write_recording(recording, tmp_path / "data" / f"{label}_{number}.h5")
+    for seed in (0, 1):
+        finished = run("measured", seed, 0.8)
+        settings = {**finished.task.settings, "model": {}}
+        save_run(replace(finished, task=replace(finished.task, settings=settings)), tmp_path / "runs")
     command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr[-3000:]
-    for name in ("store.h5", "model.safetensors", "spectrum.svg", "mine.toml", "report of one/report.html"):
+    for name in (
+        "store.h5",
+        "model.safetensors",
+        "spectrum.svg",
+        "mine.toml",
+        "report of one/report.html",
+        "report of all/report.html",
+    ):
         assert (tmp_path / name).is_file()
     assert not list(tmp_path.rglob(".swashtwin-*"))
 

@@ -154,6 +154,24 @@ def test_evidence_is_json_and_of_one_recording(classifier: FittedClassifier, evi
         explain(classifier, recording("other", "normal"), diagnose(classifier, recording("new", "normal")))
 
 
+def test_contributions_that_do_not_add_up_are_not_shown_as_shares(evidence: Evidence, tmp_path) -> None:
+    assert evidence.adds_up
+    assert evidence.total == pytest.approx(1, abs=0.03)
+    lines = evidence.lines * (1.3 * evidence.margin / evidence.lines.sum())
+    off = replace(evidence, lines=lines, gap=0.3)
+    answer = off.to_dict()
+    assert (answer["adds_up"], answer["strongest"][0]["share"]) == (False, None)
+    assert answer["total"] == pytest.approx(1.3)
+    assert answer["strongest"][0]["band"] == "order 7"
+    assert "No shares are shown: the contributions of all lines together add to 130 % of the score." in off.sentences()
+    assert " %)" not in off.sentences()[0]
+    assert replace(off, margin=0.0).to_dict()["total"] is None
+    text = write_report(off, folder=tmp_path).read_text(encoding="utf-8")
+    assert "add to 130 % of the score" in text
+    assert "strongest first" in text
+    assert not list(tmp_path.glob("figures/*"))
+
+
 def test_the_page_shows_lines_moments_neighbors_and_checks(classifier, evidence, tmp_path) -> None:
     page = write_report(diagnose(classifier, recording("new", "valve_plate")), evidence, folder=tmp_path)
     text = page.read_text(encoding="utf-8")

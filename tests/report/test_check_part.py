@@ -18,6 +18,19 @@ def test_a_copy_at_another_gain_stands_among_what_must_be_mended() -> None:
     assert "Nothing suspicious" not in text
 
 
+def test_recordings_of_the_virtual_rig_are_called_so() -> None:
+    signals = np.random.default_rng(0).normal(size=(2, 1, 4096))
+    rig = {"origin": "swashtwin virtual rig, version 1"}
+    recordings = [
+        Recording(signals[0], 1000.0, "made", attributes=rig),
+        Recording(signals[1], 1000.0, "measured", attributes={"origin": "test bench 3"}),
+    ]
+    check = check_recordings(recordings)
+    (note,) = [text for text in check.notes if "stand-in" in text]
+    assert note.startswith("1 recording of the swashtwin virtual rig, version 1:")
+    assert note in repr(check_part(check, ""))
+
+
 def test_exact_copies_are_not_counted_as_usable() -> None:
     signals = np.random.default_rng(0).normal(size=(2, 1, 4096))
     labels = ("normal", "worn")

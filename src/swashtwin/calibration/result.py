@@ -13,7 +13,7 @@ from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, Spectra, Waveforms, mean_agreement
 from swashtwin.calibration.twin_table import twin_from_dict, twin_to_dict
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
-from swashtwin.foundation import ArtifactError, MissingFileError, parse_json, read_text, write_text
+from swashtwin.foundation import ArtifactError, MissingFileError, parse_json, plural, read_text, write_text
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
 from swashtwin.recordings import Manifest, join_manifests
@@ -62,7 +62,7 @@ class Calibration:
         identified = ", ".join(estimate.letter for estimate in self.estimates if estimate.verdict == "identified")
         return (
             f"<Calibration of {self.nominal.pump.name} ({self.nominal.label}) by {self.method} on "
-            f"{len(self.recording_ids)} recordings; identified: {identified or 'nothing'}>"
+            f"{plural(len(self.recording_ids), 'recording')}; identified: {identified or 'nothing'}>"
         )
 
     def estimate(self, name: str) -> Estimate:

@@ -24,7 +24,6 @@ from swashtwin.cli.options import (
     StatedPressure,
     StatedSpeed,
     Unit,
-    present,
     read_pairs,
 )
 from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
@@ -33,6 +32,7 @@ from swashtwin.cli.sources import (
     Only,
     PublicSet,
     choose_recordings,
+    file_facts,
     load_sources,
     refuse_source,
 )
@@ -83,16 +83,7 @@ def convert(
     require_target(out)
     refuse_source(out, paths)
     refuse_existing(out, overwrite)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        channels=channels,
-        names=names,
-        calibration_factor=calibration_factor,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     recordings = load_sources(paths, **facts)
     if samples_per_turn is None:
         _refuse_without_turns(playback_speed=playback_speed, tachometer=tachometer, pulses=pulses, track=track)

@@ -1,7 +1,6 @@
 """Commands that end a user's work: diagnose, report."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -22,9 +21,8 @@ from swashtwin.cli.options import (
     StatedSpeed,
     Unit,
     as_folder,
-    present,
 )
-from swashtwin.cli.sources import load_distinct
+from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -70,16 +68,7 @@ def diagnose(
     elif report is not None:
         as_folder(report)
     classifier = diagnosis.load_model(model)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        channels=channels,
-        names=names,
-        calibration_factor=calibration_factor,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     recordings = load_distinct(paths, **facts)
     if isinstance(classifier, diagnosis.AnomalyDetector):
         diagnose_anomalies(classifier, model, recordings, error_rate, report, as_json)
@@ -116,12 +105,11 @@ def diagnose(
 def write_page(items: "Sequence[Diagnosis | Evidence | AnomalyVerdict]", target: Path) -> Path:
     """Path of the page: `target` itself where it is an HTML file, which needs no other."""
     from swashtwin.foundation import write_text
-    from swashtwin.report import write_report
+    from swashtwin.report import page_text, write_report
 
-    if target.suffix != ".html":
-        return write_report(*items, folder=target)
-    with TemporaryDirectory() as folder:
-        return write_text(target, write_report(*items, folder=folder).read_text(encoding="utf-8"))
+    if target.suffix == ".html":
+        return write_text(target, page_text(*items))
+    return write_report(*items, folder=target)
 
 
 def _note_reasons(verdicts: "Sequence[Diagnosis]") -> None:

@@ -25,10 +25,9 @@ from swashtwin.cli.options import (
     StatedSpeed,
     Unit,
     Window,
-    present,
     read_pairs,
 )
-from swashtwin.cli.sources import load_distinct
+from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
 
@@ -131,15 +130,7 @@ def inspect(
     """Look for what is wrong with recordings. Exit code 3 where a recording must not be used."""
     from swashtwin.recordings import inspect_recordings
 
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        channels=channels,
-        calibration_factor=calibration_factor,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
         recordings = load_distinct(paths, unreadable, **facts)

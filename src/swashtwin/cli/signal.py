@@ -21,11 +21,11 @@ from swashtwin.cli.options import (
     StatedSpeed,
     Unit,
     band_from,
-    present,
 )
 from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
-from swashtwin.cli.sources import load_distinct, load_sources, refuse_source
+from swashtwin.cli.sources import file_facts, load_distinct, load_sources, refuse_source
 from swashtwin.cli.summaries import MOST_ROWS, All, number_or_none, show_medians, show_trend
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
@@ -88,15 +88,7 @@ def features(
     if out is not None:
         require_target(out, ".csv")
         refuse_source(out, source)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        calibration_factor=calibration_factor,
-        channels=channels,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     shaft = Shaft(tachometer, pulses, track)
     recordings = load_distinct(source, **facts)
     if out is None:
@@ -180,15 +172,7 @@ def spectrum(
         raise typer.BadParameter("a cepstrum is of the whole recording at once.", param_hint="--resolution")
     shaft = Shaft(tachometer, pulses, track)
     edges = None if band is None else band_from(band)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        calibration_factor=calibration_factor,
-        channels=channels,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     recordings = load_sources([file], **facts)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
@@ -271,15 +255,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        calibration_factor=calibration_factor,
-        channels=channels,
-        speed=speed,
-        discharge_pressure=pressure,
-        resample=resample,
-    )
+    facts = file_facts(locals())
     shaft = Shaft(tachometer, pulses, track)
     indicators = _indicators_of(load_distinct(source, **facts), pistons, band, None, shaft)
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
@@ -292,9 +268,10 @@ def trend(
         show_trend(result, show_all)
         counts = [point.count for point in result.points if point.status != "no baseline"]
         if without := len(result.points) - len(counts):
-            note(f"{without} recordings have no baseline: it takes 5 other healthy ones of the machine at that point.")
+            count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
+            note(f"{count} no baseline: it takes 5 other healthy ones of the machine at that point.")
         if counts and min(counts) < 12:
-            note(f"The smallest baseline has {min(counts)} recordings; it flags some healthy ones "
+            note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
                  "(docs/indicators.md).")  # fmt: skip
         say(f"{len(result.flagged)} of {len(result.points)} flagged beyond {threshold:g} spreads. {_NO_ZONE}")
         if out is not None:

@@ -1,13 +1,14 @@
 """The recordings that a command's arguments name."""
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swashtwin.cli.advice import SINGLE_FILE_OPTIONS, single_file_options
-from swashtwin.cli.options import read_pairs, read_words
+from swashtwin.cli.options import present, read_pairs, read_words
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording
@@ -53,6 +54,12 @@ def _with_folders(
                 recordings = load_recordings(path, **facts)
         pairs += [(recording, folder.parts[1:]) for recording in recordings]
     return pairs
+
+
+def file_facts(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Facts of a single file that are stated among the options of a command, its ``locals()``."""
+    names = {**options, "discharge_pressure": options["pressure"]}
+    return present(**{fact: names.get(fact) for fact in SINGLE_FILE_OPTIONS})
 
 
 def refuse_source(target: Path, paths: list[Path]) -> None:

@@ -50,7 +50,7 @@ def synthesize(
     Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
     """
     from swashtwin.calibration import load_calibration
-    from swashtwin.foundation import parse
+    from swashtwin.foundation import parse, plural
     from swashtwin.learning import cut_windows, save_windows
     from swashtwin.recordings import join_manifests, load_recordings, usual_window
     from swashtwin.synthesis import require_same_machine, simulate_windows
@@ -92,7 +92,7 @@ def synthesize(
     def show() -> None:
         for text in notes:
             note(f"note: {text}")
-        say(f"{out}: {len(windows)} windows of {twin.label}")
+        say(f"{out}: {plural(len(windows), 'window')} of {twin.label}")
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 
     tell(answer, as_json, show)

@@ -68,7 +68,7 @@ def _show_scores(scores: "Scores") -> None:
              "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
     rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
     count = plural(scores.n_recordings, "recording")
-    title = f"{scores.n_windows} windows of {count}, level {scores.level or 'not stated'}"
+    title = f"{plural(scores.n_windows, 'window')} of {count}, level {scores.level or 'not stated'}"
     table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
     say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")

@@ -331,7 +331,7 @@ def _tell_training(
     }  # fmt: skip
 
     def show() -> None:
-        say(f"{out}: {len(training)} windows of {len(classifier.classes)} classes, loss {last.loss:.4f}")
+        say(f"{out}: {plural(len(training), 'window')} of {len(classifier.classes)} classes, loss {last.loss:.4f}")
         if classifier.choice is not None:
             _show_choice(classifier.choice)
         if confidence is None:

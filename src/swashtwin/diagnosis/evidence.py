@@ -21,6 +21,8 @@ MOST_WINDOWS = 24
 ORDERS = 40
 """Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third octaves."""
 _MOMENTS = 10
+_MOST_GAP = 0.1
+"""Share of the score that contributions may miss and still be called shares of it."""
 _NEIGHBORS = 5
 
 
@@ -89,6 +91,25 @@ class Evidence:
     checks: tuple[Check, ...]
     """What to check on the machine."""
 
+    @property
+    def total(self) -> float:
+        """Sum of all contributions over `margin`: 1 where they add up."""
+        return float(self.lines.sum()) / self.margin if self.margin else math.nan
+
+    @property
+    def adds_up(self) -> bool:
+        """Whether the contributions miss at most 10 % of the score. Otherwise they are no shares of it: only the order
+        of the lines is shown, no figure."""
+        return self.gap <= _MOST_GAP
+
+    @property
+    def remark(self) -> str:
+        """Why no shares are shown, where the contributions do not add up; else empty."""
+        if self.adds_up:
+            return ""
+        total = f"{100 * self.total:.0f} % of the score" if math.isfinite(self.total) else "something, the score is 0"
+        return f"No shares are shown: the contributions of all lines together add to {total}."
+
     def strongest(self, count: int = 3) -> list[tuple[str, Band, float]]:
         """(channel, band, share) of what speaks most for the verdict; shares are of all magnitudes together."""
         share = self.lines / max(float(np.abs(self.lines).sum()), 1e-300)
@@ -111,9 +132,12 @@ class Evidence:
         """The evidence in words."""
         label, rival = self.label.replace("_", " "), self.rival.replace("_", " ")
         lines = [
-            f"{self.describe(band)} on {channel} ({100 * share:.0f} %)" for channel, band, share in self.strongest()
+            f"{self.describe(band)} on {channel}{f' ({100 * share:.0f} %)' if self.adds_up else ''}"
+            for channel, band, share in self.strongest()
         ]
         sentences = [f"What speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."]
+        if self.remark:
+            sentences.append(self.remark)
         if self.margin <= 0:
             sentences.append(
                 f"The samples as a whole take away from {label}: to silence the network answers {label} even more "
@@ -132,7 +156,13 @@ class Evidence:
     def to_dict(self) -> dict[str, Any]:
         """Numbers, words and lists that JSON can hold."""
         strongest = [
-            {"channel": channel, "band": band.name, "low_hz": band.low, "high_hz": band.high, "share": share}
+            {
+                "channel": channel,
+                "band": band.name,
+                "low_hz": band.low,
+                "high_hz": band.high,
+                "share": share if self.adds_up else None,
+            }
             for channel, band, share in self.strongest(10)
         ]
         return {
@@ -141,6 +171,8 @@ class Evidence:
             "rival": self.rival,
             "margin": self.margin,
             "gap": self.gap,
+            "total": self.total if math.isfinite(self.total) else None,
+            "adds_up": self.adds_up,
             "strongest": strongest,
             "nearest": [
                 {"recording_id": n.recording_id, "label": n.label, "distance": n.distance} for n in self.nearest

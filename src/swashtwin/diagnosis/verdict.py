@@ -10,7 +10,7 @@ import numpy as np
 
 from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.trust import Trust, trust_in
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
     DiagnosingClassifier,
     WindowSet,
@@ -57,8 +57,9 @@ class Diagnosis:
             return f"<Diagnosis of {self.recording_id}: no verdict ({self.no_verdict})>"
         classes = sorted(self.probabilities, key=lambda name: -self.probabilities[name])
         probabilities = ", ".join(f"{name} {self.probabilities[name]:.3f}" for name in classes)
-        notes = f", {len(self.notes)} note(s)" if self.notes else ""
-        return f"<Diagnosis of {self.recording_id}: {self.label} ({probabilities}), {self.n_windows} windows{notes}>"
+        notes = f", {plural(len(self.notes), 'note')}" if self.notes else ""
+        windows = plural(self.n_windows, "window")
+        return f"<Diagnosis of {self.recording_id}: {self.label} ({probabilities}), {windows}{notes}>"
 
     @property
     def n_windows(self) -> int:

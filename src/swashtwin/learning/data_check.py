@@ -163,7 +163,7 @@ def check_recordings(
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
     if repeated:
         notes = (f"{len(repeated)} of the recordings are copies of others and are not counted.", *notes)
-    notes = (*(f"no recording of {name} is usable." for name in sorted(map(str, lost))), *notes)
+    notes = (*(f"no recording of {name} is usable." for name in sorted(map(str, lost))), *_origins(recordings), *notes)
     return DataCheck(
         inspection=inspection,
         copies=copies,
@@ -185,6 +185,16 @@ def _leaks(
     if len({recording.label for recording in recordings if recording.label}) < 2:
         return copies, (), ()
     return copies, confounding(recordings, seed=seed), ()
+
+
+def _origins(recordings: Sequence[Recording]) -> list[str]:
+    """Which recordings are none of a machine, by their attribute ``origin``."""
+    origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
+    return [
+        f"{plural(count, 'recording')} of the {origin}: a stand-in for a machine, no measurement of a real pump."
+        for origin, count in origins.items()
+        if "virtual rig" in origin
+    ]
 
 
 def _conditions(recordings: Sequence[Recording]) -> dict[str, str]:
@@ -273,14 +283,16 @@ def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool
     if few:
         return Use(name, "no", is_required, f"{', '.join(few)}: one {group} only, two are needed.")
     share = f"--group {group} " if group != "recording" else ""
-    return Use(name, "yes", is_required, f"{total} {group}s, two or more of each class: train {share}holds them out.")
+    reason = f"{plural(total, group)}, two or more of each class: train {share}holds them out."
+    return Use(name, "yes", is_required, reason)
 
 
 def _confidence(n_recordings: int, error_rate: float) -> Use:
     name = "calibrated confidence"
     left = n_recordings - round(_TEST_FRACTION * n_recordings)
     plan = plan_validation(left, error_rate)
-    after = f"{left} recordings are left after a test of --test-fraction {_TEST_FRACTION:g}"
+    remainder = "1 recording is" if left == 1 else f"{left} recordings are"
+    after = f"{remainder} left after a test of --test-fraction {_TEST_FRACTION:g}"
     if plan.is_enough:
         reason = (
             f"train --validation-fraction {plan.fraction:g} holds back about {plan.n_validation}, {plan.needed} are "
@@ -307,11 +319,12 @@ def _calibration(labeled: Sequence[Recording]) -> Use:
     if not healthy:
         return Use(name, "no", False, "no recording of a healthy pump (normal).")
     if not stated:
-        reason = f"{len(healthy)} healthy recordings, none with speed and discharge pressure; add both to the index."
+        count = plural(len(healthy), "healthy recording")
+        reason = f"{count}, none with speed and discharge pressure; add both to the index."
         return Use(name, "no", False, reason)
     if not long:
         return Use(name, "no", False, f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer.")
     specimens = {recording.specimen for recording in long if recording.specimen}
     choice = f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
-    reason = f"{len(long)} healthy recordings with speed and pressure{choice}."
+    reason = f"{plural(len(long), 'healthy recording')} with speed and pressure{choice}."
     return Use(name, "yes" if len(long) == len(healthy) else "partly", False, reason)

@@ -34,6 +34,7 @@ from .wording import flatten_settings as flatten_settings
 from .wording import number as number
 from .wording import score as score
 from .wording import words as words
+from .writing import page_text as page_text
 from .writing import write_report as write_report
 
 __all__ = [
@@ -60,6 +61,7 @@ __all__ = [
     "levels_table",
     "name_decades",
     "number",
+    "page_text",
     "panels",
     "ratio_axis",
     "render_drawing",

@@ -25,14 +25,20 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     introduction = (
         f"From {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that speaks most "
         f"for the verdict. The network's score of {words(evidence.label)} less that of {words(evidence.rival)} "
-        f"changes by {number(evidence.margin)} from silence to these samples; integrated gradients divide that "
-        f"between lines and moments (all but {percent(evidence.gap) if evidence.gap else '0 %'} of it)."
+        f"changes by {number(evidence.margin)} from silence to these samples"
     )
+    pictures: tuple[Picture, ...] = ()
+    if evidence.adds_up:
+        gap = percent(evidence.gap) if evidence.gap else "0 %"
+        introduction += f"; integrated gradients divide that between lines and moments (all but {gap} of it)."
+        pictures = Picture(line_drawing(evidence, key)), Picture(moment_drawing(evidence, key))
+    else:
+        introduction += f". {evidence.remark} The order of the lines may still help."
     blocks = (
         Paragraph(introduction),
-        Picture(line_drawing(evidence, key)),
+        *pictures[:1],
         _line_table(evidence),
-        Picture(moment_drawing(evidence, key)),
+        *pictures[1:],
         _neighbor_table(evidence),
         Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
         Bullets("What this evidence is not", _LIMITS),
@@ -125,15 +131,11 @@ def _line_table(evidence: Evidence) -> Table:
     rows = []
     for channel, band, share in evidence.strongest(6):
         level = evidence.rms[evidence.channels.index(channel), evidence.bands.index(band)]
-        rows.append(
-            (Cell(evidence.describe(band)), Cell(words(channel)), Cell(percent(share)), number_cell(float(level)))
-        )
-    header = ("line", "channel", "share", f"RMS [{evidence.unit}]")
-    return Table(
-        "The strongest contributions to the verdict; shares are of all contributions, for and against.",
-        header,
-        tuple(rows),
-    )
+        shown = (Cell(percent(share)),) if evidence.adds_up else ()
+        rows.append((Cell(evidence.describe(band)), Cell(words(channel)), *shown, number_cell(float(level))))
+    header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{evidence.unit}]")
+    shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
+    return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))
 
 
 def _neighbor_table(evidence: Evidence) -> Table:

@@ -35,18 +35,25 @@ _UNKNOWN_ORIGIN = (
 )
 
 
-def write_report(
-    *items: Calibration
-    | Difference
-    | IdentifiabilityReport
-    | Scores
-    | DataCheck
-    | Diagnosis
-    | AnomalyVerdict
-    | Evidence
-    | Part,
-    folder: Path | str,
-) -> Path:
+Item = (
+    Calibration | Difference | IdentifiabilityReport | Scores | DataCheck | Diagnosis | AnomalyVerdict | Evidence | Part
+)
+"""What a report can be made of."""
+
+
+def page_text(*items: Item) -> str:
+    """The page of `write_report` as text.
+
+    Raises
+    ------
+    InputError
+        No item, or an item of an unknown type.
+    """
+    parts, sections = _contents(items)
+    return _page(parts, sections)
+
+
+def write_report(*items: Item, folder: Path | str) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
 
     Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as ``figures/NAME.csv``. All
@@ -64,12 +71,9 @@ def write_report(
         No item, an item of an unknown type, or `folder` is a file.
     """
     folder = Path(folder)
-    if not items:
-        raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
-    parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
-    sections = _sections(items, parts)
+    parts, sections = _contents(items)
     figures = [drawing for section in sections for drawing in drawings(section.blocks)]
     texts = {folder / "report.html": _page(parts, sections)}  # the first to be opened, so the last to be replaced
     texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
@@ -110,6 +114,14 @@ part_of.register(DataCheck)(check_part)
 part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(AnomalyVerdict)(anomaly_part)
 part_of.register(Evidence)(evidence_part)
+
+
+def _contents(items: Sequence[Item]) -> tuple[list[Part], list[Section]]:
+    """The part of each item, and all sections in the order of the page."""
+    if not items:
+        raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
+    parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
+    return parts, _sections(items, parts)
 
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:

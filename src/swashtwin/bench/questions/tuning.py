@@ -22,7 +22,7 @@ from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.dataset import prepare
 from swashtwin.bench.studies.sources import SameRecordings, Source
 from swashtwin.bench.studies.workers import Workers
-from swashtwin.foundation import VERSION, InputError, MissingExtraError, derive_seed, replacing
+from swashtwin.foundation import VERSION, InputError, MissingExtraError, derive_seed
 from swashtwin.learning import NETWORKS, WindowSet, evaluate, group_folds
 from swashtwin.recordings import Recording
 
@@ -208,8 +208,12 @@ def _open_search(path: Path, name: str, seed: int) -> "optuna.Study":
         raise MissingExtraError('a search needs optuna: pip install "swashtwin[search]".') from cause
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _cut_half_line(path)
     lock = JournalFileOpenLock(str(path))  # optuna's usual lock is a link, which Windows lets few users make
+    lock.acquire()  # so that a half line is none that another process is writing
+    try:
+        _cut_half_line(path)
+    finally:
+        lock.release()
     storage = JournalStorage(JournalFileBackend(str(path), lock))
     search = optuna.create_study(study_name=name, storage=storage, direction="maximize", load_if_exists=True)
     search.sampler = optuna.samplers.TPESampler(seed=derive_seed(seed, "tuning", len(search.trials)) % 2**32)
@@ -220,11 +224,9 @@ def _open_search(path: Path, name: str, seed: int) -> "optuna.Study":
 
 def _cut_half_line(path: Path) -> None:
     """Leave out the last line of a journal whose writing was killed; optuna would join it with the next."""
-    content = path.read_bytes() if path.is_file() else b""
-    whole = content[: content.rfind(b"\n") + 1]
-    if whole != content:
-        with replacing(path) as temporary:
-            temporary.write_bytes(whole)
+    if path.is_file():
+        with path.open("r+b") as file:
+            file.truncate(file.read().rfind(b"\n") + 1)
 
 
 def _is_unchanged(trial: "optuna.Trial | optuna.trial.FrozenTrial") -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from sklearn.ensemble import ExtraTreesClassifier
 
-from swashtwin.foundation import DataError, InputError, derive_seed
+from swashtwin.foundation import DataError, InputError, derive_seed, plural
 from swashtwin.learning.estimators.registry import BASELINES, N_TREES
 from swashtwin.learning.features import FeatureTable, extract_features
 from swashtwin.learning.training.classifier import require_verdicts
@@ -44,9 +44,9 @@ class FittedBaseline:
 
     def __repr__(self) -> str:
         return (
-            f"<FittedBaseline: {len(self.layout.channels)} channel(s), {self.layout.length} samples at "
+            f"<FittedBaseline: {plural(len(self.layout.channels), 'channel')}, {self.layout.length} samples at "
             f"{self.layout.sample_rate:g} Hz, classes {', '.join(self.classes)}, "
-            f"{len(self.manifest)} recordings had a part in it>"
+            f"{plural(len(self.manifest), 'recording')} had a part in it>"
         )
 
     def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedBaseline":

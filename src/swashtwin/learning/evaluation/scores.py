@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from sklearn.metrics import confusion_matrix, f1_score
 
-from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.foundation import DataError, InputError, LeakError, plural
 from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.levels import LEVELS
 from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
@@ -81,8 +81,9 @@ class Scores:
     def __repr__(self) -> str:
         level = f" at {self.level}" if self.level else ""
         return (
-            f"<Scores{level}: accuracy {self.accuracy:.3f} over {self.n_windows} windows, "
-            f"{self.recording_accuracy:.3f} over {self.n_recordings} recordings, macro recall {self.macro_recall:.3f}, "
+            f"<Scores{level}: accuracy {self.accuracy:.3f} over {plural(self.n_windows, 'window')}, "
+            f"{self.recording_accuracy:.3f} over {plural(self.n_recordings, 'recording')}, "
+            f"macro recall {self.macro_recall:.3f}, "
             f"classes {', '.join(self.classes)}>"
         )
 

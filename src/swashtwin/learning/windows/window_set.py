@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int64, Shaped
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings import Manifest, join_manifests
 
@@ -131,9 +131,10 @@ class WindowSet:
     def __repr__(self) -> str:
         synthetic = int(self.synthetic.sum())
         part = f", {synthetic} of them synthetic" if synthetic else ""
+        recordings = plural(np.unique(self.recording_id).size, "recording")
         return (
-            f"<WindowSet: {len(self)} windows{part}, {np.unique(self.recording_id).size} recordings, "
-            f"{self.n_channels} channel(s), {self.length} samples at {self.sample_rate:g} Hz, "
+            f"<WindowSet: {plural(len(self), 'window')}{part}, {recordings}, "
+            f"{plural(self.n_channels, 'channel')}, {self.length} samples at {self.sample_rate:g} Hz, "
             f"classes {', '.join(self.classes)}>"
         )
 

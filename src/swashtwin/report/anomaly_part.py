@@ -1,6 +1,7 @@
 """Part of the page about whether a recording deviates from the healthy ones."""
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter
 
 from swashtwin.diagnosis import AnomalyVerdict
 from swashtwin.report.drawing import Drawing, panels, render_drawing
@@ -75,6 +76,7 @@ def level_drawing(verdict: AnomalyVerdict, key: str) -> Drawing:
             panel.set_title(words(channel), loc="left")
             if not column:
                 panel.set_xscale("log")
+                panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes[len(channels) // 2, 0].set_ylabel("change [dB]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
     if has_orders:

@@ -15,6 +15,7 @@ from swashtwin.bench.results.result import contrasts_of
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.results.table import Trial
 from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.rivals import models
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
 from swashtwin.bench.rivals.order_threshold import threshold_orders
 from swashtwin.bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
@@ -24,9 +25,8 @@ from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy_training_windows
 from swashtwin.calibration import GaussNewton
-from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, holm_correction
-from swashtwin.learning import BASELINES, NETWORKS, WindowSet, cut_windows, fit_baseline
+from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import discriminative_score
@@ -128,20 +128,15 @@ def test_twins_of_other_studies_can_fill_too_and_the_first_classifier_is_compare
         plan.of_training_sets(["twin"])
 
 
-def test_the_chosen_model_is_what_a_user_gets_who_sets_nothing(
+def test_the_chosen_model_holds_its_candidates_in_its_key_and_trains_as_the_default_does(
     dataset: StudyDataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fit(self: FaultClassifier, X: WindowSet, synthetic: WindowSet | None) -> FaultClassifier:
-        assert not X.synthetic.any()
-        assert synthetic is not None
-        assert synthetic.synthetic.all()
-        self.fitted_ = fit_baseline("extra_trees", X + synthetic, seed=self.seed)
-        return self
-
-    monkeypatch.setattr(FaultClassifier, "fit", fit)
-    train = dataset.measured + replace(dataset.measured, synthetic=np.ones(len(dataset.measured), dtype=bool))
-    classifier = train_model(MODELS["quick"]["chosen"], train, seed=5, manifest=["lent"])
-    assert set(classifier.manifest) == {"lent", *train.recording_id.tolist()}
+    model = MODELS["quick"]["chosen"]
+    assert len(model.describe()["candidates"]) == len(CANDIDATES)
+    calls: list[dict[str, Any]] = []
+    monkeypatch.setattr(models, "fit_chosen", lambda windows, **how: calls.append({"windows": windows, **how}))
+    train_model(model, dataset.measured, seed=5, manifest=["lent"])
+    assert calls == [{"windows": dataset.measured, "seed": 5, "manifest": ["lent"]}]
 
 
 def test_windows_cut_again_from_the_same_recordings_are_the_same(

@@ -20,11 +20,11 @@ from swashtwin.bench.public.validation import balanced_accuracy
 from swashtwin.bench.results.finished import finished_values
 from swashtwin.bench.results.runs import Task, fingerprint_of
 from swashtwin.bench.results.table import StudyTable, Trial
-from swashtwin.bench.rivals.models import CHOSEN
+from swashtwin.bench.rivals.models import CHOSEN, Model
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import VERSION, DataError, InputError, parallel, plural
 from swashtwin.learning import BASELINES, NETWORKS, unseen_recordings
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, usual_window
 
 SPLITS: Mapping[str, Callable[[Sequence[Recording]], list[Split]]] = {
     "pump_cavitation": cavitation_splits,
@@ -76,16 +76,18 @@ class _Case:
 
     @property
     def task(self) -> Task:
-        settings = {name: str(value) for name, value in self.estimator().get_params().items()}
+        settings = {name: str(value) for name, value in self.estimator(()).get_params().items()}
+        settings |= Model(CHOSEN).describe() if self.classifier == CHOSEN else {}
         sides = {"train": sorted(self.fold.train), "test": sorted(self.fold.test)}
         factors = {"classifier": self.classifier, "split": self.split.name, "fold": self.fold.name}
         return Task("public-default", "default", self.seed, factors, {"model": settings, **sides}, self.data)
 
-    def estimator(self) -> FaultClassifier:
-        """The classifier before its training."""
+    def estimator(self, train: Sequence[Recording]) -> FaultClassifier:
+        """The classifier before its training; others than the default take the default's windows."""
         if self.classifier == CHOSEN:
             return FaultClassifier(seed=self.seed)
-        return FaultClassifier(self.classifier, seed=self.seed)
+        window = usual_window(train) if train else None
+        return FaultClassifier(self.classifier, window=window, seed=self.seed)
 
     def values(self) -> dict[str, Any]:
         """Scores on the test side, and what they cost."""
@@ -95,7 +97,7 @@ class _Case:
             for side in (self.fold.train, self.fold.test)
         )
         try:
-            classifier = self.estimator().fit(train)
+            classifier = self.estimator(train).fit(train)
             unseen = list(unseen_recordings(classifier.fitted_, test))
             by_window = classifier.evaluate(unseen).macro_recall
             predicted = classifier.predict(unseen)
@@ -106,6 +108,7 @@ class _Case:
             "balanced_accuracy": by_window,
             "recording_balanced_accuracy": balanced_accuracy(label, predicted),
             "copies": len(test) - len(unseen),
+            "choice": "" if (choice := getattr(classifier.fitted_, "choice", None)) is None else choice.sentence(),
             "window": classifier.fitted_.layout.length,
             "cpu_s": time.process_time() - begun,
         }

@@ -18,8 +18,7 @@ from swashtwin.bench.results.finished import finished_values
 from swashtwin.bench.results.runs import Task, fingerprint_of
 from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.writing import RigSize, rig_recordings
-from swashtwin.bench.rivals.models import CHOSEN
-from swashtwin.diagnosis import FaultClassifier
+from swashtwin.bench.rivals.models import CHOSEN, Model
 from swashtwin.foundation import VERSION, parallel
 from swashtwin.learning import (
     BiTCN,
@@ -28,6 +27,7 @@ from swashtwin.learning import (
     WindowSet,
     cut_windows,
     fit,
+    fit_chosen,
     fit_extra_trees,
     learn_confidence,
     recording_answers,
@@ -202,7 +202,7 @@ def _finished_task(
         size="",
         seed=seed,
         factors={"classifier": kind, "left_out": left_out or "none"},
-        settings={**asdict(settings), **({"model": FaultClassifier().get_params()} if kind == CHOSEN else {})},
+        settings={**asdict(settings), **({"model": Model(CHOSEN).describe()} if kind == CHOSEN else {})},
         data=fingerprint_of(recording for recordings in parts.values() for recording in recordings),
     )
     result = finished_values(out, task, lambda: _task(parts, kind, left_out, seed, settings))
@@ -258,7 +258,7 @@ def _task(
 
 def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> Any:
     if kind == CHOSEN:
-        return FaultClassifier(seed=seed).fit(train).fitted_
+        return fit_chosen(train, seed=seed)
     if kind == "extra_trees":
         return fit_extra_trees(train, seed=seed, n_trees=settings.trees)
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)

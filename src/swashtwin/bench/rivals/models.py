@@ -18,10 +18,11 @@ from swashtwin.bench.rivals.ablations import ABLATIONS
 from swashtwin.bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
 from swashtwin.bench.rivals.kernels import KERNELS, PYTHON
 from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
-from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import (
     BASELINES,
+    BUDGET,
+    CANDIDATES,
     NETWORKS,
     PAPER_TRAINING,
     RECOMMENDED_TRAINING,
@@ -33,8 +34,8 @@ from swashtwin.learning import (
     extract_features,
     fit,
     fit_baseline,
+    fit_chosen,
 )
-from swashtwin.recordings import join_manifests
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Model:
         if self.kind == THRESHOLD:
             return {"kind": self.kind, "bands": _BANDS, "quantile": _HEALTHY}
         if self.kind == CHOSEN:
-            return {"kind": self.kind, **FaultClassifier().get_params()}
+            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES], "budget": BUDGET}
         if not self.is_network:
             estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
             return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
@@ -88,7 +89,7 @@ THRESHOLD = "envelope_threshold"
 for a threshold at known orders, which windows of one revolution do not resolve."""
 
 CHOSEN = "chosen"
-"""What `FaultClassifier` trains where nothing is set."""
+"""What training chooses where nothing is set (`fit_chosen`)."""
 
 _BANDS, _HEALTHY = 6, 0.99  # that rise with a class; share of the healthy windows that stay below
 
@@ -209,7 +210,7 @@ def train_model(
     if model.kind == THRESHOLD:
         return _threshold(train, manifest)
     if model.kind == CHOSEN:
-        return _chosen(train, seed, manifest)
+        return fit_chosen(train, manifest=manifest, seed=seed)
     if not model.is_network:
         return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
     view = None if model.sensors is None else partial(first_sensors, count=model.sensors)
@@ -220,13 +221,6 @@ def train_model(
     fitted = [fit(network, heard, settings=model.training, seed=seed, manifest=used, device=device) for seed in seeds]
     members = fitted if view is None else [NetworkOnView(classifier, view) for classifier in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
-
-
-def _chosen(train: WindowSet, seed: int, manifest: Iterable[str]) -> Classifier:
-    """The classifier of somebody who sets nothing but the seed."""
-    measured, synthetic = (train.subset(train.synthetic == is_synthetic) for is_synthetic in (False, True))
-    fitted = FaultClassifier(seed=seed).fit(measured, synthetic=synthetic if len(synthetic) else None).fitted_
-    return replace(fitted, manifest=join_manifests([fitted.manifest, manifest]))
 
 
 def _threshold(train: WindowSet, manifest: Iterable[str]) -> Classifier:

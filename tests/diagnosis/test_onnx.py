@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -72,6 +73,18 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
         answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
         np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
+
+
+def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path) -> None:
+    speed = np.linspace(60.0, 120.0, len(windows()))
+    turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
+    network = build_network("levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), hidden=8)
+    classifier = fit(network, turning, settings=TrainingSettings(epochs=1, normalization="set"))
+    opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
+    inputs = {"windows": turning.signal, "speed": turning.speed.astype(np.float32)}
+    expected = classifier.predict_proba(turning)
+    assert np.abs(expected - classifier.predict_proba(windows())).max() > 1e-3
+    np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("normalization", ["set", "recording", "none"])

@@ -3,6 +3,7 @@
 import copy
 import json
 import logging
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,8 +22,9 @@ from swashtwin.learning import FittedClassifier, Network, Normalization
 def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     """`path`, after the classifier was written to it as an ONNX file.
 
-    The one input, ``windows`` (window, channel, time), takes any number of windows of the classifier's layout in its
-    unit, float32; the one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
+    The input ``windows`` (window, channel, time) takes any number of windows of the classifier's layout in its unit,
+    float32. A network on orders of the shaft has a second input, ``speed`` (window) [rad/s], NaN for that of the
+    training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
     scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
     the samples must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
     (whether the file scales by itself), ``temperature`` and ``dependence`` (by which `diagnose` calibrates the
@@ -33,17 +35,19 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     MissingExtraError
         The packages that write ONNX are not installed.
     """
-    whole = _Whole(classifier.normalization, _exportable(classifier.network)).eval()
     _require_packages()
-    layout = classifier.layout
-    example = torch.zeros(2, len(layout.channels), layout.length)
+    layout, network = classifier.layout, classifier.network
+    whole = _Whole(classifier.normalization, _exportable(network), layout.sample_rate).eval()
+    names, examples = ["windows"], [torch.zeros(2, len(layout.channels), layout.length)]
+    if network.uses_speed:
+        names, examples = [*names, "speed"], [*examples, torch.full((2,), torch.nan)]
     with _quiet():
         program = torch.onnx.export(
             whole,
-            (example,),
+            tuple(examples),
             dynamo=True,
-            dynamic_shapes=({0: torch.export.Dim("window")},),
-            input_names=["windows"],
+            dynamic_shapes=({0: torch.export.Dim("window")},) * len(names),
+            input_names=names,
             output_names=["probability"],
             verbose=False,
         )
@@ -70,14 +74,17 @@ class _Whole(nn.Module):
     mean: Tensor
     deviation: Tensor
 
-    def __init__(self, normalization: Normalization, network: Network) -> None:
+    def __init__(self, normalization: Normalization, network: Network, sample_rate: float) -> None:
         super().__init__()
         self.kind = normalization.kind
+        self.turns_of_speed = 1 / (2 * math.pi * sample_rate)
         self.network = network
         self.register_buffer("mean", torch.from_numpy(normalization.mean)[:, None])
         self.register_buffer("deviation", torch.from_numpy(normalization.deviation)[:, None])
 
-    def forward(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window class"]:
+    def forward(
+        self, windows: Float[Tensor, "window channel time"], speed: Float[Tensor, " window"] | None = None
+    ) -> Float[Tensor, "window class"]:
         samples, mean, deviation = windows.double(), self.mean, self.deviation
         if self.kind == "window":
             mean = samples.mean(dim=-1, keepdim=True)
@@ -85,7 +92,10 @@ class _Whole(nn.Module):
             deviation = torch.where(deviation > 0, deviation, 1.0)
         if self.kind in ("window", "set"):
             windows = ((samples - mean) / deviation).float()
-        return torch.softmax(self.network(windows), dim=-1)
+        if speed is None:
+            return torch.softmax(self.network(windows), dim=-1)
+        represented = self.network.represent_at(windows, speed * self.turns_of_speed)
+        return torch.softmax(self.network.head(self.network.encode(represented)), dim=-1)
 
 
 def _exportable(network: Network) -> Network:
@@ -122,6 +132,7 @@ def _quiet() -> Iterator[None]:
         with warnings.catch_warnings():
             for kind in (FutureWarning, DeprecationWarning):
                 warnings.simplefilter("ignore", kind)
+            warnings.filterwarnings("ignore", ".*axis name: window will not be used")  # two inputs share it
             yield
     finally:
         logger.setLevel(level)

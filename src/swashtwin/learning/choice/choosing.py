@@ -77,7 +77,7 @@ def choose(
     measured = _sample(windows, seed)
     group, folds = _inner_folds(measured, seed)
     if not folds:
-        reason = "no class stands in two recordings of each kind, so that nothing can be tested inside the training"
+        reason = "there are too few recordings of a class to test on some of them"
         return possible[0], Choice(possible[0].name, (), "", 0, 0, reason), None
     tried, reason = _within_budget(possible, measured, windows, len(folds), budget)
     if len(tried) < 2:

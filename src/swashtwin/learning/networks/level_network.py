@@ -118,6 +118,11 @@ class LevelNetwork(Network):
         self.register_buffer("deviation", torch.ones(n_levels))
         self.head = _Heads(n_levels, n_classes, heads, hidden, dropout)
 
+    @property
+    def uses_speed(self) -> bool:
+        """Whether narrow lines are orders of the shaft."""
+        return bool(self.settings["axis"] == "order")
+
     def represent_at(
         self, windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"]
     ) -> Float[Tensor, "window level"]:

@@ -63,6 +63,11 @@ class Network(nn.Module):
         return int(self.settings["n_channels"])
 
     @property
+    def uses_speed(self) -> bool:
+        """Whether `represent_at` looks at the speed."""
+        return False
+
+    @property
     def n_classes(self) -> int:
         """Classes told apart."""
         return int(self.settings["n_classes"])

@@ -17,6 +17,7 @@ _LINES, _LINE_SHARE, _ENVELOPE_LINES, _ENVELOPE_SHARE = 200, 200 / 1024, 64, 64 
 _BANDS, _ENVELOPE_BANDS = 48, 24
 _ENVELOPE_FROM = (0.0, 1000 / 12800, 4000 / 12800)
 """Shares of half the sample rate above which envelopes are taken: of all, above 1 kHz and 4 kHz at 25.6 kHz."""
+_LEAST_DEVIATION, _NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of an order within the spectrum [lines]
 _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
 
 
@@ -31,7 +32,8 @@ def window_levels(
         width over the lowest fifth of the spectrum.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
-    length = x.shape[-1]
+    deviation = x.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(_LEAST_DEVIATION)
+    x, length = x / deviation, x.shape[-1]
     parts = [_levels(x, turns, N_ORDERS if turns is not None else _LINES, _LINE_SHARE, _BANDS)]
     spectrum = torch.fft.rfft(x)
     lines = torch.arange(spectrum.shape[-1], device=x.device)
@@ -41,7 +43,8 @@ def window_levels(
         mean = envelope.mean(dim=-1, keepdim=True)
         count = N_ENVELOPE_ORDERS if turns is not None else _ENVELOPE_LINES
         parts += [_levels(envelope - mean, turns, count, _ENVELOPE_SHARE, _ENVELOPE_BANDS), torch.log10(mean + FLOOR)]
-    return torch.cat(parts, dim=-1)
+    response = gain_response(turns is not None).to(x.device)
+    return torch.cat(parts, dim=-1) + response * torch.log10(deviation)
 
 
 def gain_response(orders: bool) -> Float[Tensor, " level"]:
@@ -77,7 +80,7 @@ def _levels(x: Tensor, turns: Tensor | None, n_lines: int, share: float, n_bands
 
 
 def _order_powers(power: Tensor, lines_per_order: Tensor, n_orders: int) -> Tensor:
-    """Mean power of the lines within half an order of each order; 0 beyond the spectrum.
+    """Mean power of the lines within half an order of each order; that of the last line beyond the spectrum.
 
     `power` holds lines 1, 2, ... of the window; the edges between orders fall within lines, whose power is shared out.
     """
@@ -89,4 +92,5 @@ def _order_powers(power: Tensor, lines_per_order: Tensor, n_orders: int) -> Tens
     left, right = total.gather(-1, index), total.gather(-1, index + 1)
     at_edges = left + (edges - below)[:, None] * (right - left)
     width = (edges[:, 1:] - edges[:, :-1]).clamp_min(1e-6)
-    return (at_edges.diff(dim=-1) / width[:, None]).clamp_min(0.0).to(power.dtype)
+    mean = (at_edges.diff(dim=-1) / width[:, None]).clamp_min(0.0).to(power.dtype)
+    return torch.where(width[:, None] < _NARROWEST, power[..., -1:], mean)

@@ -1,0 +1,119 @@
+"""Training that chooses: which candidate wins, on which folds, within which budget, and what it leaves behind."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import CANDIDATES, WindowSet, choose, cut_windows, fit_chosen
+from swashtwin.learning.choice.candidates import CLEAN_TRAINING
+from swashtwin.recordings import Recording
+
+LENGTH = 256
+
+
+def recordings(loudness: float = 1.0, per_class: int = 4, speed: float | None = None) -> list[Recording]:
+    """Two classes that differ by a line, and by `loudness`."""
+    measured = []
+    for index, label in enumerate(("normal", "piston")):
+        for number in range(per_class):
+            draw = np.random.default_rng([index, number])
+            time = np.arange(4 * LENGTH)
+            line = np.sin(2 * np.pi * (0.05 + 0.03 * index) * time + draw.uniform(0, 6))
+            noise = draw.normal(size=(2, 4 * LENGTH))
+            measured.append(
+                Recording(
+                    (line + 0.5 * noise) * (loudness if index else 1.0), 1e3, f"{label} {number}", channels=("x", "y"),
+                    label=label, specimen="ABCD"[number % 4],
+                )
+            )  # fmt: skip
+    return measured
+
+
+def windows(**options: float) -> WindowSet:
+    return cut_windows(recordings(**options), length=LENGTH)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit_chosen(windows(), seed=3)
+
+
+def test_of_candidates_that_are_as_good_the_most_invariant_is_chosen(fitted) -> None:
+    choice = fitted.choice
+    tied = [trial.candidate for trial in choice.trials if trial.is_tied]
+    assert len(tied) > 1
+    assert choice.chosen == tied[0]
+    assert choice.chosen.startswith("shapes in hertz, disturbed")
+    assert (choice.group, choice.n_folds) == ("specimen", 4)
+    assert choice.n_windows == len(windows())
+    assert choice.chosen in choice.sentence()
+
+
+def test_orders_are_tried_where_every_speed_is_stated() -> None:
+    turning = windows()
+    turning = replace(turning, speed=np.full(len(turning), 2 * np.pi * 1e3 * 0.01))
+    choice = choose(turning, candidates=[c for c in CANDIDATES if c.shape and len(c.heads) == 2], budget=100)[1]
+    assert {trial.candidate.split(",")[0] for trial in choice.trials} == {"shapes at orders", "shapes in hertz"}
+
+
+def test_the_confidence_comes_from_the_folds(fitted) -> None:
+    assert fitted.confidence.cross_fitted
+    assert fitted.confidence.n_recordings == 8
+    assert fitted.confidence.error_rate == pytest.approx(0.112, abs=2e-3)
+    assert set(fitted.manifest) == {recording.recording_id for recording in recordings()}
+
+
+def test_the_same_seed_chooses_and_trains_the_same(fitted) -> None:
+    again = fit_chosen(windows(), seed=3)
+    assert again.choice == fitted.choice
+    np.testing.assert_array_equal(again.predict_proba(windows()), fitted.predict_proba(windows()))
+
+
+def test_a_model_trained_clean_on_loud_faults_is_not_chosen() -> None:
+    clean = [c for c in CANDIDATES if not c.shape and len(c.heads) == 2 and c.axis == "frequency"]
+    assert [c.training == CLEAN_TRAINING for c in clean] == [False, True]
+    chosen, choice, _ = choose(windows(loudness=1.5), candidates=clean)
+    assert chosen.training != CLEAN_TRAINING
+    assert choice.trials[0].disturbed >= choice.trials[1].disturbed
+
+
+def test_a_budget_leaves_out_the_last_candidates_and_says_so() -> None:
+    choice = choose(windows(), budget=0.3)[1]
+    assert 0 < len(choice.trials) < 12
+    assert choice.trials[0].candidate == next(c.name for c in CANDIDATES if c.axis == "frequency")
+    assert "the budget of 0.3 s left out" in choice.reason
+
+
+def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
+    unnamed = windows()
+    unnamed = replace(unnamed, specimen=np.full(len(unnamed), ""))
+    few = [c for c in CANDIDATES if c.axis == "frequency"][:2]
+    assert choose(unnamed, candidates=few)[1].group == "recording"
+    single = fit_chosen(windows(per_class=1))
+    assert single.choice.trials == ()
+    assert single.confidence is None
+    assert "too few" in single.choice.sentence()
+
+
+def test_synthetic_windows_train_and_are_never_tested_on() -> None:
+    measured = windows()
+    synthetic = replace(
+        measured.subset(measured.target == 1),
+        synthetic=np.ones(16, dtype=bool),
+        recording_id=np.full(16, "synthetic"),
+        specimen=np.full(16, "A"),
+        content={},
+    )
+    few = [c for c in CANDIDATES if c.axis == "frequency"][:2]
+    _, choice, answers = choose(measured + synthetic, candidates=few)
+    assert choice.n_windows == len(measured)
+    assert "synthetic" not in answers.recording_id
+
+
+def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
+    with pytest.raises(DataError, match="no label"):
+        fit_chosen(replace(windows(), target=np.full(32, -1)))
+    with pytest.raises(InputError, match="needs 99 validation recordings"):
+        fit_chosen(windows(), error_rate=0.01)

@@ -143,7 +143,7 @@ def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(factory: C
 
 
 def test_a_network_that_learned_with_noise_stands_noise_better():
-    windows, by_window = tones(40), replace(SETTINGS, normalization="window", epochs=12)
+    windows, by_window = tones(20), replace(SETTINGS, normalization="window", epochs=12)
     test = tones(41)
     test = replace(test, signal=with_noise(test.signal, -RANGE, np.random.default_rng(1)))  # noise of -25 to 0 dB
     share = {

@@ -34,7 +34,12 @@ def calibration(pump, at_15) -> Calibration:
     twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
     recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
     return calibrate(
-        twin, recordings, method=GaussNewton(starts=1, most_iterations=8), nuisances=Nuisances(), phases=False
+        twin,
+        recordings,
+        method=GaussNewton(starts=1, most_iterations=8),
+        nuisances=Nuisances(),
+        phases=False,
+        explain_misfit=False,
     )
 
 

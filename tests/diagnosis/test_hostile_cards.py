@@ -73,3 +73,23 @@ def test_scores_of_a_confidence_that_fit_neither_its_card_nor_the_classes_are_re
     tensors[f"confidence.{name}"] = change(tensors[f"confidence.{name}"]).clone()
     with pytest.raises(ArtifactError, match="confidence"):
         load_classifier(write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors))
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("features", lambda values: values[:1]),
+        ("features", lambda values: values.double()),
+        ("facts", lambda values: values[..., :5]),
+        ("facts", lambda values: values[0]),
+        ("condition", lambda values: values[:, :1]),
+        ("condition", lambda values: values.int()),
+    ],
+)
+def test_a_training_reference_whose_tensors_do_not_fit_is_refused(saved, tmp_path, name, change):
+    from hostile_models import VERSION
+
+    card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
+    tensors[f"training_reference.{name}"] = change(tensors[f"training_reference.{name}"]).clone()
+    with pytest.raises(ArtifactError, match="training_reference"):
+        load_classifier(write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors))

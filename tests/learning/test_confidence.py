@@ -17,7 +17,6 @@ from swashtwin.learning import (
     Confidence,
     FittedBaseline,
     FittedClassifier,
-    TrainingReference,
     TrainingSettings,
     WindowSet,
     cross_fit,
@@ -32,8 +31,10 @@ from swashtwin.learning import (
     score_confidence,
 )
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
+from swashtwin.learning.features import level_features
 from swashtwin.learning.training.confidence import temperature_scaled
-from swashtwin.learning.training.training_reference import build_reference, shrunk_covariance
+from swashtwin.learning.training.shrinkage import shrunk_covariance
+from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -352,9 +353,10 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
 def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
     monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST_RECORDINGS", 5)
-    few = build_reference(train)
+    few = build_reference(train, level_features(train))
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
-    assert build_reference(replace(train, synthetic=np.ones(len(train), dtype=bool))) is None
+    synthetic = replace(train, synthetic=np.ones(len(train), dtype=bool))
+    assert build_reference(synthetic, level_features(synthetic)) is None
     assert bare.training_reference.distances(bare.training_reference.features[2]).argmin() == 2
 
 
@@ -363,23 +365,6 @@ def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
     rows = np.random.default_rng(0).normal(size=shape) * np.arange(1, shape[1] + 1)
     expected = LedoitWolf().fit(rows).covariance_
     np.testing.assert_allclose(shrunk_covariance(rows), expected, rtol=1e-12, atol=1e-12 * expected.max())
-
-
-def test_the_out_of_distribution_score_counts_what_differs_within_classes_and_little_of_what_differs_between_all() -> (
-    None
-):
-    random = np.random.default_rng(0)
-    label = tuple(np.repeat(["a", "b"], 30).tolist())
-    features = random.normal(0, [1.0, 0.1, 5.0], (60, 3))
-    features[30:, 0] += 8.0  # the classes differ in the first, and in the second hardly anything varies
-    reference = TrainingReference(tuple(map(str, range(60))), label, features)
-    at_home = reference.ood_score(np.array([8.0, 0.0, 0.0]))
-    assert reference.ood_score(np.array([0.0, 0.0, 9.0])) < at_home + 1
-    assert reference.ood_score(np.array([4.0, 0.0, 0.0])) > at_home + 2
-    alone = TrainingReference(("x", "y", "z"), ("a", "a", "a"), features[:3])
-    assert alone.ood_score(features[0] + 50) > alone.ood_score(features[0])
-    single = TrainingReference(("x", "y"), ("a", "b"), features[[0, 30]])
-    assert single.ood_score(features[0]) < single.ood_score(features[0] + 5)
 
 
 def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:

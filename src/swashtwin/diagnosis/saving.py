@@ -1,10 +1,12 @@
 """A fitted classifier as an artifact: its weights, and a card that holds everything else."""
 
 from dataclasses import asdict, fields
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, device, float64, from_numpy, int64
+import numpy as np
+from torch import Tensor, device, float32, float64, from_numpy, int64
 
 from swashtwin.foundation import (
     ArtifactError,
@@ -17,6 +19,7 @@ from swashtwin.foundation import (
 )
 from swashtwin.learning import (
     BUILT_IN,
+    N_FACTS,
     NETWORKS,
     NORMALIZATIONS,
     Choice,
@@ -68,7 +71,10 @@ _FORM: dict[str, Any] = {
         },
         None,
     ),
-    "training_reference": ({"recording_id": [str], "label": [str]}, None),
+    "training_reference": (
+        {"recording_id": [str], "label": [str], "specimen": [str], "distance_scales": [float]},
+        None,
+    ),
     "confidence": (
         {
             "temperature": float,
@@ -81,6 +87,8 @@ _FORM: dict[str, Any] = {
     ),
 }
 """Form of a card (`require_form`)."""
+_REFERENCE_TENSORS = ("features", "facts", "condition")
+"""Of a condition that is not stated the file holds 0."""
 _CONFIDENCE_TENSORS = ("nonconformity_score", "target", "ood_score")
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
@@ -130,7 +138,10 @@ def _tensors(classifier: FittedClassifier) -> dict[str, Tensor]:
     tensors["normalization.mean"] = from_numpy(classifier.normalization.mean)
     tensors["normalization.deviation"] = from_numpy(classifier.normalization.deviation)
     if classifier.training_reference is not None:
-        tensors["training_reference.features"] = from_numpy(classifier.training_reference.features)
+        for name in _REFERENCE_TENSORS:
+            tensors[f"training_reference.{name}"] = from_numpy(
+                np.nan_to_num(getattr(classifier.training_reference, name))
+            )
     if classifier.confidence is not None:
         for name in _CONFIDENCE_TENSORS:
             tensors[f"confidence.{name}"] = from_numpy(getattr(classifier.confidence, name))
@@ -153,7 +164,11 @@ def _card(classifier: FittedClassifier) -> dict[str, Any]:
         "choice": None if classifier.choice is None else classifier.choice.to_dict(),
         "training_reference": None
         if reference is None
-        else {"recording_id": reference.recording_id, "label": reference.label},
+        else {
+            item.name: getattr(reference, item.name)
+            for item in fields(reference)
+            if item.name not in _REFERENCE_TENSORS
+        },
         "confidence": None
         if confidence is None
         else {
@@ -210,11 +225,25 @@ def _require_tensors(card: dict[str, Any], tensors: dict[str, Tensor], n_channel
     if not bool((tensors["normalization.deviation"] > 0).all()):
         raise ValueError("normalization.deviation is not positive")
     if (names := card["training_reference"]) is not None:
-        features = tensors["training_reference.features"]
-        if features.ndim != 2 or not len(features) == len(names["recording_id"]) == len(names["label"]) > 0:
-            raise ValueError("training_reference.features has not one row for each recording")
+        _require_reference(names, n_channels, *(tensors[f"training_reference.{name}"] for name in _REFERENCE_TENSORS))
     if card["confidence"] is not None:
         _require_confidence(card, *(tensors[f"confidence.{name}"] for name in _CONFIDENCE_TENSORS))
+
+
+def _require_reference(
+    names: dict[str, Any], n_channels: int, features: Tensor, facts: Tensor, condition: Tensor
+) -> None:
+    count = len(names["recording_id"])
+    if not count or not count == len(names["label"]) == len(names["specimen"]):
+        raise ValueError("training_reference has not a label and a specimen for each recording, or none")
+    shapes = (tuple(part.shape) for part in (facts, condition))
+    if features.ndim != 2 or len(features) != count or tuple(shapes) != ((count, n_channels, N_FACTS), (count, 2)):
+        raise ValueError("the tensors of training_reference have not a row for each recording")
+    if features.dtype != float32 or not facts.dtype == condition.dtype == float64:
+        raise ValueError("the tensors of training_reference are not of float32, float64 and float64")
+    scales = names["distance_scales"]
+    if len(scales) != 2 or not all(0 < scale < inf for scale in scales):
+        raise ValueError("training_reference.distance_scales are not two positive numbers")
 
 
 def _require_confidence(card: dict[str, Any], score: Tensor, target: Tensor, ood_score: Tensor) -> None:
@@ -255,8 +284,10 @@ def _reference(names: dict[str, Any] | None, tensors: dict[str, Tensor]) -> Trai
     """None where all training windows were synthetic."""
     if names is None:
         return None
-    features = tensors["training_reference.features"].numpy()
-    return TrainingReference(tuple(names["recording_id"]), tuple(names["label"]), features)
+    values: dict[str, Any] = {name: tuple(entries) for name, entries in names.items()}
+    values |= {name: tensors[f"training_reference.{name}"].numpy() for name in _REFERENCE_TENSORS}
+    stated = values["condition"] > 0
+    return TrainingReference(**{**values, "condition": np.where(stated, values["condition"], np.nan)})
 
 
 def _confidence(values: dict[str, Any] | None, tensors: dict[str, Tensor]) -> Confidence | None:

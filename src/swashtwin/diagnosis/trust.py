@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from swashtwin.learning import Confidence, SureClassifier
+from swashtwin.diagnosis.observation import Observation
+from swashtwin.learning import Confidence, SureClassifier, pooled_probabilities
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,13 @@ class Trust:
     ood_p_value: float
     """Conformal p-value of resembling them; the recording is unknown where it is at most the error rate."""
     ood_score: float
-    """Out-of-distribution score of the recording (`TrainingReference.ood_score`); only its order means anything."""
+    """Out-of-distribution score of the recording (`TrainingReference.ood_score`); above 1 for about one in ten of
+    those like the training."""
     ood_threshold: float
     """Score beyond which a recording is called unknown."""
+    reasons: tuple[str, ...]
+    """What of the recording is outside the training's range, in words: the operating condition, then the most
+    unusual of gain, noise floor, level and lines of each channel. None where all are within."""
     n_validation: int
     """Number of validation recordings."""
     cross_fitted: bool
@@ -47,6 +51,7 @@ class Trust:
             "prediction_set": list(self.prediction_set),
             "plausibility": dict(self.plausibility),
             "scarce_classes": list(self.scarce_classes),
+            "reasons": list(self.reasons),
         }
 
     def sentence(self) -> str:
@@ -54,10 +59,9 @@ class Trust:
         rate = f"{100 * self.error_rate:.3g} %"
         if self.unknown:
             return (
-                f"Unknown: its vibration is further from every trained class (relative distance {self.ood_score:.3g}) "
+                f"Unknown: its vibration is further from every trained class (score {self.ood_score:.3g}) "
                 f"than that of all but {rate} of {self.basis} (up to "
-                f"{self.ood_threshold:.3g}). The class named is only the nearest one, unless the pump, the "
-                "sensors or the operating condition differ from the training."
+                f"{self.ood_threshold:.3g}). The class named is only the nearest one. {self._difference()}"
             )
         if len(self.prediction_set) == 1:
             return f"No other class is plausible at an error rate of {rate}, by {self.basis}."
@@ -66,29 +70,40 @@ class Trust:
             f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
         )
 
+    def _difference(self) -> str:
+        if self.reasons:
+            return f"What differs most: {self.reasons[0]}"
+        return (
+            "Operating condition, levels, noise floors and lines are within the training's range, so the pattern "
+            "itself is new, as that of a fault never trained would be."
+        )
+
 
 def trust_in(
     classifier: SureClassifier,
-    probability: Float[np.ndarray, " class"],
-    features: Float[np.ndarray, "window feature"],
+    observation: Observation,
+    reasons: tuple[str, ...],
     error_rate: float | None,
 ) -> Trust | None:
     """Trust in the answer on one recording, or None where the classifier has no confidence.
 
     Parameters
     ----------
-    probability : of each class, from the mean log-probability of the windows.
-    features : of each window.
+    observation : what was observed of it.
+    reasons : what of it is outside the training's range.
     error_rate : of the prediction set; the classifier's own by default.
     """
     confidence, reference = classifier.confidence, classifier.training_reference
     if confidence is None or reference is None:
         return None
+    probability, features = pooled_probabilities(observation.probability), observation.features
     rate = confidence.error_rate if error_rate is None else error_rate
     in_set = confidence.prediction_set(probability, len(features), rate)
     plausible = confidence.plausibility(probability, len(features), rate)
     group = confidence.class_groups(len(classifier.classes), rate)
-    ood_score = reference.ood_score(features.mean(axis=0))
+    ood_score = reference.ood_score(
+        features.mean(axis=0), specimen=observation.specimen, condition=observation.condition
+    )
     ood_p_value = float(confidence.ood_p_value(np.array(ood_score)))
     return Trust(
         error_rate=rate,
@@ -99,6 +114,7 @@ def trust_in(
         ood_p_value=ood_p_value,
         ood_score=ood_score,
         ood_threshold=_ood_threshold(confidence, rate),
+        reasons=reasons,
         n_validation=confidence.n_recordings,
         cross_fitted=confidence.cross_fitted,
         basis=confidence.basis,

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from swashtwin.diagnosis.layout import require_layout
+from swashtwin.diagnosis.observation import observe
+from swashtwin.diagnosis.reasons import reasons_of
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
@@ -18,11 +20,8 @@ from swashtwin.learning import (
     pooled_probabilities,
     window_batches,
 )
-from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording, manifest_of, seen_recordings
 
-_SPEED_TOLERANCE = 0.05
-"""Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
 
@@ -107,11 +106,12 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     require_layout(classifier.layout, recording)
     try:
         scaled_classifier, parts = fit_to_recording(classifier, recording)
-        answers = [scaled_classifier.answer(windows) for windows in parts()]
-        notes = tuple(_notes(classifier, recording))
+        observation = observe(scaled_classifier, parts())
+        reasons = reasons_of(classifier, observation.condition, observation.facts)
+        notes = (*_notes(classifier, recording), *reasons)
     except DataError as cause:
         return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause))
-    probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
+    probability, features = observation.probability, observation.features
     likeliest = likeliest_class(probability)
     window_labels = tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist())
     judged = classifier.confidence is not None
@@ -120,7 +120,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
         reason = _not_finite(recording, classifier.layout.length, has_verdict)
         return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
     pooled = pooled_probabilities(probability, classifier.confidence)
-    trust = trust_in(classifier, pooled_probabilities(probability), features, error_rate)
+    trust = trust_in(classifier, observation, reasons, error_rate)
     if not np.isfinite(pooled).all() or (trust is not None and not math.isfinite(trust.ood_score)):
         reason = "the numbers that the model's confidence rests on are not finite; train it again."
         return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
@@ -180,25 +180,7 @@ def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
             f"The classifier was made with this very recording{under}; the answer proves nothing about new ones."
         )
     condition = recording.condition
-    if condition is None:
-        return notes
-    if _is_new(condition.discharge_pressure, classifier.pressures, PRESSURE_TOLERANCE):
-        trained = _listed([pressure / 1e6 for pressure in classifier.pressures])
-        notes.append(
-            f"Discharge pressure {condition.discharge_pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
-        )
-    if _is_new(condition.speed, classifier.speeds, _SPEED_TOLERANCE):
-        trained = _listed([speed * 30 / math.pi for speed in classifier.speeds])
-        notes.append(f"Speed {condition.speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
-    if classifier.layout.length / classifier.layout.sample_rate < condition.period * (1 - 1e-9):
+    layout = classifier.layout
+    if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
         notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
     return notes
-
-
-def _is_new(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
-    return bool(trained) and not values_match(value, np.array(trained), tolerance).any()
-
-
-def _listed(values: list[float]) -> str:
-    words = [f"{value:.4g}" for value in values]
-    return ", ".join(words) if len(words) <= 6 else f"{len(words)} values from {words[0]} to {words[-1]}"

@@ -74,6 +74,11 @@ from .training.settings import PAPER_TRAINING as PAPER_TRAINING
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
+from .training.signal_facts import N_FACTS as N_FACTS
+from .training.signal_facts import OutsideFact as OutsideFact
+from .training.signal_facts import outside_facts as outside_facts
+from .training.signal_facts import signal_facts as signal_facts
+from .training.signal_facts import swapped_channels as swapped_channels
 from .training.train_transforms import RANGE as RANGE
 from .training.train_transforms import at_other_speeds as at_other_speeds
 from .training.train_transforms import with_gains as with_gains
@@ -102,6 +107,7 @@ __all__ = [
     "LEVELS",
     "NETWORKS",
     "NORMALIZATIONS",
+    "N_FACTS",
     "PAPER_TRAINING",
     "RANGE",
     "RECOMMENDED_TRAINING",
@@ -129,6 +135,7 @@ __all__ = [
     "LevelNetwork",
     "Network",
     "Normalization",
+    "OutsideFact",
     "Scores",
     "SpectralBiTCN",
     "SureClassifier",
@@ -167,6 +174,7 @@ __all__ = [
     "likeliest_class",
     "load_windows",
     "measure_healthy",
+    "outside_facts",
     "plan_validation",
     "pooled_probabilities",
     "read_audit_rows",
@@ -180,7 +188,9 @@ __all__ = [
     "rows_of",
     "save_windows",
     "score_confidence",
+    "signal_facts",
     "split_by_recording",
+    "swapped_channels",
     "unseen_recordings",
     "wilson_interval",
     "window_batches",

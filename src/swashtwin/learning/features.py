@@ -22,6 +22,8 @@ from swashtwin.signals import (
 N_BANDS = 32
 """Logarithmic bands per spectrum."""
 
+_N_LINES, _LINE_SHARE, _N_LEVEL_BANDS = 72, 0.08, 48
+
 ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "crest_factor")
 """Those of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
 
@@ -65,6 +67,38 @@ def extract_features(windows: WindowSet) -> FeatureTable:
     return FeatureTable(np.concatenate(parts, axis=1), tuple(names))
 
 
+def level_features(windows: WindowSet) -> Float64[np.ndarray, "window feature"]:
+    """Levels of each window, channel after channel, by which `TrainingReference` tells what is like the training.
+
+    Per channel: the logarithm of the deviation, four numbers of the waveform's shape that no gain changes, log10 of the
+    mean power in up to 72 equal bands of the lowest twelfth of the spectrum, and `band_energies` in 48 bands. All are
+    numbers of the same kind, decades or shares, so that none needs a scale.
+    """
+    parts = []
+    for index in range(windows.n_channels):
+        signal = windows.signal[:, index].astype(np.float64)
+        moving = signal - signal.mean(axis=1, keepdims=True)
+        deviation = np.maximum(moving.std(axis=1, keepdims=True), 1e-15)
+        scaled = moving / deviation
+        shape = (
+            np.log10(deviation),
+            (scaled**3).mean(axis=1, keepdims=True),
+            np.log10(np.maximum((scaled**4).mean(axis=1, keepdims=True), 1e-3)),
+            np.log10(np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1e-3)),
+            np.abs(scaled).mean(axis=1, keepdims=True),
+        )
+        parts += [*shape, _line_levels(signal), band_energies(signal, _N_LEVEL_BANDS)]
+    return np.concatenate(parts, axis=1)
+
+
+def _line_levels(signal: Float64[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
+    power = _powers(signal)
+    lowest = power[:, : max(1, round(_LINE_SHARE * power.shape[1]))]
+    edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
+    widths = np.diff([*edges, lowest.shape[1]])
+    return np.log10(np.maximum(np.add.reduceat(lowest, edges, axis=1) / widths, 1e-30))
+
+
 def band_energies(
     signal: Float[np.ndarray, "window time"], n_bands: int = N_BANDS
 ) -> Float64[np.ndarray, "window band"]:
@@ -72,7 +106,12 @@ def band_energies(
 
     The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
     """
+    power = _powers(signal)
+    return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))
+
+
+def _powers(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
+    """Mean square of each line, mean removed, Hann taper."""
     length = signal.shape[1]
     spectrum = tapered_transform(signal)[:, 1:]
-    power = 2 * np.abs(spectrum) ** 2 / (length * np.sum(hann_taper(length) ** 2))
-    return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))
+    return np.asarray(2 * np.abs(spectrum) ** 2 / (length * np.sum(hann_taper(length) ** 2)))

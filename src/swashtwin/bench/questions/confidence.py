@@ -164,8 +164,8 @@ _NOTES = (
     "Test sets hold 30 to 45 recordings each: the ECE of so few is 0.07 to 0.16 even for a perfect classifier, and a "
     "coverage scatters by about 0.05.",
     "A left-out class is left out of training, validation and the known side of the test; its recordings at the level "
-    "are the strange ones. Both classifiers know recordings by the same 82 vibration features a channel, so the "
-    "figures of the unknown by features are the same for both.",
+    "are the strange ones. BiTCN and trees know recordings by the same levels, so the figures of the unknown by "
+    "features are the same for both.",
 )
 
 

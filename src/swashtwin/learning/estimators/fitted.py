@@ -11,7 +11,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 
 from swashtwin.foundation import DataError, InputError, derive_seed, plural
 from swashtwin.learning.estimators.registry import BASELINES, N_TREES
-from swashtwin.learning.features import FeatureTable, extract_features
+from swashtwin.learning.features import FeatureTable, extract_features, level_features
 from swashtwin.learning.training.classifier import require_verdicts
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import TrainingReference, build_reference
@@ -38,7 +38,7 @@ class FittedBaseline:
     features: Callable[[WindowSet], FeatureTable] = extract_features
     """What gives the estimator its columns."""
     training_reference: TrainingReference | None = None
-    """The measured recordings it was fitted on, by their vibration features; None where there was none."""
+    """The measured recordings it was fitted on, by the levels of their vibration; None where there was none."""
     confidence: Confidence | None = None
     """Calibrated confidence (`learn_confidence`); None where it was not calibrated."""
 
@@ -67,8 +67,8 @@ class FittedBaseline:
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on."""
-        return self.predict_proba(windows), extract_features(windows).values
+        """(`predict_proba`, `level_features`) of each window: what a verdict and what its trust rest on."""
+        return self.predict_proba(windows), level_features(windows)
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
         """Name of the likeliest class of each window; a `DataError` where one has no verdict."""
@@ -163,7 +163,7 @@ def _fitted(
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         features=features,
-        training_reference=build_reference(windows),
+        training_reference=build_reference(windows, level_features(windows)),
     )
 
 

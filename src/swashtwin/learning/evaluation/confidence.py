@@ -68,7 +68,16 @@ def _pooled(
     names = np.unique(windows.recording_id)
     masks = [windows.recording_id == name for name in names]
     reference = classifier.training_reference
-    ood_score = [math.nan if reference is None else reference.ood_score(features[mask].mean(axis=0)) for mask in masks]
+    ood_score = [
+        math.nan
+        if reference is None
+        else reference.ood_score(
+            features[mask].mean(axis=0),
+            specimen=str(windows.specimen[mask][0]),
+            condition=windows.condition(int(mask.argmax())),
+        )
+        for mask in masks
+    ]
     return RecordingAnswers(
         recording_id=tuple(names.tolist()),
         target=np.array([windows.target[mask][0] for mask in masks], dtype=np.int64),

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.choice.choice import Choice
-from swashtwin.learning.features import extract_features
+from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.normalization import Normalization
@@ -48,7 +48,7 @@ class FittedClassifier:
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
     training_reference: TrainingReference | None = None
-    """The measured recordings it was trained on, by their vibration features; None where there was none."""
+    """The measured recordings it was trained on, by the levels of their vibration; None where there was none."""
     choice: Choice | None = None
     """What was tried and chosen (`fit_chosen`); None where the network was named."""
     confidence: Confidence | None = None
@@ -105,12 +105,13 @@ class FittedClassifier:
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, vibration features) of each window: what a verdict and what its trust rest on.
+        """(`predict_proba`, `level_features`) of each window: what a verdict and what its trust rest on.
 
-        The features are `extract_features`'s of the samples as they are, not the network's own: in its last layer
-        a class that it never saw fell among the known ones (docs/diagnosis.md).
+        The levels are of the samples as they are: they tell a new class better than those that a `LevelNetwork` decides
+        by, and far better than the last layer, where a class that it never saw fell among the known ones
+        (docs/diagnosis.md).
         """
-        return self.predict_proba(windows), extract_features(windows).values
+        return self.predict_proba(windows), level_features(windows)
 
     def _probabilities(self, batch: Tensor, represented: Tensor) -> Tensor:
         features = self.network.encode(represented)

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from swashtwin.foundation import DataError, InputError, TorchStream, derive_seed, one_thread, stream
+from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.learning.training.classifier import FittedClassifier
@@ -120,7 +121,7 @@ def fit(
         manifest=used,
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
-        training_reference=build_reference(windows),
+        training_reference=build_reference(windows, level_features(windows)),
     )
 
 

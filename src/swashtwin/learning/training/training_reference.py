@@ -1,31 +1,44 @@
-"""The training recordings by their vibration features: what a new recording is compared with."""
+"""The training recordings by levels and plain facts of their vibration: what a new recording is compared with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.learning.features import extract_features
+from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
+from swashtwin.learning.training.signal_facts import signal_facts
 from swashtwin.learning.windows.window_set import WindowSet
 
-MOST_RECORDINGS = 2000
+MOST_RECORDINGS = 500
 """Most recordings in a reference; of more, this many are taken, evenly spaced in the order of their ids."""
 
-_LEAST_VARIANCE = 1e-6
-"""Added to each feature's shrunk variance, for classes of one recording have none."""
+_FURTHEST = 0.1
+"""Share of the training recordings, left out, whose distance is above 1."""
+_N_FOLDS = 10
+_MOST_WINDOWS = 20
+"""Windows of a recording that its facts are taken from, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingReference:
-    """Mean features of each measured recording of the training; it holds no samples."""
+    """Mean features and facts of each measured recording of the training; it holds no samples."""
 
     recording_id: tuple[str, ...]
     """The recordings, in the order of their ids."""
     label: tuple[str, ...]
     """Class of each."""
-    features: Float64[np.ndarray, "recording feature"]
-    """Mean of each feature over the windows of the recording."""
+    specimen: tuple[str, ...]
+    """Machine of each; empty where not stated."""
+    condition: Float64[np.ndarray, "recording quantity"]
+    """Speed [rad/s] and discharge pressure [Pa] of each; NaN where not stated."""
+    features: Float32[np.ndarray, "recording feature"]
+    """Mean of each feature (`SureClassifier.answer`) over the windows of the recording."""
+    facts: Float64[np.ndarray, "recording channel fact"]
+    """Mean of `signal_facts` over some windows."""
+    distance_scales: tuple[float, float] = (1.0, 1.0)
+    """Distances from the rest that nine in ten of the training recordings do not exceed where they are left out: alone,
+    and together with all of their machine."""
 
     def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " recording"]:
         """Distance of each training recording from one with these mean features, 0 where they are the same.
@@ -34,92 +47,115 @@ class TrainingReference:
         feature that does not differ between them counts in its own unit.
         """
         deviation = self.features.std(axis=0)
-        offset = (self.features - features) / np.where(deviation > 0, deviation, 1.0)
+        offset = (self.features - features.astype(np.float32)) / np.where(deviation > 0, deviation, 1.0)
         return np.asarray(np.sqrt(np.mean(offset**2, axis=1)), dtype=np.float64)
 
-    def ood_score(self, features: Float[np.ndarray, " feature"]) -> float:
-        """Out-of-distribution score of these mean features: a relative Mahalanobis distance, per feature.
+    def ood_score(
+        self,
+        features: Float[np.ndarray, " feature"],
+        *,
+        specimen: str = "",
+        condition: Float[np.ndarray, " quantity"] | None = None,
+    ) -> float:
+        """Out-of-distribution score of these mean features: about 1 where one in ten of those like the training is.
 
-        The squared Mahalanobis distance from the nearest class mean, in the covariance within the classes, less that
-        from the mean of all, in the covariance of all (Ren and others 2021, arXiv:2106.09022), so that what varies
-        between all recordings anyhow counts for little. Covariances are shrunk (Ledoit and Wolf 2004), for there are
-        more features than recordings. It may be negative; only its order means anything. Of a single class it is the
-        plain distance.
+        A likelihood ratio between the nearest trained class and a new one (`ClassSpace`; in the manner of Ren and
+        others 2021, arXiv:2106.09022), over what nine in ten of the training recordings have that are left out: alone
+        where the machine is one of the training's, else together with all of their machine. It may be negative.
+
+        Parameters
+        ----------
+        features : means over the windows.
+        specimen : machine; empty where not stated.
+        condition : speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
         """
-        space = self._space
-        scaled = (features - space.mean) / space.deviation
-        offset = scaled - space.centers
-        nearest = np.einsum("cf,fg,cg->c", offset, space.within, offset).min()
-        return float(nearest - scaled @ space.overall @ scaled) / scaled.size
+        at = np.full(2, np.nan) if condition is None else condition
+        is_trained = bool(specimen) and specimen in self.specimen
+        return self._space.score(features, at) / self.distance_scales[0 if is_trained else 1]
 
     def cross_fitted_scores(self) -> Float64[np.ndarray, " recording"]:
-        """`ood_score` of each training recording by nine in ten of the others; NaN where none is of its class."""
-        fold, label = np.arange(len(self.label)) % 10, np.array(self.label)
-        scores = np.full(len(label), np.nan)
-        for number in np.unique(fold):
-            used = fold != number
-            scored = np.flatnonzero(~used & np.isin(label, label[used]))
-            names = np.array(self.recording_id)[used]
-            others = TrainingReference(tuple(names.tolist()), tuple(label[used].tolist()), self.features[used])
-            scores[scored] = [others.ood_score(self.features[index]) for index in scored]
-        return scores
+        """`ood_score` of each training recording by references without it; NaN where they have none of its class."""
+        return self.left_out_distances(_folds(len(self.label))) / self.distance_scales[0]
 
     @cached_property
-    def _space(self) -> "_Space":
-        deviation = self.features.std(axis=0)
-        deviation = np.where(deviation > 0, deviation, 1.0)
-        mean = self.features.mean(axis=0)
-        scaled = (self.features - mean) / deviation
-        names, index = np.unique(self.label, return_inverse=True)
-        centers = np.stack([scaled[index == number].mean(axis=0) for number in range(len(names))])
-        overall = _precision(scaled) if len(names) > 1 else np.zeros((scaled.shape[1],) * 2)
-        return _Space(mean, deviation, centers, _precision(scaled - centers[index]), overall)
+    def _space(self) -> ClassSpace:
+        return self._space_of(np.ones(len(self.label), dtype=bool))
+
+    def _space_of(self, used: np.ndarray) -> ClassSpace:
+        label, specimen = np.array(self.label), np.array(self.specimen)
+        return fit_class_space(self.features[used], label[used], specimen[used], self.condition[used])
+
+    def left_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " recording"]:
+        """Distance of each recording by a space without its group; NaN where the space has not its class."""
+        label, distance = np.array(self.label), np.full(len(self.label), np.nan)
+        for number in np.unique(group):
+            used = group != number
+            scored = np.flatnonzero(~used & np.isin(label, label[used]))
+            if scored.size:
+                space = self._space_of(used)
+                distance[scored] = [space.score(self.features[index], self.condition[index]) for index in scored]
+        return distance
 
 
-@dataclass(frozen=True, eq=False)
-class _Space:
-    """Means and inverse covariances of the training recordings, in standard deviations."""
+def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feature"]) -> TrainingReference | None:
+    """Reference of the measured recordings among training windows, or None where all are synthetic or not finite.
 
-    mean: Float64[np.ndarray, " feature"]
-    deviation: Float64[np.ndarray, " feature"]
-    centers: Float64[np.ndarray, "class feature"]
-    within: Float64[np.ndarray, "feature feature"]
-    overall: Float64[np.ndarray, "feature feature"]
-
-
-def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
-    """Covariance of the rows, shrunk towards a multiple of the identity by Ledoit and Wolf (2004).
-
-    (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI 10.1016/S0047-259X(03)00096-4); as
-    scikit-learn's `LedoitWolf`, whose import would take longer than a diagnosis.
+    Parameters
+    ----------
+    features : of each window, numbers of the same kind, such as logarithms of powers.
     """
-    n_rows, n_features = rows.shape
-    centered = rows - rows.mean(axis=0)
-    squares = centered**2
-    covariance = centered.T @ centered / n_rows
-    trace = squares.sum() / n_rows
-    mean = trace / n_features
-    norm = float((covariance**2).sum())
-    beta = (float((squares.T @ squares).sum()) / n_rows - norm) / (n_features * n_rows)
-    delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
-    shrinkage = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0
-    return np.asarray((1 - shrinkage) * covariance + shrinkage * mean * np.eye(n_features))
-
-
-def _precision(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
-    covariance = shrunk_covariance(rows)
-    return np.asarray(np.linalg.inv(covariance + _LEAST_VARIANCE * np.eye(len(covariance))))
-
-
-def build_reference(windows: WindowSet) -> TrainingReference | None:
-    """Reference of the measured recordings among training windows, or None where all are synthetic."""
     names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:
         return None
     names = names[np.unique(np.linspace(0, names.size - 1, min(MOST_RECORDINGS, names.size)).round().astype(np.int64))]
-    parts = [windows.subset((windows.recording_id == name) & ~windows.synthetic) for name in names]
-    return TrainingReference(
+    masks = [(windows.recording_id == name) & ~windows.synthetic for name in names]
+    parts = [windows.subset(_spaced(np.flatnonzero(mask))) for mask in masks]
+    means = np.stack([features[mask].mean(axis=0) for mask in masks]).astype(np.float32)
+    facts = np.stack([signal_facts(part).mean(axis=0) for part in parts])
+    usable = np.isfinite(means).all(axis=1) & np.isfinite(facts).all(axis=(1, 2))
+    if not usable.any():
+        return None
+    names, means, facts = names[usable], means[usable], facts[usable]
+    parts = [part for part, is_usable in zip(parts, usable, strict=True) if is_usable]
+    reference = TrainingReference(
         recording_id=tuple(names.tolist()),
         label=tuple(str(part.label[0]) for part in parts),
-        features=np.stack([extract_features(part).values.mean(axis=0) for part in parts]),
+        specimen=tuple(str(part.specimen[0]) for part in parts),
+        condition=np.stack([part.condition(0) for part in parts]),
+        features=means,
+        facts=facts,
     )
+    return scaled_reference(reference)
+
+
+def _spaced(rows: Int[np.ndarray, " window"]) -> Int[np.ndarray, " window"]:
+    """As many of them as facts are taken from, evenly spaced."""
+    return rows[np.unique(np.linspace(0, rows.size - 1, min(_MOST_WINDOWS, rows.size)).round().astype(np.int64))]
+
+
+def scaled_reference(reference: TrainingReference) -> TrainingReference:
+    """The same reference with its `distance_scales`.
+
+    Each machine that is left out has its own, and their median is taken: one machine that is unlike the few others of
+    the training would else set the scale for all to come. Where no scale can be told, the other one is taken, or 1.
+    """
+    alone = [reference.left_out_distances(_folds(len(reference.label)))]
+    machines, group = np.unique(reference.specimen, return_inverse=True)
+    together = alone
+    if len(machines) > 1:
+        distance = reference.left_out_distances(group)
+        together = [distance[group == number] for number in range(len(machines))]
+    scales = [scale for parts in (alone, together) if (scale := _median_of_furthest(parts)) > 0] or [1.0]
+    return replace(reference, distance_scales=(scales[0], scales[-1]))
+
+
+def _median_of_furthest(parts: list[Float64[np.ndarray, " recording"]]) -> float:
+    """Median over the parts of the distance that nine in ten do not exceed; 0 where none is scored."""
+    scored = [part[~np.isnan(part)] for part in parts]
+    furthest = [float(np.quantile(part, 1 - _FURTHEST)) for part in scored if part.size]
+    return float(np.median(furthest)) if furthest else 0.0
+
+
+def _folds(count: int) -> Int[np.ndarray, " recording"]:
+    """Fold of each recording, in turn."""
+    return np.arange(count) % _N_FOLDS

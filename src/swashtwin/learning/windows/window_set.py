@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int64, Shaped
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
@@ -167,6 +167,10 @@ class WindowSet:
     def turns_per_sample(self) -> Float32[np.ndarray, " window"]:
         """Turns of the shaft per sample in each window; NaN where the speed is not known."""
         return (self.speed / (2 * np.pi * self.sample_rate)).astype(np.float32)
+
+    def condition(self, window: int) -> Float64[np.ndarray, " quantity"]:
+        """Speed [rad/s] and discharge pressure [Pa] of one window; NaN where not stated."""
+        return np.array([self.speed[window], self.discharge_pressure[window]], dtype=np.float64)
 
     def subset(self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]) -> "WindowSet":
         """The windows that a mask keeps, or that indices name, in that order."""

@@ -1,0 +1,103 @@
+"""What of a recording is outside the training's range, in words: operating condition, gain, noise floor, lines."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float64
+
+from swashtwin.learning import DiagnosingClassifier, OutsideFact, outside_facts, swapped_channels
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+
+_SPEED_TOLERANCE = 0.05
+"""Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
+_SILENT = 40.0
+"""Level below the training's from which a channel is called nearly silent [dB]."""
+_SAME_GAIN = 3.0
+"""Difference between the changes of level and noise floor up to which a gain explains both [dB]."""
+_MOST = 6
+
+
+def reasons_of(
+    classifier: DiagnosingClassifier,
+    condition: Float64[np.ndarray, " quantity"],
+    facts: Float64[np.ndarray, "channel fact"],
+) -> tuple[str, ...]:
+    """What is outside the training's range, the operating condition first, then the most unusual.
+
+    Parameters
+    ----------
+    condition : speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
+    facts : mean `signal_facts` of the recording.
+    """
+    reasons = list(_of_condition(classifier, *condition.tolist()))
+    reference = classifier.training_reference
+    if reference is None or not np.isfinite(facts).all():
+        return tuple(reasons)
+    channels, unit = classifier.layout.channels, classifier.layout.unit
+    pair = swapped_channels(reference.facts, facts)
+    if pair is not None:
+        first, second = (channels[index] for index in pair)
+        reasons.append(
+            f"Channels {first} and {second} look swapped: the spectrum of each is like the other's in the training."
+        )
+    outside = [
+        fact for fact in outside_facts(reference.facts, reference.specimen, facts) if fact.channel not in (pair or ())
+    ]
+    usual = np.median(reference.facts, axis=0)
+    for channel in dict.fromkeys(fact.channel for fact in outside):
+        changes = {fact.fact: fact for fact in outside if fact.channel == channel}
+        reasons += _of_channel(channels[channel], unit, changes, (facts - usual)[channel])
+    return tuple(reasons[:_MOST])
+
+
+def _of_condition(classifier: DiagnosingClassifier, speed: float, pressure: float) -> Iterator[str]:
+    if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
+        trained = _listed([value / 1e6 for value in classifier.pressures])
+        yield f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
+    if _is_new(speed, classifier.speeds, _SPEED_TOLERANCE):
+        trained = _listed([value * 30 / math.pi for value in classifier.speeds])
+        yield f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were)."
+
+
+def _of_channel(
+    name: str, unit: str, changes: dict[str, OutsideFact], change: Float64[np.ndarray, " fact"]
+) -> Iterator[str]:
+    """One sentence for each fact of a channel that is outside; one for both where a gain explains level and floor."""
+    level, floor, lines = (changes.get(fact) for fact in ("level", "noise_floor", "line_share"))
+    if level is not None and level.excess < -_SILENT:
+        yield f"Channel {name} is nearly silent: its level is {_moved(level, f'dB re 1 {unit}')}."
+        return
+    if level is not None and floor is not None and abs(change[0] - change[1]) <= _SAME_GAIN:
+        yield (
+            f"The gain of channel {name} looks {abs(change[0]):.0f} dB {'higher' if change[0] > 0 else 'lower'} than "
+            "in the training: its level and its noise floor both moved."
+        )
+        level = floor = None
+    if floor is not None:
+        yield f"The noise floor of channel {name} is {_moved(floor, f'dB re 1 ({unit})²/Hz')}."
+    if level is not None:
+        yield f"The level of channel {name} is {_moved(level, f'dB re 1 {unit}')}."
+    if lines is not None:
+        low, high, share = (100 * 10 ** (value / 10) for value in (lines.low, lines.high, lines.value))
+        yield (
+            f"The strongest lines of channel {name} hold {share:.0f} % of its power; in the training they held "
+            f"{low:.0f} to {high:.0f} %."
+        )
+
+
+def _moved(fact: OutsideFact, unit: str) -> str:
+    """Such as "14 dB above the training's (-32 dB re 1 m/s^2; the training had -50 to -46)"."""
+    return (
+        f"{abs(fact.excess):.0f} dB {'above' if fact.excess > 0 else 'below'} the training's ({fact.value:.0f} {unit}; "
+        f"the training had {fact.low:.0f} to {fact.high:.0f})"
+    )
+
+
+def _is_new(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
+    return bool(trained) and not math.isnan(value) and not values_match(value, np.array(trained), tolerance).any()
+
+
+def _listed(values: list[float]) -> str:
+    words = [f"{value:.4g}" for value in values]
+    return ", ".join(words) if len(words) <= 6 else f"{len(words)} values from {words[0]} to {words[-1]}"

@@ -353,6 +353,6 @@ def _show_choice(choice: "Choice") -> None:
         for trial in choice.trials
     ]
     if rows:
-        kept = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
-        table(f"Candidates: {kept}", ("candidate", "clean", "noise, gain, speed", ""), rows)
+        folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
+        table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)
     say(choice.sentence())

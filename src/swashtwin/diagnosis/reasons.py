@@ -14,7 +14,8 @@ _SPEED_TOLERANCE = 0.05
 _SILENT = 40.0
 """Level below the training's from which a channel is called nearly silent [dB]."""
 _SAME_GAIN = 3.0
-"""Difference between the changes of level and noise floor up to which a gain explains both [dB]."""
+"""Difference between the changes of level and noise floor, from the training's medians or from its ranges, up to
+which a gain explains both [dB]."""
 _MOST = 6
 
 
@@ -68,7 +69,8 @@ def _of_channel(
     if level is not None and level.excess < -_SILENT:
         yield f"Channel {name} is nearly silent: its level is {_moved(level, f'dB re 1 {unit}')}."
         return
-    if level is not None and floor is not None and abs(change[0] - change[1]) <= _SAME_GAIN:
+    differences = [] if level is None or floor is None else [change[0] - change[1], level.excess - floor.excess]
+    if any(abs(difference) <= _SAME_GAIN for difference in differences):
         yield (
             f"The gain of channel {name} looks {abs(change[0]):.0f} dB {'higher' if change[0] > 0 else 'lower'} than "
             "in the training: its level and its noise floor both moved."

@@ -38,9 +38,10 @@ def test_hum_is_lines_of_the_mains_that_fall_with_their_number() -> None:
     assert lines[20] < 1e-4 * lines[19]
 
 
-def test_hum_above_half_the_rate_is_left_out_and_refused_where_nothing_is_left() -> None:
+def test_hum_above_half_the_rate_is_left_out_and_refused_without_a_rate() -> None:
     signal = np.sin(np.arange(5000.0))[None]
     changed = add_noise(signal, 0.0, 0, kind="hum", sample_rate=130.0) - signal
     assert changed.var() == pytest.approx(signal.var(), rel=0.02)
-    with pytest.raises(InputError, match=r"needs a sample rate above 100\.2 Hz"):
+    np.testing.assert_array_equal(add_noise(signal, 0.0, 0, kind="hum", sample_rate=10.0), signal)
+    with pytest.raises(InputError, match="needs the sample rate"):
         add_noise(signal, 0.0, 0, kind="hum")

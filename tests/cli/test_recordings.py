@@ -190,7 +190,7 @@ def test_recordings_of_two_speeds_train_together_along_the_angle_and_a_new_speed
     stored = load_recordings(tmp_path / "old.h5")
     assert [recording.sample_rate for recording in stored] == pytest.approx([960.0] * 4)
     assert {recording.attributes["angle_from"] for recording in stored} == {"the stated speed"}
-    settings = ("--window", 128, "--test-fraction", 0)
+    settings = ("--network", "spectral_bitcn", "--window", 128, "--test-fraction", 0)
     for text in ("epochs=6", "channels=8,8", "learning_rate=0.01"):
         settings = (*settings, "--set", text)
     run("train", tmp_path / "old.h5", "--out", tmp_path / "m.safetensors", *settings)

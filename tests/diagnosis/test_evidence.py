@@ -177,7 +177,7 @@ def test_the_page_shows_lines_moments_neighbors_and_checks(classifier, evidence,
     text = page.read_text(encoding="utf-8")
     for words in (
         "order 7 (112 Hz, piston-pass line)",
-        "valve_plate 2",
+        evidence.nearest[0].recording_id,
         "What to check next",
         "case drain".capitalize(),
     ):

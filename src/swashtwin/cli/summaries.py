@@ -162,7 +162,7 @@ def show_check(check: "DataCheck") -> None:
 
 
 def confidence_advice(n_recordings: int) -> str:
-    """Options that calibrate the confidence of a training on so many recordings."""
+    """How to calibrate the confidence of a training on so many recordings."""
     from swashtwin.learning import plan_validation
 
     plan = plan_validation(n_recordings)
@@ -170,7 +170,8 @@ def confidence_advice(n_recordings: int) -> str:
         return f"that takes more recordings than the {n_recordings} it was trained on"
     rate = "" if plan.is_enough else f" --error-rate {plan.error_rate:g}"
     return (
-        f"train --validation-fraction {plan.fraction:g}{rate} does that with about {plan.n_validation} of its "
+        "train without --network does that with the recordings it trains on, "
+        f"train --validation-fraction {plan.fraction:g}{rate} with about {plan.n_validation} of its "
         f"{plural(plan.n_recordings, 'recording')}"
     )
 

@@ -14,7 +14,9 @@ from swashtwin.diagnosis.reasons import reasons_of
 from swashtwin.diagnosis.trust import Trust, trust_in
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
+    Choice,
     DiagnosingClassifier,
+    FittedClassifier,
     WindowSet,
     likeliest_class,
     pooled_probabilities,
@@ -46,10 +48,12 @@ class Diagnosis:
     """What a reader should know before trusting it, such as a condition that was never trained."""
     trust: Trust | None = None
     """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier's
-    confidence was not calibrated (`learn_confidence`, ``swashtwin train --validation-fraction``)."""
+    confidence was not calibrated (`fit_chosen`, `learn_confidence`)."""
     no_verdict: str | None = None
     """Why there is no verdict: the recording cannot be used, or a number of the answer is not finite; None where there
     is one."""
+    choice: Choice | None = None
+    """How the classifier was chosen; None where its network was named."""
 
     def __repr__(self) -> str:
         if self.no_verdict is not None:
@@ -100,8 +104,8 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     """
     if error_rate is not None and classifier.confidence is None:
         raise InputError(
-            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it with "
-            "--validation-fraction 0.2, or learn_confidence(classifier, validation)."
+            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it without "
+            "--network, with --validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
     require_layout(classifier.layout, recording)
     try:
@@ -133,6 +137,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
         agreement=float(np.mean([name == label for name in window_labels])),
         notes=notes,
         trust=trust,
+        choice=classifier.choice if isinstance(classifier, FittedClassifier) else None,
     )
 
 

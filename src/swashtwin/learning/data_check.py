@@ -12,7 +12,7 @@ from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
 from swashtwin.learning.leakage.confounding import Confounding, confounding
 from swashtwin.learning.leakage.copies import Copy, copied_recordings
-from swashtwin.learning.training.confidence import allowed_error_rate, plan_validation
+from swashtwin.learning.training.confidence import allowed_error_rate, least_validation
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Finding,
@@ -290,23 +290,15 @@ def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool
 def _confidence(n_recordings: int, error_rate: float) -> Use:
     name = "calibrated confidence"
     left = n_recordings - round(_TEST_FRACTION * n_recordings)
-    plan = plan_validation(left, error_rate)
+    needed, allowed = least_validation(error_rate), allowed_error_rate(left, error_rate)
     remainder = "1 recording is" if left == 1 else f"{left} recordings are"
     after = f"{remainder} left after a test of --test-fraction {_TEST_FRACTION:g}"
-    if plan.is_enough:
-        reason = (
-            f"train --validation-fraction {plan.fraction:g} holds back about {plan.n_validation}, {plan.needed} are "
-            f"needed; {after}."
-        )
-        return Use(name, "yes", False, reason)
-    lacking = f"--error-rate {error_rate:g} needs {plan.needed} validation recordings; {after}"
-    if plan.n_validation < 2:
+    if allowed == error_rate:
+        return Use(name, "yes", False, f"train calibrates it with its folds; {after}, {needed} are needed.")
+    lacking = f"--error-rate {error_rate:g} needs {needed} recordings; {after}"
+    if left < 4:
         return Use(name, "no", False, f"{lacking}.")
-    reason = (
-        f"{lacking}. train --validation-fraction {plan.fraction:g} holds back about {plan.n_validation}, which allow "
-        f"--error-rate {plan.error_rate:g}."
-    )
-    return Use(name, "partly", False, reason)
+    return Use(name, "partly", False, f"{lacking}, which allow --error-rate {allowed:g}.")
 
 
 def _calibration(labeled: Sequence[Recording]) -> Use:

@@ -3,8 +3,9 @@
 from matplotlib.ticker import PercentFormatter
 
 from swashtwin.diagnosis import Diagnosis
+from swashtwin.foundation import plural
 from swashtwin.report.drawing import Drawing, panels, render_drawing
-from swashtwin.report.page import Bullets, Part, Picture, Section, SectionOrder
+from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.style import class_colors, figure_style
 from swashtwin.report.wording import percent, words
 
@@ -40,6 +41,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         Bullets("What to know before trusting it", diagnosis.notes),
         Picture(probability_drawing(diagnosis, key)),
         Picture(window_drawing(diagnosis, key)),
+        *_choice_blocks(diagnosis),
         Bullets("What was not checked", _NOT_CHECKED if trust is None else _NOT_CHECKED_BY_TRUST),
     )
     return Part(
@@ -49,6 +51,29 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         sections=(Section(SectionOrder.VERDICT, f"Diagnosis of {diagnosis.recording_id}", blocks),),
         results={"diagnoses": [diagnosis.to_dict()]},
     )
+
+
+def _choice_blocks(diagnosis: Diagnosis) -> tuple[Paragraph | Table, ...]:
+    """How the model was chosen, where training chose it."""
+    choice = diagnosis.choice
+    if choice is None:
+        return ()
+    rows = tuple(
+        (
+            Cell(f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate),
+            Cell(percent(trial.clean)),
+            Cell(percent(trial.disturbed)),
+            Cell("yes" if trial.is_tied else ""),
+        )
+        for trial in choice.trials
+    )
+    caption = (
+        f"What training tried: share of the windows of {choice.group}s that were left out told right, mean over the "
+        f"classes, {plural(choice.n_folds, 'fold')}. Of those as good as the best within one standard error the first "
+        "was taken."
+    )
+    header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
+    return (Paragraph(choice.sentence()), *((Table(caption, header, rows),) if rows else ()))
 
 
 def _no_verdict_part(diagnosis: Diagnosis) -> Part:

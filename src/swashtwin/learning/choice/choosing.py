@@ -16,13 +16,13 @@ from swashtwin.learning.networks.window_levels import gain_response, window_leve
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
-from swashtwin.learning.windows.folding import Fold, group_folds
+from swashtwin.learning.windows.folding import Fold, group_folds, without_overlap
 from swashtwin.learning.windows.grouping import window_groups
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
 
 MOST_WINDOWS = 3000
-"""Measured windows of a trial; of more, every recording lends its share, evenly spaced."""
+"""Measured windows of a trial; of more, every recording lends its share."""
 MOST_FOLDS = 4
 """Inner folds at most; fewer where a class stands in fewer groups."""
 BUDGET = 600.0
@@ -74,7 +74,7 @@ def choose(
     """
     tell = progress or (lambda activity, finished, total: None)
     possible = _possible(candidates, windows)
-    measured = _sample(windows, seed)
+    measured = _sample(windows)
     group, folds = _inner_folds(measured, seed)
     if not folds:
         reason = "there are too few recordings of a class to test on some of them"
@@ -110,16 +110,15 @@ def usual_turns(windows: WindowSet) -> float:
     return float(np.nanmedian(turns)) if np.isfinite(turns).any() else 0.0
 
 
-def _sample(windows: WindowSet, seed: int) -> WindowSet:
-    measured = windows.subset(~windows.synthetic)
+def _sample(windows: WindowSet) -> WindowSet:
+    """Measured windows without overlap; of too many the first ones of each recording, in a row, so that the dependence
+    between them is that of a recording."""
+    measured = without_overlap(windows.subset(~windows.synthetic))
+    names, index = np.unique(measured.recording_id, return_inverse=True)
+    share = max(1, MOST_WINDOWS // max(1, len(names)))
     if len(measured) <= MOST_WINDOWS:
         return measured
-    names, index = np.unique(measured.recording_id, return_inverse=True)
-    share, rows = max(1, MOST_WINDOWS // len(names)), []
-    for number in range(len(names)):
-        members = np.flatnonzero(index == number)
-        rows.append(members[np.unique(np.linspace(0, len(members) - 1, min(share, len(members))).round().astype(int))])
-    return measured.subset(np.sort(np.concatenate(rows)))
+    return measured.subset(np.sort(np.concatenate([np.flatnonzero(index == i)[:share] for i in range(len(names))])))
 
 
 def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:

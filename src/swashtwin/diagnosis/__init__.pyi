@@ -7,7 +7,8 @@ from .anomaly_detector import AnomalyVerdict as AnomalyVerdict
 from .anomaly_detector import fit_healthy as fit_healthy
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
-from .evidence import hertz as hertz
+from .evidence_bands import Band as Band
+from .evidence_bands import hertz as hertz
 from .fault_classifier import FaultClassifier as FaultClassifier
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
@@ -21,6 +22,7 @@ __all__ = [
     "AlarmScores",
     "AnomalyDetector",
     "AnomalyVerdict",
+    "Band",
     "Diagnosis",
     "Evidence",
     "FaultClassifier",

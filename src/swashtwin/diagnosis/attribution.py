@@ -19,18 +19,18 @@ STEPS = 32
 
 def mean_gradients(
     network: nn.Module,
-    signal: Float32[np.ndarray, "window channel time"],
+    signal: Float32[np.ndarray, "window *entry"],
     label: int,
     rival: int,
     *,
     steps: int = STEPS,
-) -> tuple[Float64[np.ndarray, "window channel time"], Float64[np.ndarray, " window"]]:
+) -> tuple[Float64[np.ndarray, "window *entry"], Float64[np.ndarray, " window"]]:
     """(mean gradient on the way, f(x) - f(0)) of each window, f being the score of `label` less that of `rival`.
 
     Parameters
     ----------
-    network : in evaluation mode.
-    signal : scaled windows, as the network takes them.
+    network : in evaluation mode; or its last layers.
+    signal : scaled windows, as the network takes them; or what its last layers take.
     label, rival : indices of the two classes.
     steps : points of the midpoint rule.
     """

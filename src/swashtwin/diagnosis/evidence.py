@@ -7,37 +7,20 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis.attribution import line_shares, mean_gradients
+from swashtwin.diagnosis.contributions import contributions
+from swashtwin.diagnosis.evidence_bands import Band, band_rms
 from swashtwin.diagnosis.next_checks import Check, next_checks
 from swashtwin.diagnosis.trust import Trust
 from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import InputError
 from swashtwin.learning import FittedClassifier, cut_windows
 from swashtwin.recordings import Recording, stated_speed
-from swashtwin.signals import line_frequencies
 
 MOST_WINDOWS = 24
 """Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""
-ORDERS = 40
-"""Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third octaves."""
-_MOMENTS = 10
 _MOST_GAP = 0.1
 """Share of the score that contributions may miss and still be called shares of it."""
 _NEIGHBORS = 5
-
-
-@dataclass(frozen=True)
-class Band:
-    """One order of the shaft, or one third octave."""
-
-    name: str
-    """Such as ``"order 7"`` or ``"1.8-2.2 kHz"``."""
-    low: float
-    """Lower edge [Hz]."""
-    high: float
-    """Upper edge [Hz]."""
-    order: int | None = None
-    """Order of the shaft in its middle, or None for a third octave."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +45,10 @@ class Evidence:
     """The class that was named."""
     rival: str
     """The next likeliest class: evidence is for the one against the other."""
+    baseline: str
+    """What the samples are compared with, in words: silence, or the mean of the training for a network on levels."""
     margin: float
-    """Score of `label` less that of `rival`, less the same for silence; mean over the windows looked at."""
+    """Score of `label` less that of `rival`, less the same for `baseline`; mean over the windows looked at."""
     gap: float
     """Share of `margin` that the sums below miss, since gradients were taken at finitely many points."""
     start: float
@@ -79,11 +64,11 @@ class Evidence:
     moment: float
     """Length of a moment [s]."""
     bands: tuple[Band, ...]
-    """Orders and third octaves, ascending."""
+    """Orders and third octaves, ascending; of a network on levels also those of the envelope, and the whole."""
     lines: Float64[np.ndarray, "channel band"]
     """What each band adds; their sum is `margin`."""
     rms: Float64[np.ndarray, "channel band"]
-    """Root mean square of the samples in each band."""
+    """Root mean square of the samples, or of their envelope, in each band; NaN for the whole."""
     pistons: int | None
     """Number of pistons, where it was said."""
     nearest: tuple[Neighbor, ...]
@@ -140,9 +125,9 @@ class Evidence:
             sentences.append(self.remark)
         if self.margin <= 0:
             sentences.append(
-                f"The samples as a whole take away from {label}: to silence the network answers {label} even more "
-                "firmly. Lines against silence say little of this verdict; lean on the nearest recordings and on the "
-                "checks."
+                f"The samples as a whole take away from {label}: to {self.baseline} the network answers {label} even "
+                f"more firmly. Lines against {self.baseline} say little of this verdict; lean on the nearest "
+                "recordings and on the checks."
             )
         if self.nearest:
             neighbors = [f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]]
@@ -219,32 +204,26 @@ def explain(
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
-    scaled = scaled_classifier.normalization.apply(windows)
-    gradient, change = mean_gradients(scaled_classifier.network, scaled, label, rival)
-    if not np.isfinite(gradient).all():
-        raise DataError(f"{recording.recording_id}: the network's gradients are not finite; is a sample too large?")
-    x, g, samples = (
-        part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64)
-        for part in (scaled, gradient, windows.signal)
-    )
-    bands = _bands(classifier.sample_rate, stated_speed(recording), x.shape[1])
-    edges = np.linspace(0, x.shape[1], _MOMENTS * count + 1).astype(np.int64)[:-1]
-    margin = float(change.mean())
+    adds = contributions(scaled_classifier, windows, label, rival, stated_speed(recording))
+    samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
+    n_samples, n_moments = samples.shape[1], adds.moments.shape[1]
+    edges = np.linspace(0, n_samples, n_moments + 1).astype(np.int64)[:-1]
     return Evidence(
         recording_id=recording.recording_id,
         label=ranked[0],
         rival=ranked[1],
-        margin=margin,
-        gap=abs(float((x * g).sum()) / count - margin) / max(abs(margin), 1e-12),
+        baseline=adds.baseline,
+        margin=adds.margin,
+        gap=abs(adds.total - adds.margin) / max(abs(adds.margin), 1e-12),
         start=first * length / classifier.sample_rate,
         channels=classifier.channels,
         unit=classifier.layout.unit,
-        moments=np.add.reduceat(x * g, edges, axis=1) / count,
+        moments=adds.moments,
         peaks=np.maximum.reduceat(np.abs(samples), edges, axis=1),
-        moment=x.shape[1] / classifier.sample_rate / edges.size,
-        bands=bands,
-        lines=_band_sums(line_shares(x, g), bands, classifier.sample_rate, x.shape[1]) / count,
-        rms=np.sqrt(_band_sums(_powers(samples), bands, classifier.sample_rate, x.shape[1])),
+        moment=n_samples / classifier.sample_rate / n_moments,
+        bands=adds.bands,
+        lines=adds.lines,
+        rms=band_rms(samples, adds.bands, classifier.sample_rate),
         pistons=pistons,
         nearest=_nearest(classifier, features),
         checks=_checks(diagnosis.label, diagnosis.trust),
@@ -264,49 +243,6 @@ def _best_run(margin: Float64[np.ndarray, " window"]) -> int:
         return 0
     together = np.convolve(margin, np.ones(MOST_WINDOWS), mode="valid")
     return int(together.argmax())
-
-
-def _bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
-    """Orders as far as the samples resolve them, and third octaves above; they cover all frequencies, without gap."""
-    nyquist, bands = sample_rate / 2, list[Band]()
-    edge, resolution = max(sample_rate / n_samples, 1.0), sample_rate / n_samples
-    if shaft is not None and resolution < shaft / 4 and 1.5 * shaft < nyquist:
-        edge = 0.5 * shaft
-        bands.append(Band("below order 0.5", 0.0, edge))
-        for order in range(1, ORDERS + 1):
-            if (order + 0.5) * shaft > nyquist:
-                break
-            edge = (order + 0.5) * shaft
-            bands.append(Band(f"order {order}", (order - 0.5) * shaft, edge, order))
-    else:
-        bands.append(Band(f"below {hertz(edge)}", 0.0, edge))
-    while edge < nyquist:
-        above = min(edge * 2 ** (1 / 3), nyquist)
-        if above * 2 ** (1 / 6) > nyquist:
-            above = nyquist
-        bands.append(Band(f"{hertz(edge)} to {hertz(above)}", edge, above))
-        edge = above
-    return tuple(bands)
-
-
-def hertz(frequency: float) -> str:
-    """Frequency in words, with two digits of kHz or three of Hz."""
-    return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
-
-
-def _band_sums(
-    lines: Float64[np.ndarray, "channel line"], bands: tuple[Band, ...], sample_rate: float, n_samples: int
-) -> Float64[np.ndarray, "channel band"]:
-    """Sum of the lines in each band; the last holds the last line too."""
-    frequency = line_frequencies(n_samples, sample_rate)
-    band = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
-    return np.stack([np.bincount(band, weights=row, minlength=len(bands)) for row in lines])
-
-
-def _powers(samples: np.ndarray) -> Float64[np.ndarray, "channel line"]:
-    """Mean square of each line, mean removed."""
-    moving = samples - samples.mean(axis=1, keepdims=True)
-    return np.asarray(np.maximum(line_shares(moving, moving), 0.0) / samples.shape[1], dtype=np.float64)
 
 
 def _nearest(classifier: FittedClassifier, features: np.ndarray) -> tuple[Neighbor, ...]:

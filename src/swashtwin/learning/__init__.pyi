@@ -59,6 +59,7 @@ from .networks.registry import has_network as has_network
 from .networks.registry import register_network as register_network
 from .networks.settings import default_settings as default_settings
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
+from .networks.window_levels import WindowLevel as WindowLevel
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
@@ -144,6 +145,7 @@ __all__ = [
     "Trial",
     "ValidationPlan",
     "WindowLayout",
+    "WindowLevel",
     "WindowSet",
     "allowed_error_rate",
     "at_other_speeds",

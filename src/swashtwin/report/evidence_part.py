@@ -1,20 +1,28 @@
 """Part of the page about the evidence for one verdict."""
 
+import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from swashtwin.diagnosis import Evidence, hertz
+from swashtwin.diagnosis import Band, Evidence, hertz
 from swashtwin.report.drawing import Drawing, panels, render_drawing
 from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
 from swashtwin.report.wording import number, number_cell, percent, words
 
 _AGAINST = "#d55e00"
+_NAMED = (1, *range(5, 100, 5))  # orders
+_OF_ENVELOPES = (
+    " Right of the signal's lines: those of the envelope (of all of the signal, and of its high frequencies alone), "
+    "which show how often the vibration swells; then the level as a whole and the shape of the waveform."
+)
 _LIMITS = (
     "Evidence says what the network looked at, not what causes the vibration: a line can speak for a class because it "
     "happened to differ between the pumps of the training.",
-    "It compares with silence and with the second likeliest class only; lines shared by all classes do not show.",
+    "It compares with {baseline} and with the second likeliest class only; lines shared by all classes do not show.",
     "Two lines that matter only together share their contribution; one alone may add nothing.",
 )
 
@@ -25,7 +33,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     introduction = (
         f"From {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that speaks most "
         f"for the verdict. The network's score of {words(evidence.label)} less that of {words(evidence.rival)} "
-        f"changes by {number(evidence.margin)} from silence to these samples"
+        f"changes by {number(evidence.margin)} from {evidence.baseline} to these samples"
     )
     pictures: tuple[Picture, ...] = ()
     if evidence.adds_up:
@@ -41,7 +49,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         *pictures[1:],
         _neighbor_table(evidence),
         Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
-        Bullets("What this evidence is not", _LIMITS),
+        Bullets("What this evidence is not", tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)),
     )
     return Part(
         title=f"Evidence for {evidence.recording_id}",
@@ -57,29 +65,28 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
 @figure_style()
 def line_drawing(evidence: Evidence, key: str) -> Drawing:
     """Contribution of each order and third octave to the score, channel by channel."""
-    channels, positions = evidence.channels, np.arange(len(evidence.bands))
+    channels, positions = evidence.channels, _positions(evidence.bands)
     figure, axes = panels(len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True)
     for channel, name in enumerate(channels):
         panel, adds = axes[channel, 0], evidence.lines[channel]
-        for band in evidence.bands:
+        for position, band in zip(positions, evidence.bands, strict=True):
             if evidence.pistons and band.order is not None and band.order % evidence.pistons == 0:
-                panel.axvline(evidence.bands.index(band), color=LIGHT, linewidth=5, zorder=0)
+                panel.axvline(position, color=LIGHT, linewidth=5, zorder=0)
         panel.bar(positions, adds, color=np.where(adds >= 0, CALIBRATED, _AGAINST), width=0.8)
         panel.axhline(0, color=MEASURED, linewidth=0.8)
         panel.set_title(words(name), loc="left")
         panel.grid(axis="x", visible=False)
     axes[len(channels) // 2, 0].set_ylabel("adds to the score")
-    ticks = [i for i, band in enumerate(evidence.bands) if band.order in (1, *range(5, 100, 5))]
-    octaves = [i for i, band in enumerate(evidence.bands) if band.order is None and band.low > 0][::3]
-    labels = [str(evidence.bands[i].order) for i in ticks]
-    labels += [f"from {hertz(evidence.bands[i].low)}" for i in octaves]
-    axes[-1, 0].set_xticks(ticks + octaves, labels, rotation=90 if octaves else 0)
+    _name_bands(axes[-1, 0], positions, evidence.bands)
     has_orders = any(band.order is not None for band in evidence.bands)
-    axes[-1, 0].set_xlabel("order of the shaft, then third octaves" if has_orders else "third octaves")
+    has_envelope = any(band.part == "envelope" for band in evidence.bands)
+    along = "order of the shaft, then third octaves" if has_orders else "third octaves"
+    axes[-1, 0].set_xlabel(f"{along}; then the same of the envelope" if has_envelope else along)
     marked = " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""
     caption = (
         f"Blue speaks for {words(evidence.label)}, orange for {words(evidence.rival)}.{marked} A bar is the "
         "contribution of the lines in that order or third octave to the network's score."
+        f"{_OF_ENVELOPES if has_envelope else ''}"
     )
     columns: dict[str, Any] = {
         "channel": np.repeat(channels, len(positions)),
@@ -92,19 +99,40 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
     return render_drawing(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
 
 
+def _positions(bands: tuple[Band, ...]) -> np.ndarray:
+    """Where each band stands: side by side, the parts apart, what belongs to no band with room for its name."""
+    steps = [1 if after.part == band.part != "whole" else 4 for band, after in pairwise(bands)]
+    return np.concatenate([[0], np.cumsum(steps, dtype=np.int64)])
+
+
+def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> None:
+    """Ticks at every fifth order, every third of the third octaves, and what belongs to no band."""
+    names: dict[int, str] = {}
+    for part in ("signal", "envelope"):
+        members = [index for index, band in enumerate(bands) if band.part == part]
+        octaves = [index for index in members if bands[index].order is None and bands[index].low > 0]
+        names |= {index: str(bands[index].order) for index in members if bands[index].order in _NAMED}
+        names |= {index: f"from {hertz(bands[index].low)}" for index in octaves[1::3]}
+    names |= {index: band.name for index, band in enumerate(bands) if band.part == "whole"}
+    upright = any(band.order is None and band.low > 0 for band in bands)
+    panel.set_xticks(positions[list(names)], list(names.values()), rotation=90 if upright else 0)
+
+
 @figure_style()
 def moment_drawing(evidence: Evidence, key: str) -> Drawing:
     """Contribution of each moment to the score, with the samples' peaks, channel by channel."""
     channels, count = evidence.channels, evidence.moments.shape[1]
-    time = evidence.start + (np.arange(count) + 0.5) * evidence.moment
+    edges = evidence.start + np.arange(count + 1) * evidence.moment
     figure, axes = panels(len(channels), 1, 0.9 + 1.25 * len(channels), sharex=True)
     limit = max(float(np.abs(evidence.moments).max()), 1e-12)
     for channel, name in enumerate(channels):
         panel, peaks = axes[channel, 0], evidence.peaks[channel]
-        panel.fill_between(time, -peaks, peaks, step="mid", color=LIGHT, linewidth=0)
+        panel.stairs(peaks, edges, baseline=-peaks, fill=True, color=LIGHT)
+        highest = 1.1 * max(float(peaks.max()), 1e-12)
+        panel.set_ylim(-highest, highest)
         beside, adds = panel.twinx(), evidence.moments[channel]
         for side, color in ((np.maximum(adds, 0), CALIBRATED), (np.minimum(adds, 0), _AGAINST)):
-            beside.fill_between(time, side, step="mid", color=color, linewidth=0)
+            beside.stairs(side, edges, fill=True, color=color)
         beside.set_ylim(-1.1 * limit, 1.1 * limit)
         beside.set_yticks([])
         beside.grid(visible=False)
@@ -118,7 +146,7 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
     )
     columns = {
         "channel": np.repeat(channels, count),
-        "time_s": np.tile(time, len(channels)),
+        "time_s": np.tile((edges[:-1] + edges[1:]) / 2, len(channels)),
         "adds": evidence.moments.ravel(),
         "peak": evidence.peaks.ravel(),
     }
@@ -132,7 +160,8 @@ def _line_table(evidence: Evidence) -> Table:
     for channel, band, share in evidence.strongest(6):
         level = evidence.rms[evidence.channels.index(channel), evidence.bands.index(band)]
         shown = (Cell(percent(share)),) if evidence.adds_up else ()
-        rows.append((Cell(evidence.describe(band)), Cell(words(channel)), *shown, number_cell(float(level))))
+        cell = number_cell(float(level), "no band" if math.isnan(level) else "")
+        rows.append((Cell(evidence.describe(band)), Cell(words(channel)), *shown, cell))
     header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{evidence.unit}]")
     shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
     return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))

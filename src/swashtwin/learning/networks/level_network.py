@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from swashtwin.foundation import InputError, TorchStream
 from swashtwin.learning.networks.network import Network, batches
-from swashtwin.learning.networks.window_levels import gain_response, window_levels
+from swashtwin.learning.networks.window_levels import WindowLevel, gain_response, level_catalogue, window_levels
 from swashtwin.learning.training.shrinkage import shrunk_covariance
 
 HEADS = ("discriminant", "hidden")
@@ -122,6 +122,11 @@ class LevelNetwork(Network):
     def uses_speed(self) -> bool:
         """Whether narrow lines are orders of the shaft."""
         return bool(self.settings["axis"] == "order")
+
+    def catalogue(self, length: int) -> tuple[WindowLevel, ...]:
+        """What each level of a channel is of, in windows of `length` samples; a feature is level after level, channel
+        after channel."""
+        return level_catalogue(length, self.uses_speed)
 
     def represent_at(
         self, windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"]

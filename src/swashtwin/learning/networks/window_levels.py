@@ -4,6 +4,10 @@ Nothing here has weights. Each level is log10 of a power or of an amplitude, or 
 much a gain changes it is its gain response, so that a gain can be applied to, or removed from, the levels themselves.
 """
 
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -19,6 +23,59 @@ _ENVELOPE_FROM = (0.0, 1000 / 12800, 4000 / 12800)
 """Shares of half the sample rate above which envelopes are taken: of all, above 1 kHz and 4 kHz at 25.6 kHz."""
 _LEAST_DEVIATION, _NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of an order within the spectrum [lines]
 _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
+
+
+@dataclass(frozen=True)
+class WindowLevel:
+    """What a level of a channel is of."""
+
+    quantity: str
+    """``"power"`` of a band, ``"deviation"`` of the whole, or ``"shape"`` of the waveform."""
+    is_envelope: bool = False
+    """Whether it is of an envelope rather than of the signal."""
+    low: float = 0.0
+    """Lower edge of the band: in periods per sample, or in orders of the shaft."""
+    high: float = 0.5
+    """Upper edge, likewise."""
+    is_order: bool = False
+    """Whether the edges are in orders."""
+
+    def edges(self, turns: float) -> tuple[float, float]:
+        """Its edges in periods per sample, where the shaft turns so far per sample; at most 0.5."""
+        factor = turns if self.is_order else 1.0
+        return min(self.low * factor, 0.5), min(self.high * factor, 0.5)
+
+
+def level_catalogue(length: int, orders: bool) -> tuple[WindowLevel, ...]:
+    """What each level of a channel is of, in the order of `window_levels`, for windows of `length` samples.
+
+    Examples
+    --------
+    >>> level_catalogue(2048, True)[5].edges(turns=0.01)
+    (0.005, 0.015)
+    """
+
+    def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[WindowLevel]:
+        n = length // 2
+        lowest = max(1, round(share * n))
+        if orders:
+            lines = [(order - 0.5, order + 0.5) for order in range(1, n_lines + 1)]
+        else:
+            lines = [
+                ((i * lowest // n_lines + 0.5) / length, (-(-(i + 1) * lowest // n_lines) + 0.5) / length)
+                for i in range(n_lines)
+            ]
+        bands = pairwise((np.geomspace(0.5, n + 0.5, n_bands + 1) / length).tolist())  # the edges of `band_shares`
+        return [
+            WindowLevel("deviation", is_envelope),
+            *[WindowLevel("shape", is_envelope)] * (_N_SHAPE - 1),
+            *(WindowLevel("power", is_envelope, *edges, is_order=orders) for edges in lines),
+            *(WindowLevel("power", is_envelope, *edges) for edges in bands),
+        ]
+
+    counts = (N_ORDERS, N_ENVELOPE_ORDERS) if orders else (_LINES, _ENVELOPE_LINES)
+    envelope = [*of(True, counts[1], _ENVELOPE_SHARE, _ENVELOPE_BANDS), WindowLevel("deviation", True)]
+    return (*of(False, counts[0], _LINE_SHARE, _BANDS), *envelope * len(_ENVELOPE_FROM))
 
 
 def window_levels(

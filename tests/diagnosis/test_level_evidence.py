@@ -1,0 +1,95 @@
+"""Evidence for networks on levels: from the mean of the training, it adds up and names the line that differs."""
+
+import numpy as np
+import pytest
+import torch
+
+from swashtwin.diagnosis import Evidence, diagnose, explain
+from swashtwin.diagnosis.evidence_bands import level_bands, level_shares
+from swashtwin.foundation import MPa, rpm
+from swashtwin.learning import LevelNetwork, TrainingSettings, cut_windows, fit
+from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+from swashtwin.report import write_report
+
+RATE, SHAFT, LENGTH = 1024.0, 8.0, 1024
+HEADS = [("discriminant",), ("hidden",), ("discriminant", "hidden")]
+
+
+def recording(name: str, label: str) -> Recording:
+    """Noise, and for valve_plate the 9th order on the second channel."""
+    draw = np.random.default_rng(list(name.encode()))
+    angle = 2 * np.pi * SHAFT * np.arange(24 * LENGTH) / RATE + draw.uniform(0, 6)
+    signal = draw.normal(size=(2, angle.size))
+    if label == "valve_plate":
+        signal[1] += 0.3 * np.cos(9 * angle)
+    condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
+    return Recording(signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z"))
+
+
+def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
+    labels = ("normal", "valve_plate")
+    train = cut_windows([recording(f"{label} {n}", label) for label in labels for n in range(3)], length=LENGTH)
+    network = LevelNetwork(2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16)
+    classifier = fit(network, train, settings=TrainingSettings(epochs=1, normalization="set"))
+    new = recording("new", "valve_plate")
+    return explain(classifier, new, diagnose(classifier, new), pistons=9)
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    return evidence_of("order", True, HEADS[-1])
+
+
+@pytest.mark.parametrize(("axis", "shape", "heads"), [("order", False, HEADS[0]), ("frequency", True, HEADS[1])])
+def test_contributions_of_each_head_add_up(axis: str, shape: bool, heads: tuple[str, ...]) -> None:
+    result = evidence_of(axis, shape, heads)
+    assert result.gap < (1e-4 if heads == ("discriminant",) else 0.1)
+    assert result.lines.sum() == pytest.approx(result.moments.sum(), rel=1e-6)
+    assert result.strongest()[0][:2] == ("cover_z", next(band for band in result.bands if band.name == "order 9"))
+
+
+def test_contributions_of_an_average_add_up_to_its_margin(evidence: Evidence) -> None:
+    assert evidence.gap < 0.01
+    assert evidence.lines.sum() == pytest.approx(evidence.margin, rel=0.01)
+    assert evidence.moments.sum() == pytest.approx(evidence.margin, rel=0.01)
+    assert evidence.moments.shape == (2, 24)
+
+
+def test_the_line_that_differs_is_the_strongest(evidence: Evidence) -> None:
+    assert evidence.label == "valve_plate"
+    channel, band, _ = evidence.strongest()[0]
+    assert (channel, band.name) == ("cover_z", "order 9")
+    assert "order 9 (72 Hz, piston-pass line) on cover_z" in evidence.sentences()[0]
+
+
+def test_the_page_names_the_mean_of_the_training_and_the_envelope(evidence: Evidence, tmp_path) -> None:
+    text = write_report(evidence, folder=tmp_path).read_text(encoding="utf-8")
+    assert "from the mean of the training to these samples" in text
+    assert "silence" not in text
+    table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)
+    assert {"envelope order 9", "envelope level", "waveform shape"} <= set(table["band"])
+    assert np.isnan(table["rms"]).sum() == 2 * 3
+
+
+@pytest.mark.parametrize("orders", [True, False])
+def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None:
+    turns, frequency = 0.01, 0.093
+    line = torch.sin(2 * torch.pi * frequency * torch.arange(2048))[None, None]
+    levels = window_levels(line, torch.tensor([turns]) if orders else None)[0, 0]
+    catalogue = level_catalogue(2048, orders)
+    assert len(catalogue) == len(levels) == len(gain_response(orders))
+    powers = [index for index, level in enumerate(catalogue) if level.quantity == "power" and not level.is_envelope]
+    for kind in (powers[:-48], powers[-48:]):  # narrow lines, logarithmic bands
+        low, high = catalogue[max(kind, key=levels.__getitem__)].edges(turns)
+        assert low <= frequency <= high
+
+
+def test_shares_of_each_level_sum_to_one_and_orders_stay_whole() -> None:
+    bands = level_bands(RATE, SHAFT, LENGTH)
+    catalogue = level_catalogue(LENGTH, orders=True)
+    shares = level_shares(catalogue, bands, RATE, SHAFT / RATE)
+    np.testing.assert_allclose(shares.sum(axis=1), 1)
+    names = [band.name for band in bands]
+    assert shares[5 + 8, names.index("order 9")] == pytest.approx(1)

@@ -113,7 +113,7 @@ def test_a_file_of_a_wrong_kind_or_in_a_wrong_place_is_named(
 
 def test_index_writes_a_list_of_channels_with_commas(folder: Path, tmp_path: Path) -> None:
     said = run("index", folder, "--out", tmp_path / "i.toml", *FACTS, "--channels", "acc_z").stdout
-    assert "channels: acc_z (6), says the flag" in said
+    assert "channels: acc_z (6), says the option" in said
 
 
 def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path, tmp_path: Path) -> None:

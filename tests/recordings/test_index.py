@@ -269,8 +269,8 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         "label: normal (1), swash_plate (1), says its name",
         "speed: 860 rpm (2), says its name",
         "discharge_pressure: 15 MPa (2), says its name",
-        "sample_rate: 25.6 kHz (2), says the flag",
-        "unit: m/s^2 (2), says the flag",
+        "sample_rate: 25.6 kHz (2), says the option",
+        "unit: m/s^2 (2), says the option",
         "channels: x, y (2), says the file",
     )
     sentences = propose_index(rig, include=["normal/*", "own.h5"]).facts
@@ -280,7 +280,7 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
     )
     assert "attribute repeat: 1 (2), says the pattern" in proposal.facts
-    assert "speed: 860 rpm (2), says the flag" in proposal.facts
+    assert "speed: 860 rpm (2), says the option" in proposal.facts
 
 
 def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:

@@ -118,10 +118,11 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
         if parts[-1] and _width(narrowest, [*keys, *parts[-1], column]) > console.width:
             parts.append([])
         parts[-1].append(column)
-    for number, part in enumerate(parts):
+    console.print(Text(_word(title), style="table.title"))
+    for part in parts:
         columns = [*keys, *part]
         spare = console.width - _width(narrowest, columns)
-        grid = Table(title=None if number else Text(_word(title)), title_justify="left", box=SIMPLE_HEAD)
+        grid = Table(box=SIMPLE_HEAD)
         for column in columns:
             extra = max(0, min(widest[column] - narrowest[column], spare))
             spare -= extra

@@ -90,7 +90,7 @@ def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]
 
 def _show_recordings(reports: "Sequence[RecordingReport]") -> None:
     rows = [
-        (report.recording_id, report.label, report.sample_rate, round(report.duration, 3), channel.name,
+        (report.recording_id, report.label, f"{report.sample_rate:.6g}", round(report.duration, 3), channel.name,
          channel.minimum, channel.maximum, channel.rms, report.unit)
         for report in reports
         for channel in report.channels

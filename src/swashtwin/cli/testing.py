@@ -59,14 +59,19 @@ def evaluate(
 
 
 def _show_confidence(confidence: "ConfidenceScores") -> None:
-    rows = [(name, value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
+    rows = [(_name(name), value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
     table("Confidence, by recording", ("figure", "value"), rows)
+
+
+def _name(score: str) -> str:
+    """Name of a score in words."""
+    return score.replace("ece_", "calibration_error_").removeprefix("n_").replace("_", " ")
 
 
 def _show_scores(scores: "Scores") -> None:
     names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
              "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
-    rows = [(name, getattr(scores, name), scores.reasons.get(name, "")) for name in names]
+    rows = [(_name(name), getattr(scores, name), scores.reasons.get(name, "")) for name in names]
     count = plural(scores.n_recordings, "recording")
     title = f"{plural(scores.n_windows, 'window')} of {count}, level {scores.level or 'not stated'}"
     table(title, ("score", "value", ""), rows)

@@ -10,7 +10,7 @@ from swashtwin.recordings.formats.raw import RawFile
 
 _FIRST = ("label", "specimen", "speed", "discharge_pressure", "sample_rate", "unit", "channels")
 """Facts that are listed before the others."""
-_FLAG = "the flag"
+_FLAG = "the option"
 _MOST = 6
 """Values that a sentence lists."""
 
@@ -72,7 +72,7 @@ def _overruled(counts: Counter[tuple[str, str]], flag: Any) -> str:
     if flag is None or not overruled:
         return ""
     gives_way = f"gives way in {overruled} of {counts.total()} files"
-    return f"; the flag's {_words(flag)} {gives_way} (edit the index where they are wrong)"
+    return f"; the option's {_words(flag)} {gives_way} (edit the index where they are wrong)"
 
 
 def _sentence(counts: Counter[tuple[str, str]]) -> str:

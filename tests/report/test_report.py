@@ -184,7 +184,7 @@ def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
     assert "piston. Taken alone, 3 of 4 windows say so (75 %)" in page
     assert "score of 90 % among 2 classes" in page
     assert "What was not checked" in page
-    assert "These results do not carry where their recordings come from" in page
+    assert "The recordings do not state their source" in page
     results = json.loads((tmp_path / "deep" / "report" / "results.json").read_text())
     assert results["diagnoses"] == [diagnosis.to_dict()]
 

@@ -55,14 +55,17 @@ def train(
     validation_fraction: Annotated[
         float,
         typer.Option(
-            min=0, max=0.5, help="Share of the rest that calibrates the model's confidence, by --group; 0 for none."
+            min=0,
+            max=0.5,
+            help="Share of the rest that is held out to calibrate the model's confidence, by --group; with 0 the "
+            "trials calibrate it, and with --network nothing does.",
         ),
     ] = 0.0,
     error_rate: Annotated[
         float | None,
         typer.Option(
             help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown; 0.1 by default, "
-            "or the least that the validation recordings allow. Of healthy recordings alone: the false-alarm rate, "
+            "or the least that the recordings allow. Of healthy recordings alone: the false-alarm rate, "
             "0.05 by default."
         ),
     ] = None,
@@ -92,7 +95,7 @@ def train(
     ] = None,
     preset: PresetName = Preset.recommended,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
-    checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch.")] = None,
+    checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
@@ -101,6 +104,8 @@ def train(
 
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
+    is_chosen = network is None and preset is Preset.recommended
+    _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
     from swashtwin.diagnosis import save_classifier
     from swashtwin.foundation import DataError, parse
     from swashtwin.learning import (
@@ -131,8 +136,6 @@ def train(
     _require_checkpoint(checkpoint, resume)
     require_target(out)
     require_files(add or [])
-    is_chosen = network is None and preset is Preset.recommended
-    _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
     seconds = BUDGET if budget is None else parse(budget, "s", name="--budget")
     recipe = None if is_chosen else _recipe(network, settings, preset, window or _NETWORK_WINDOW)
     added = [load_windows(path) for path in add or ()]
@@ -143,7 +146,8 @@ def train(
     if not added and are_healthy(recordings):
         classifier_options = {
             "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
-            "set": settings, "checkpoint": checkpoint, "window_stride": window_stride,
+            "set": settings, "checkpoint": checkpoint, "window_stride": window_stride, "window": window,
+            "budget": budget, "preset": preset is Preset.paper, "group": group != "recording",
         }  # fmt: skip
         train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
         return
@@ -335,7 +339,9 @@ def _tell_training(
         if classifier.choice is not None:
             _show_choice(classifier.choice)
         if confidence is None:
-            note(f"note: its confidence is not calibrated; {confidence_advice(len(classifier.manifest))}.")
+            no_trial = classifier.choice is not None and not classifier.choice.trials
+            advice = "that takes a trial" if no_trial else confidence_advice(len(classifier.manifest))
+            note(f"note: its confidence is not calibrated; {advice}.")
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
             say(f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}")

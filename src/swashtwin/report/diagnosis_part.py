@@ -17,9 +17,10 @@ _NOT_CHECKED = (
 )
 _NOT_CHECKED_BY_TRUST = (
     _NOT_CHECKED[1],
-    "Whether the validation recordings resemble this one: rates and thresholds hold only for the pumps, sensors, "
-    "mountings and conditions of the validation recordings.",
-    "A fault never trained that looks like a known class: only recordings far from all known ones are called unknown.",
+    "Whether this recording resembles those that calibrated the confidence: rates and thresholds hold only for their "
+    "pumps, sensors, mountings and conditions.",
+    "A fault never trained that looks like a trained class: only recordings far from all trained classes are called "
+    "unknown.",
 )
 
 

@@ -29,10 +29,7 @@ from swashtwin.report.scores_part import scores_part
 
 FORMAT = "swashtwin report 1"
 
-_UNKNOWN_ORIGIN = (
-    "These results do not carry where their recordings come from. What holds for those recordings need not hold for "
-    "another pump."
-)
+_UNKNOWN_ORIGIN = "The recordings do not state their source. What holds for them need not hold for another pump."
 
 
 Item = (

@@ -47,7 +47,7 @@ class Choice:
             return f"Chosen without a trial: {self.chosen} ({self.reason})."
         trial = next(trial for trial in self.trials if trial.candidate == self.chosen)
         tied = sum(trial.is_tied for trial in self.trials)
-        others = f"; {tied} of {len(self.trials)} were as good within one standard error" if tied > 1 else ""
+        others = f"; the first of {tied} that are as good within one standard error" if tied > 1 else ""
         return (
             f"Chosen: {self.chosen}, {100 * trial.clean:.0f} % of the windows of unseen {self.group}s right, "
             f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."

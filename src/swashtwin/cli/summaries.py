@@ -72,6 +72,11 @@ def _range(values: Iterable[float], digits: int = 4) -> str:
     return least if least == most else f"{least} to {most}"
 
 
+def _whole(value: float) -> float:
+    """The value, as an integer where it is one, so that a table shows all its digits."""
+    return int(value) if value.is_integer() else value
+
+
 def _median(values: Iterable[float]) -> float | None:
     """Median of the values that are numbers, or None."""
     numbers = [value for value in values if math.isfinite(value)]
@@ -90,7 +95,7 @@ def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]
 
 def _show_recordings(reports: "Sequence[RecordingReport]") -> None:
     rows = [
-        (report.recording_id, report.label, f"{report.sample_rate:.6g}", round(report.duration, 3), channel.name,
+        (report.recording_id, report.label, _whole(report.sample_rate), round(report.duration, 3), channel.name,
          channel.minimum, channel.maximum, channel.rms, report.unit)
         for report in reports
         for channel in report.channels

@@ -1,6 +1,8 @@
 """Studies of severities and of what moves, on the virtual rig, told as tables and figures."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +17,26 @@ from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
 CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
 
 
-@pytest.fixture(scope="module")
-def severity() -> StudyTable:
+@pytest.fixture(autouse=True, scope="module")
+def _short_recordings() -> Iterator[None]:
+    """Studies on recordings of 1.5 s, each twin calibrated from a single start."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin.bench.questions.severity.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
-        patch.setattr("swashtwin.bench.rigs.trending.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
-        return run_severity([7], severities=(1.0,), command="swashtwin bench severity --seeds 7")
+        for question in ("severity", "fault_map"):
+            patch.setattr(
+                f"swashtwin.bench.questions.{question}.trend_recordings", partial(trend_recordings, duration=1.5)
+            )
+        patch.setattr("swashtwin.bench.questions.severity.GaussNewton", partial(GaussNewton, starts=1))
+        patch.setattr("swashtwin.bench.questions.fault_map.METHOD", GaussNewton(starts=1))
+        yield
+
+
+@pytest.fixture
+def severity(monkeypatch: pytest.MonkeyPatch) -> StudyTable:
+    """The study of a single pump and fault."""
+    for module in ("bench.questions.severity", "bench.rigs.trending"):
+        monkeypatch.setattr(f"swashtwin.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
+    monkeypatch.setattr("swashtwin.bench.questions.severity.PUMPS", ("A",))
+    return run_severity([7], severities=(1.0,), command="swashtwin bench severity --seeds 7")
 
 
 def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> None:
@@ -61,7 +77,6 @@ def test_the_map_holds_moves_of_each_kind_and_recalls_of_held_out_pumps(
 ) -> None:
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.SEVERITIES", (1.0,))
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.HEALTHY", 3)
-    monkeypatch.setattr("swashtwin.bench.questions.fault_map.METHOD", GaussNewton(starts=1))
     trends = {name: TRENDS[name] for name in ("swash_plate", "piston")}
     monkeypatch.setattr("swashtwin.bench.questions.fault_map.TRENDS", trends)
     monkeypatch.setattr("swashtwin.bench.rigs.trending.TRENDS", trends)

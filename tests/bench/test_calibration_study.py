@@ -1,7 +1,9 @@
 """The study of calibration methods holds twins against recordings they never saw, and intervals against the truth."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,15 +16,22 @@ from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError
 from swashtwin.signals import order_spectrum
 
+NAMES = ("calibrated", "gauss_newton")
 
-@pytest.fixture(scope="module")
-def study() -> StudyTable:
-    names = ("calibrated", "gauss_newton")
-    quick = {name: replace(CONTENDERS[name], method=GaussNewton(starts=1)) for name in names}
+
+@pytest.fixture(autouse=True, scope="module")
+def _quick() -> Iterator[None]:
+    """Calibrations from a single start on recordings of 1.5 s."""
+    quick = {**CONTENDERS, **{name: replace(CONTENDERS[name], method=GaussNewton(starts=1)) for name in NAMES}}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.bench.questions.calibration.CONTENDERS", quick)
-        settings = CalibrationStudySettings(specimens=2, repeats=2, contenders=names)
-        return run_calibration_study(seeds=[7], settings=settings)
+        patch.setattr("swashtwin.bench.questions.calibration.RigSize", partial(RigSize, duration=1.5))
+        yield
+
+
+@pytest.fixture(scope="module")
+def study(_quick: None) -> StudyTable:
+    return run_calibration_study(seeds=[7], settings=CalibrationStudySettings(specimens=2, repeats=2, contenders=NAMES))
 
 
 def test_each_twin_has_a_trial_for_each_pump(study):

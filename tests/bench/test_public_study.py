@@ -51,26 +51,28 @@ def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], c
 
 
 @pytest.fixture(scope="module")
-def made_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_pump(tmp_path_factory.mktemp("sets"), (700, 1000, 1200), tuple(LAG))
-
-
-@pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_pump(tmp_path_factory.mktemp("small"), (700, 1000, 1200), ("healthy", "cavitation100"))
 
 
-def test_the_slip_grades_an_unseen_speed_where_usual_trees_fail(made_up: Path) -> None:
-    study = run_public(made_up, seeds=[0])
-    row = study.rows()[0]
+def test_the_slip_grades_an_unseen_speed_where_usual_trees_fail(tmp_path: Path) -> None:
+    """By the command, which prints one JSON object and writes a report."""
+    made_up = write_pump(tmp_path / "sets", (700, 1000, 1200), tuple(LAG))
+    command = ["bench", "public", "--data", str(made_up), "--seeds", "3", "--jobs", "1", "--json", "--out"]
+    answer = CliRunner().invoke(app, [*command, str(tmp_path)])
+    assert answer.exit_code == 0, answer.output
+    study = json.loads(answer.stdout)
+    assert study["seeds"] == [3]
+    assert "an honest split" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    row = study["rows"][0]
+    assert set(row) >= {"split", "balanced_accuracy", "random_window"}
     assert row["split"] == "pump_cavitation/speed"
     assert row["balanced_accuracy"]["mean"] > row["extra_trees"]["mean"] + 0.2
     assert row["balanced_accuracy"]["mean"] > 0.75
-    folds = study.details["folds"]["pump_cavitation/speed"]
+    folds = study["details"]["folds"]["pump_cavitation/speed"]
     assert [fold["tested"] for fold in folds] == ["700 rpm", "1000 rpm", "1200 rpm"]
     assert all("load by slip" in fold["setting"] or "both" in fold["setting"] for fold in folds)
-    assert any("uci_hydraulic is not in" in note for note in study.notes)
-    json.dumps(study.to_dict(), allow_nan=False)
+    assert any("uci_hydraulic is not in" in note for note in study["notes"])
 
 
 def test_the_ordinary_training_is_read_again_where_it_was_finished(
@@ -123,16 +125,6 @@ def test_an_error_of_a_filler_stops_the_scarce_drill(name: str, small: Path, mon
     monkeypatch.setitem(FEATURE_FILLERS, name, broken)
     with pytest.raises(ValueError, match="broken"):
         run_scarce(small, seeds=[0])
-
-
-def test_the_command_prints_one_json_object_and_writes_a_report(small: Path, tmp_path: Path) -> None:
-    command = ["bench", "public", "--data", str(small), "--seeds", "3", "--jobs", "1", "--json", "--out", str(tmp_path)]
-    answer = CliRunner().invoke(app, command)
-    assert answer.exit_code == 0, answer.output
-    result = json.loads(answer.stdout)
-    assert result["seeds"] == [3]
-    assert "an honest split" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert set(result["rows"][0]) >= {"split", "balanced_accuracy", "random_window"}
 
 
 def test_a_folder_without_any_set_is_refused(tmp_path: Path) -> None:

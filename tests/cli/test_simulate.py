@@ -1,9 +1,8 @@
 """``swashtwin twin simulate``: one recording or many, steady or not."""
 
+import contextlib
 import math
 import resource
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -260,26 +259,22 @@ def test_a_wrong_command_line_ends_with_code_2(
 
 
 @pytest.mark.parametrize("out", ["full.h5", "runs"])
-def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(out: str, tmp_path: Path) -> None:
-    (tmp_path / "full.h5").write_text("old")
-    # compiled once, where there is space for the cache
-    run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "warm.h5")
-    (tmp_path / "warm.h5").unlink()
-
-    def only_some() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384))
-
-    words = ("--count", "2") if out == "runs" else ()
-    process = subprocess.run(
-        [sys.executable, "-B", "-m", "swashtwin", "twin", "simulate", *AT_15, *SHORT, "--out", out, *words],
-        cwd=tmp_path,
-        preexec_fn=only_some,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (process.returncode, process.stdout) == (3, "")
-    assert process.stderr.splitlines()[-1] == "swashtwin: error: File too large; nothing is half-written."
+def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(
+    out: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("twin", "simulate", *AT_15, *SHORT, *(("--count", 2) if out == "runs" else ()), "--out")
+    with contextlib.chdir(tmp_path_factory.mktemp("warm")):
+        run(*words, out)  # compiled once, where there is space for the cache
+    Path("full.h5").write_text("old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (16384, limits[1]))
+    try:
+        result = run(*words, out, code=3)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert result.stdout == ""
+    assert result.stderr.splitlines()[-1] == "swashtwin: error: File too large; nothing is half-written."
     assert (tmp_path / "full.h5").read_text() == "old"
     left = sorted(path.name for path in tmp_path.rglob("*") if path.is_file())
     assert left == ["full.h5", *(["series.json"] if out == "runs" else [])]

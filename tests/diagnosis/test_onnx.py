@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -26,6 +27,8 @@ SMALLER = {
     "spectral_bitcn": {"channels": (8,), "dilations": (1,)},
 }
 """Settings of the networks whose files would otherwise take many seconds to write."""
+NORMALIZATION = {"mlp": "none", "lstm": "set"}
+"""Scaling of the networks whose file is not to scale each window by itself."""
 OFFSET = 9.8
 """What no scaling may forget to take away [m/s^2]."""
 
@@ -42,9 +45,10 @@ def windows(count: int = 12) -> WindowSet:
     return cut_windows(recordings, length=97)
 
 
-def fitted(name: str, normalization: str = "window") -> FittedClassifier:
+def fitted(name: str, normalization: str | None = None) -> FittedClassifier:
     network = build_network(name, 2, 2, **SMALLER.get(name, {}))
-    return fit(network, windows(), settings=TrainingSettings(epochs=2, normalization=normalization))
+    scaling = normalization or NORMALIZATION.get(name, "window")
+    return fit(network, windows(), settings=TrainingSettings(epochs=2, normalization=scaling))
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +67,11 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
+def facts_of(opened: onnxruntime.InferenceSession) -> dict[str, Any]:
+    """What the file says of itself."""
+    return {name: json.loads(value) for name, value in opened.get_modelmeta().custom_metadata_map.items()}
+
+
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_windows(exported, name: str) -> None:
     classifier, path = exported(name)
@@ -72,6 +81,7 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
     for chosen in (slice(0, 1), slice(None)):
         answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
         np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
+    assert facts_of(opened)["scaled"] is True
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
@@ -87,21 +97,6 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path) -> None
     np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("normalization", ["set", "recording", "none"])
-def test_the_file_scales_as_the_classifier_does_but_for_what_rests_on_a_whole_recording(
-    tmp_path: Path, normalization: str
-) -> None:
-    classifier = fitted("mlp", normalization)
-    opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
-    given = windows().signal
-    if normalization == "recording":
-        given = classifier.normalization.apply(windows())
-    answer = opened.run(None, {"windows": given})[0]
-    np.testing.assert_allclose(answer, classifier.predict_proba(windows()), atol=1e-5)
-    facts = opened.get_modelmeta().custom_metadata_map
-    assert json.loads(facts["scaled"]) is (normalization != "recording")
-
-
 def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
     still = np.full((1, 2, 97), OFFSET, dtype=np.float32)
     assert np.isfinite(session(exported("wdcnn")[1]).run(None, {"windows": still})[0]).all()
@@ -113,12 +108,17 @@ def test_recurrent_layers_are_onnxs_own(exported) -> None:
 
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
-    saved = save_classifier(fitted("wdcnn"), tmp_path / "model.safetensors")
+    """Of a classifier whose scaling rests on a whole recording, which the file leaves to who uses it."""
+    classifier = fitted("mlp", "recording")
+    saved = save_classifier(classifier, tmp_path / "model.safetensors")
     answer = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
-    assert (answer["network"], answer["classes"], answer["scaled"]) == ("wdcnn", ["normal", "piston"], True)
+    assert (answer["network"], answer["classes"], answer["scaled"]) == ("mlp", ["normal", "piston"], False)
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
-    facts = {name: json.loads(value) for name, value in opened.get_modelmeta().custom_metadata_map.items()}
+    probability = opened.run(None, {"windows": classifier.normalization.apply(windows())})[0]
+    np.testing.assert_allclose(probability, classifier.predict_proba(windows()), atol=1e-5)
+    facts = facts_of(opened)
+    assert facts["scaled"] is False
     assert facts["classes"] == ["normal", "piston"]
     assert facts["layout"] == {"sample_rate": 1000.0, "channels": ["x", "y"], "unit": "m/s^2", "length": 97}
     assert facts["manifest"] == ["0", "1", "2", "3"]

@@ -8,6 +8,7 @@ import pytest
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import CANDIDATES, WindowSet, choose, cut_windows, fit_chosen
 from swashtwin.learning.choice.candidates import CLEAN_TRAINING
+from swashtwin.learning.choice.choosing import _training_rows, _Views
 from swashtwin.recordings import Recording
 
 LENGTH = 256
@@ -110,6 +111,39 @@ def test_synthetic_windows_train_and_are_never_tested_on() -> None:
     _, choice, answers = choose(measured + synthetic, candidates=few)
     assert choice.n_windows == len(measured)
     assert "synthetic" not in answers.recording_id
+
+
+@pytest.mark.parametrize("options", [{"budget": -1.0}, {"budget": float("nan")}, {"seed": -1}])
+def test_a_negative_budget_or_seed_is_refused(options) -> None:
+    with pytest.raises(InputError, match=r"budget|seed"):
+        choose(windows(), **options)
+
+
+def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can_be_left_out() -> None:
+    measured = [
+        replace(recording, recording_id=f"{number:02d}", label="abcdefghij"[number % 10], specimen=None)
+        for number, recording in enumerate(recordings(per_class=10))
+    ]
+    few = fit_chosen(cut_windows(measured, length=LENGTH), budget=0.3)
+    assert few.choice.trials
+    assert few.confidence is None
+
+
+def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
+    broken = windows()
+    broken.signal[5, 1, 7] = -1e20
+    with pytest.raises(DataError, match=r"normal 1: samples reach 1e\+20"):
+        fit_chosen(broken)
+
+
+def test_a_fold_does_not_train_on_what_was_made_from_its_own_windows() -> None:
+    measured = windows()
+    names = np.array([f"duplicates of {name}" for name in measured.specimen])
+    copies = replace(measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={})
+    is_tested = measured.specimen == "A"
+    views = _Views(measured, copies, seed=0)
+    rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
+    assert set(views.windows.specimen[rows]) == {*"BCD", *(f"duplicates of {name}" for name in "BCD")}
 
 
 def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:

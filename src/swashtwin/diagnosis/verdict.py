@@ -22,7 +22,7 @@ from swashtwin.learning import (
     pooled_probabilities,
     window_batches,
 )
-from swashtwin.recordings import Recording, manifest_of, seen_recordings
+from swashtwin.recordings import Recording, manifest_of, seen_recordings, stated_speed
 
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
@@ -188,4 +188,10 @@ def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
     layout = classifier.layout
     if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
         notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
+    if isinstance(classifier, FittedClassifier) and classifier.network.uses_speed and not stated_speed(recording):
+        usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
+        notes.append(
+            f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "
+            "as is usual in the training."
+        )
     return notes

@@ -71,7 +71,16 @@ def choose(
         candidates that do not fit are left out, the last first.
     seed : seed of folds, disturbances and trainings.
     progress : called with (activity, finished, in all).
+
+    Raises
+    ------
+    InputError
+        A negative budget or seed.
     """
+    if not budget >= 0:
+        raise InputError(f"budget ({budget:g} s) must be a time, such as {BUDGET:g}; 0 chooses without a trial.")
+    if seed < 0:
+        raise InputError(f"seed ({seed}) must not be negative.")
     tell = progress or (lambda activity, finished, total: None)
     possible = _possible(candidates, windows)
     measured = _sample(windows)
@@ -282,9 +291,20 @@ def _answers(
 
 def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
     """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
-    all of these where a class would be missing."""
-    specimens = set(views.measured.specimen[tested].tolist()) - {""}
-    others = np.array([name not in specimens for name in views.synthetic_specimen.tolist()], dtype=bool)
+    all of these where a class would be missing.
+
+    What was made from windows of a specimen is called "... of" it; a twin is called after its pump's type, and trains
+    in every fold.
+    """
+    specimens = set(views.measured.specimen[tested].tolist())
+    endings = tuple(f" of {name}" for name in specimens)
+    others = np.array(
+        [
+            not name or (name not in specimens and not name.endswith(endings))
+            for name in views.synthetic_specimen.tolist()
+        ],
+        dtype=bool,
+    )
     rows = np.concatenate([trained, views.n_measured + np.flatnonzero(others)])
     if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
         rows = np.concatenate([trained, np.arange(views.n_measured, len(views.windows))])

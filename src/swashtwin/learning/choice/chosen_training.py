@@ -44,9 +44,9 @@ def fit_chosen(
     Raises
     ------
     DataError
-        A class has no window, or a window has no label.
+        A class has no window, a window has no label, or a sample is far too large.
     InputError
-        Too few recordings for the error rate.
+        Too few recordings for the error rate, or a negative budget or seed.
     """
     n_recordings = np.unique(windows.recording_id[~windows.synthetic]).size
     if error_rate is not None:
@@ -62,12 +62,14 @@ def fit_chosen(
 def _confidence(
     reference: TrainingReference | None, answers: FoldAnswers | None, error_rate: float | None
 ) -> Confidence | None:
-    """Confidence from the folds; None without a trial."""
+    """Confidence from the folds; None without a trial, or where no class has two recordings to compare."""
     if reference is None or answers is None:
         return None
     scores = reference.cross_fitted_scores()
     scored = np.isfinite(scores)
     chosen = np.isin(answers.recording_id, np.array(reference.recording_id)[scored])
+    if not chosen.any():
+        return None
     return cross_fitted_confidence(
         answers.probability[chosen],
         answers.recording_id[chosen],

@@ -27,6 +27,8 @@ from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
 _BATCH = 256
+_LARGEST = 1e16
+"""Magnitude of a sample from which the power of a window is no finite number in single precision."""
 """Windows that pass the network together where nothing is learned; memory only, no result depends on it."""
 
 
@@ -133,7 +135,8 @@ def _require_device(device: str) -> None:
 
 
 def require_trainable(windows: WindowSet) -> None:
-    """Raise a `DataError` where there is no window, one without a label, one class, or a class without a window."""
+    """Raise a `DataError` where there is no window, one without a label, one class, a class without a window, or a
+    sample that is far too large."""
     if len(windows) == 0:
         raise DataError("no window to train on.")
     windows.require_labels("training")
@@ -143,6 +146,13 @@ def require_trainable(windows: WindowSet) -> None:
         raise DataError(
             f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
             "cut the windows without this class."
+        )
+    peak = np.maximum(windows.signal.max(axis=(1, 2)), -windows.signal.min(axis=(1, 2)))
+    if not (peak < _LARGEST).all():
+        index = int((~(peak < _LARGEST)).argmax())
+        raise DataError(
+            f"{windows.recording_id[index]}: samples reach {peak[index]:.3g} {windows.unit}, far too large to train "
+            "on; cut them out or repair the file."
         )
 
 

@@ -22,6 +22,8 @@ ERROR_RATE = 0.05
 _QUIETEST, _STRONGEST = 0.1, 0.02
 _LEAST_SPREAD, _LEAST_BAND_SPREAD = 1.0, 3.0
 """Least spread that a difference is judged by [dB]."""
+_LEAST_EXCESS = 0.5
+"""Difference below which a fact is not told: it would be rounded to 0 dB."""
 _LEAST_POWER = 1e-30
 _LEAST_RECORDINGS = 5
 """Training recordings from which a range can be told."""
@@ -99,10 +101,11 @@ def outside_facts(
     deviation = np.sort(_left_out_deviations(values, machines, spread))
     limit = deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))]
     low, high = values.min(axis=0), values.max(axis=0)
-    beyond = np.maximum(recorded - high, low - recorded) / spread
+    excess = np.maximum(recorded - high, low - recorded)
+    beyond = excess / spread
     outside = [
         OutsideFact(c, FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond)))
-        for c, f in np.argwhere(beyond > max(float(limit), 0.0))
+        for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= _LEAST_EXCESS))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))
 

@@ -103,7 +103,9 @@ def export(
 
     def show() -> None:
         shape = f"(any, {len(layout.channels)}, {layout.length})"
-        say(f"{out}: windows {shape} in {layout.unit} at {layout.sample_rate:g} Hz, to one probability per class")
+        speed = ", speed (any) in rad/s, NaN if unknown" if classifier.network.uses_speed else ""
+        rate = f"{layout.sample_rate:g} Hz"
+        say(f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class")
         if kind == "recording":
             note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
 

@@ -180,15 +180,19 @@ class LevelNetwork(Network):
         optimizer = torch.optim.Adam(hidden.parameters(), lr=_RATE)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
         hidden.train()
-        with TorchStream(seed):
-            for _ in range(_PASSES):
-                for batch in batches(torch.randperm(len(target), device=target.device), _BATCH):
+        random = TorchStream(seed)  # around what draws alone, for it slows every operation
+        for _ in range(_PASSES):
+            with random:
+                order = torch.randperm(len(target), device=target.device)
+            for batch in batches(order, _BATCH):
+                with random:
                     noisy = levels[batch] + self.settings["noise"] * torch.randn_like(levels[batch])
-                    loss = functional.cross_entropy(hidden(noisy), target[batch], weight=weight)
-                    optimizer.zero_grad()
-                    loss.backward()
-                    optimizer.step()
-                    schedule.step()
+                    scores = hidden(noisy)
+                loss = functional.cross_entropy(scores, target[batch], weight=weight)
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                schedule.step()
 
 
 class _Heads(nn.Module):

@@ -151,3 +151,5 @@ def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
         fit_chosen(replace(windows(), target=np.full(32, -1)))
     with pytest.raises(InputError, match="needs 99 validation recordings"):
         fit_chosen(windows(), error_rate=0.01)
+    with pytest.raises(InputError, match="without a trial there is none"):
+        fit_chosen(windows(per_class=1), error_rate=0.4)

@@ -11,6 +11,7 @@ from torch import Tensor
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
 from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
 from swashtwin.learning.choice.choice import Choice, Trial
+from swashtwin.learning.evaluation.pooling import likeliest_class
 from swashtwin.learning.networks.level_network import LevelNetwork
 from swashtwin.learning.networks.window_levels import gain_response, window_levels
 from swashtwin.learning.training.normalization import Normalization
@@ -321,7 +322,7 @@ def _trials(
     masks = [groups == name for name in names]
 
     def recall(answer: np.ndarray, mask: np.ndarray) -> float:
-        right = answer.argmax(axis=1) == measured.target
+        right = likeliest_class(answer) == measured.target
         classes = np.unique(measured.target[mask])
         return float(np.mean([right[mask & (measured.target == index)].mean() for index in classes]))
 

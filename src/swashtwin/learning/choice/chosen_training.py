@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from swashtwin.foundation import InputError
 from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose, usual_turns
 from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
 from swashtwin.learning.networks.level_network import LevelNetwork
@@ -56,7 +57,13 @@ def fit_chosen(
     settings = candidate.network_settings(usual_turns(windows))
     network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
     fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest, device=device)
-    return replace(fitted, choice=choice, confidence=_confidence(fitted.training_reference, answers, error_rate))
+    confidence = _confidence(fitted.training_reference, answers, error_rate)
+    if confidence is None and error_rate is not None:
+        raise InputError(
+            f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none ({choice.reason}); "
+            "record more of each class, or leave error_rate out."
+        )
+    return replace(fitted, choice=choice, confidence=confidence)
 
 
 def _confidence(

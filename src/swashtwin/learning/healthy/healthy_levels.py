@@ -135,7 +135,8 @@ class HealthyLevels:
                     f"no healthy recording is {where} ({', '.join(others)} {'were' if len(others) > 1 else 'was'} "
                     "recorded), so nothing can be said about this one."
                 )
-            left = matching
+            exact = [index for index in matching if _is_missing(self.points[index][part]) == _is_missing(stated[part])]
+            left = exact or matching
             if _is_missing(stated[part]) and not all(_is_missing(self.points[index][part]) for index in left):
                 missing.append(noun)
         if len(left) > 1:

@@ -3,15 +3,18 @@
 import os
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"  # the arrays are small: a second thread takes processor time and saves none
 
 import pytest
+import threadpoolctl
 import torch
 
 from swashtwin.foundation import MPa, rpm
 from swashtwin.pump import OperatingCondition, Pump, load_pump
 
 torch.set_num_threads(1)
+threadpoolctl.threadpool_limits(1)  # numpy may have been imported before this file
 
 
 @pytest.fixture(scope="session")

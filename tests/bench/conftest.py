@@ -24,6 +24,4 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def result(recordings: list[Recording], out: Path) -> StudyResult:
     """Case I on the tiny rig under two seeds."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin.learning.estimators.registry.N_TREES", 30)
-        return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin bench case1 rig")
+    return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin bench case1 rig")

@@ -63,10 +63,10 @@ def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: p
     parts = record_roles(0, TINY)
 
     def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedBaseline:
-        validation = [recording for recording in parts["same"] if recording.label != "piston"]
+        validation = [recording for recording in parts["same"] if recording.label != "valve_plate"]
         return learn_confidence(fit_extra_trees(train, n_trees=5), cut_windows(validation, like=train))
 
     monkeypatch.setattr(confidence, "_fit", fit)
-    result = confidence._task(parts, "chosen", "piston", 0, TINY)
+    result = confidence._task(parts, "chosen", "valve_plate", 0, TINY)
     assert set(result) == {"same", "other", "training"}
     assert result["training"] == result["same"] != result["other"]

@@ -36,7 +36,7 @@ def test_a_name_and_a_recording_are_enough(recordings: list[Recording]) -> None:
     assert calibration.settings["phases"]
     assert len(calibration.posterior.unknowns) == 6 + 4 + 3 + 2 + 2 + 6
     assert repr(calibration).startswith(
-        "<Calibration of 25scy14-1b (normal) by GaussNewton on 1 recordings; identified: "
+        "<Calibration of 25scy14-1b (normal) by GaussNewton on 1 recording; identified: "
     )
     true = calibration.nominal.values.numpy() * DAMPER
     for estimate, value in zip(calibration.estimates, true, strict=True):

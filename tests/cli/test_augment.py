@@ -44,7 +44,18 @@ def test_a_filled_cell_is_written_for_training_and_its_likeness_told(index: Path
     assert windows.synthetic.all()
     assert len(windows.manifest) == 10
     model = tmp_path / "model.safetensors"
-    facts = ("--test-fraction", 0, "--set", "epochs=1", "--set", "channels=2", "--out", model)
+    facts = (
+        "--test-fraction",
+        0,
+        "--network",
+        "spectral_bitcn",
+        "--set",
+        "epochs=1",
+        "--set",
+        "channels=2",
+        "--out",
+        model,
+    )
     trained = run_json("train", index, "--add", out, *facts)
     assert trained["synthetic_windows"] == 8
 

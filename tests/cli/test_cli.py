@@ -118,7 +118,7 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[st
     ]
     assert answer["level"] == "L2"
     assert sum(map(sum, answer["confusion"])) == answer["n_windows"]
-    assert "g_mean" in run("evaluate", chain["train"]["model"], rig).stdout
+    assert "g mean" in run("evaluate", chain["train"]["model"], rig).stdout
 
 
 def test_diagnose_names_a_class_and_writes_a_report(

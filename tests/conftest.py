@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[name] = "1"  # the arrays are small: a second thread takes processor time and saves none
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+# the arrays are small: a second thread takes processor time and saves none
 
 import pytest
 import threadpoolctl

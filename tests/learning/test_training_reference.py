@@ -116,7 +116,8 @@ def classifier() -> SimpleNamespace:
     train = windows(*(recording(f"{machine}{number}") for machine in MACHINES for number in range(6)))
     return SimpleNamespace(
         training_reference=build_reference(train, level_features(train)), layout=train.layout,
-        pressures=(MPa(15),), speeds=(rpm(860),),
+        pressures=(MPa(15),), speeds=(rpm(860),), classes=train.classes, manifest={}, confidence=None,
+        predict_proba=print, answer=print, scaled_for=print,
     )  # fmt: skip
 
 

@@ -141,7 +141,7 @@ class LevelNetwork(Network):
         """Levels at the speed of the training."""
         return self.represent_at(windows, torch.full_like(windows[:, 0, 0], torch.nan))
 
-    def shaped(self, levels: Float[Tensor, "window channel level"]) -> Float[Tensor, "window level"]:
+    def shaped(self, levels: Float[Tensor, "window channel level"]) -> Float[Tensor, "window value"]:
         """Levels of `window_levels`, channel after channel; with `shape` less what each channel's own level adds."""
         if self.settings["shape"]:
             levels = levels - self.response * levels[..., :1]

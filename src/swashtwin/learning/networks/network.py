@@ -1,6 +1,6 @@
 """What every network here has in common: it knows its own arguments, and its features before the last layer."""
 
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from jaxtyping import Float, Int
@@ -22,6 +22,9 @@ def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chos
     """
     steps = list(order.split(size))
     return [*steps[:-2], torch.cat(steps[-2:])] if len(steps) > 1 and len(steps[-1]) == 1 else steps
+
+
+N = TypeVar("N", bound="Network")
 
 
 class Network(nn.Module):
@@ -106,7 +109,7 @@ class Network(nn.Module):
         """Find the weights from what `represent` gives of all training windows, and their classes."""
         raise NotImplementedError
 
-    def fresh(self, seed: int) -> Self:
+    def fresh(self: N, seed: int) -> N:
         """A network of the same settings with weights drawn from `seed`; the process's random state stays as it is."""
         with TorchStream(seed):
             return type(self)(**self.settings)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Shaped
 
 from swashtwin.learning.training.shrinkage import shrinkage
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values
@@ -64,8 +64,8 @@ class ClassSpace:
 
 def fit_class_space(
     features: Float[np.ndarray, "recording feature"],
-    label: Sequence[str],
-    specimen: Sequence[str],
+    label: Sequence[str] | Shaped[np.ndarray, " recording"],
+    specimen: Sequence[str] | Shaped[np.ndarray, " recording"],
     condition: Float[np.ndarray, "recording quantity"],
 ) -> ClassSpace:
     """The space of these recordings.
@@ -90,7 +90,7 @@ def fit_class_space(
     machines, machine = np.unique(specimen, return_inverse=True)
     if len(machines) > 1:
         group = np.unique(target * len(machines) + machine, return_inverse=True)[1]
-        of_machine = _means(within, group, group.max() + 1)
+        of_machine = _means(within, group, int(group.max()) + 1)
         between, between_outside = _mixed(of_machine, _MACHINE_SPREAD, n_features)
         covariance, outside = _shrunk(within - of_machine[group], n_features)
         covariance, outside = covariance + between, outside + between_outside

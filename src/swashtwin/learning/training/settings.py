@@ -1,7 +1,7 @@
 """How a network is trained, and the loss of each epoch."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
@@ -64,7 +64,7 @@ class TrainingSettings:
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the noise that half the windows of each epoch get, drawn anew
     (`train_transforms.with_noise`); None adds none."""
-    noise_kinds: tuple[NoiseKind, ...] = ("white",)
+    noise_kinds: Sequence[NoiseKind] = ("white",)
     """Kinds of that noise (`signals.add_noise`); each window gets one of them, all alike likely."""
     gain: float = 0.0
     """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""

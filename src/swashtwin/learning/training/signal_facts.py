@@ -104,7 +104,7 @@ def outside_facts(
     excess = np.maximum(recorded - high, low - recorded)
     beyond = excess / spread
     outside = [
-        OutsideFact(c, FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond)))
+        OutsideFact(int(c), FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond)))
         for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= _LEAST_EXCESS))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))

@@ -128,7 +128,7 @@ def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feat
     return scaled_reference(reference)
 
 
-def _spaced(rows: Int[np.ndarray, " window"]) -> Int[np.ndarray, " window"]:
+def _spaced(rows: Int[np.ndarray, " window"]) -> Int[np.ndarray, " chosen"]:
     """As many of them as facts are taken from, evenly spaced."""
     return rows[np.unique(np.linspace(0, rows.size - 1, min(_MOST_WINDOWS, rows.size)).round().astype(np.int64))]
 
@@ -149,7 +149,7 @@ def scaled_reference(reference: TrainingReference) -> TrainingReference:
     return replace(reference, distance_scales=(scales[0], scales[-1]))
 
 
-def _median_of_furthest(parts: list[Float64[np.ndarray, " recording"]]) -> float:
+def _median_of_furthest(parts: list[np.ndarray]) -> float:
     """Median over the parts of the distance that nine in ten do not exceed; 0 where none is scored."""
     scored = [part[~np.isnan(part)] for part in parts]
     furthest = [float(np.quantile(part, 1 - _FURTHEST)) for part in scored if part.size]

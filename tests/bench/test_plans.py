@@ -26,7 +26,7 @@ from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy_training_windows
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import DataError, InputError, holm_correction
-from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows
+from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import discriminative_score
@@ -134,8 +134,10 @@ def test_the_chosen_model_holds_its_candidates_in_its_key_and_trains_as_the_defa
     model = MODELS["quick"]["chosen"]
     assert len(model.describe()["candidates"]) == len(CANDIDATES)
     calls: list[dict[str, Any]] = []
-    monkeypatch.setattr(models, "fit_chosen", lambda windows, **how: calls.append({"windows": windows, **how}))
-    train_model(model, dataset.measured, seed=5, manifest=["lent"])
+    trained = fit_baseline("ridge", dataset.measured)
+    fitting = lambda windows, **how: calls.append({"windows": windows, **how}) or trained  # noqa: E731
+    monkeypatch.setattr(models, "fit_chosen", fitting)
+    assert train_model(model, dataset.measured, seed=5, manifest=["lent"]) is trained
     assert calls == [{"windows": dataset.measured, "seed": 5, "manifest": ["lent"]}]
 
 

@@ -29,8 +29,8 @@ from pathlib import Path
 import numpy as np
 
 KILLS_IN_A_ROW = 5
-PATIENCE = 300.0
-"""Seconds that a tiny command may take."""
+PATIENCE = 1200.0
+"""Seconds that a tiny command may take, on a machine that is busy with other work too."""
 LONGEST_LIFE = 20.0
 """Seconds within which the workers of a killed command must end; one that just starts must first import much."""
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swashtwin.bench import HealthyStudySettings, read_public_set, run_bearing_life, run_healthy
-from swashtwin.bench.public.bearing_life import N_HEALTHY, life_values
+from swashtwin.bench.public.bearing_life import N_HEALTHY, life_values, plain_alarm, watch_alarm
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 
@@ -51,6 +51,17 @@ def test_an_alarm_stands_when_a_level_has_risen_twice_in_a_row_and_not_when_it_f
     values = life_values(life(rises))
     assert values["recordings"] == 44
     np.testing.assert_equal(values["alarm_at"], alarm_at)
+
+
+@pytest.mark.parametrize(
+    ("rises", "first", "last"),
+    [([0.0] * 44, 2, 0), ([0.0] * 34 + [40.0] * 10, 36 / 44, 43 / 44), ([0.0] * 34 + [-30.0] * 10, 2, 0)],
+)
+def test_the_watch_and_the_plain_rule_alarm_after_a_rise_and_not_before(
+    rises: list[float], first: float, last: float
+) -> None:
+    for alarm_at in (watch_alarm(life(rises)), plain_alarm(life(rises))):
+        assert first <= alarm_at <= last or (first > last and math.isnan(alarm_at))
 
 
 def test_the_bearings_are_read_in_order_of_time(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import io as scipy_io
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, UnitError
+from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, SwashTwinError, UnitError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
@@ -21,6 +21,7 @@ from swashtwin.recordings import (
     propose_index,
     save_index,
     stated_facts,
+    stated_pressure,
     write_index,
     write_recording,
 )
@@ -298,13 +299,20 @@ def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
         propose_index(rig, ask=lambda key, question: None)
 
 
-def test_a_pressure_without_a_speed_is_noticed_when_the_index_is_proposed(tmp_path: Path) -> None:
-    (tmp_path / "normal_15MPa.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n")
-    facts = {"sample_rate": "1 kHz", "unit": "g"}
-    with pytest.raises(DataError, match=r"neither the files nor the options state speed of 1 files .*--speed"):
-        propose_index(tmp_path, **facts)
-    index = propose_index(tmp_path, **facts, ask=lambda key, question: {"speed": "860 rpm"}[key]).index
-    assert index["defaults"]["speed"] == "860 rpm"
+def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
+    rows = "\n".join(f"{value:.6f}" for value in np.random.default_rng(0).standard_normal(400))
+    (tmp_path / "normal_15MPa.csv").write_text(f"x\n{rows}\n")
+    proposal = propose_index(tmp_path, sample_rate="1 kHz", unit="g")
+    assert proposal.notes == (
+        'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft orders '
+        "need it.",
+    )
+    recordings = load_recordings(save_index(proposal.index, tmp_path / "recordings.toml"))
+    assert recordings[0].condition is None
+    assert stated_pressure(recordings[0]) == MPa(15)
+    write_index(recordings, ["normal_15MPa.csv"], tmp_path / "again.toml")
+    assert stated_pressure(load_recordings(tmp_path / "again.toml")[0]) == MPa(15)
+    assert propose_index(tmp_path, sample_rate="1 kHz", unit="g", speed="860 rpm").notes == ()
 
 
 def test_a_proposal_asks_how_the_class_is_written(tmp_path: Path) -> None:

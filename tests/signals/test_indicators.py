@@ -28,8 +28,9 @@ from swashtwin.signals import (
 from swashtwin.signals.indicators import stretches
 from swashtwin.signals.indicators.cepstrum import harmonic_family_index, real_cepstrum
 from swashtwin.signals.indicators.envelope import envelope_spectrum
-from swashtwin.signals.indicators.kurtogram import kurtogram
+from swashtwin.signals.indicators.kurtogram import kurtogram, kurtograms
 from swashtwin.signals.indicators.levels import band_rms, velocity_rms
+from swashtwin.signals.indicators.statistics import TIME_STATISTICS, power_sums, shape_statistics, time_statistics
 from swashtwin.signals.indicators.synchronous import synchronous_lines
 
 
@@ -174,6 +175,28 @@ def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
     assert (result.high - result.low).min() == pytest.approx(625)
     with pytest.raises(InputError, match="kurtogram"):
         kurtogram(np.ones(1000), RATE)
+
+
+def test_kurtograms_of_channels_are_those_of_each() -> None:
+    signal = np.stack([bursts(), bursts(ring=1200.0), np.random.default_rng(4).standard_normal(len(bursts()))])
+    for row, result in zip(signal, kurtograms(signal, RATE), strict=True):
+        alone = kurtogram(row, RATE)
+        assert result.band == alone.band
+        np.testing.assert_allclose(result.kurtosis, alone.kurtosis, rtol=1e-4, atol=1e-5)
+
+
+def test_of_the_bands_that_begin_at_0_hz_a_kurtogram_has_only_the_whole_one() -> None:
+    result = kurtogram(bursts(), RATE)
+    assert (result.low[0], result.high[0]) == (0, RATE / 2)
+    assert (result.low[1:] > 0).all()
+
+
+def test_statistics_from_sums_of_powers_are_the_time_statistics() -> None:
+    signal = bursts()[None] - bursts().mean()
+    sums = power_sums(signal)
+    values = shape_statistics(sums, signal.shape[1])
+    whole = dict(zip(TIME_STATISTICS, time_statistics(signal)[0], strict=True))
+    assert {name: value[0] for name, value in values.items()} == pytest.approx({name: whole[name] for name in values})
 
 
 def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:

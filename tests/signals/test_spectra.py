@@ -21,7 +21,7 @@ from swashtwin.signals import (
     synchronous_signal,
     waveform_rmse,
 )
-from swashtwin.signals.spectra import amplitude_spectrum
+from swashtwin.signals.spectra import amplitude_spectrum, signal_envelope
 
 RATE = 12800.0
 SHAFT = 860 / 60
@@ -297,3 +297,9 @@ def test_peak_errors_are_averaged_over_channels_and_spectrum_errors_are_not() ->
     assert peak_error(measured, simulated) == pytest.approx(0.25)
     assert spectrum_value_error(np.abs(measured), np.abs(simulated)) == pytest.approx(4 / 13)
     assert waveform_rmse(measured, simulated) == pytest.approx(math.sqrt(20 / 4))
+
+
+@pytest.mark.parametrize("count", [400, 401])
+def test_the_envelope_is_the_magnitude_of_the_analytic_signal(count: int) -> None:
+    signal = np.random.default_rng(0).standard_normal((3, count))
+    np.testing.assert_allclose(signal_envelope(signal), np.abs(scipy.signal.hilbert(signal)), rtol=1e-12)

@@ -34,6 +34,7 @@ from .files import write_text as write_text
 from .memory import MEMORY_VARIABLE as MEMORY_VARIABLE
 from .memory import memory_limit as memory_limit
 from .memory import require_memory as require_memory
+from .memory import return_memory as return_memory
 from .multiple_testing import holm_correction as holm_correction
 from .printing import escape_controls as escape_controls
 from .processes import end_with as end_with
@@ -109,6 +110,7 @@ __all__ = [
     "require_form",
     "require_memory",
     "restore_optimizer",
+    "return_memory",
     "rpm",
     "select_prefix",
     "sha256_of",

@@ -1,6 +1,8 @@
-"""The memory that the content of one file may take."""
+"""The memory that the content of one file may take, and memory given back."""
 
+import ctypes
 import os
+import sys
 
 from swashtwin.foundation.errors import DataError, InputError
 
@@ -48,3 +50,13 @@ def require_memory(name: object, size: float, *, reason: str = "is read whole an
             f"{name} {reason} {size / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; "
             f"if the file is right, set {MEMORY_VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
         )
+
+
+def return_memory() -> None:
+    """Give freed memory back to the system, which a process of many days otherwise keeps in ever smaller pieces.
+
+    Where the C library cannot (it is glibc's malloc_trim), nothing happens.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)

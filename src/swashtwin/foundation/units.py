@@ -213,6 +213,8 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
 
 def _common_value(number: float, source: str, target: str) -> float | None:
     """Value in `target` of a number in `source`, or None where neither `_COMMON` nor `_TURNS` says it."""
+    if (source, target) == ("degC", "K") and math.isfinite(number):
+        return float(f"{celsius(number):.15g}")
     if target == "rad/s" and source in _TURNS and math.isfinite(number):
         return float(f"{number * _TURNS[source]:.15g}")
     if source not in _COMMON or target not in _COMMON:

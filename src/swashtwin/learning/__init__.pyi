@@ -41,6 +41,7 @@ from .features import extract_features as extract_features
 from .healthy.healthy_levels import USUAL_ERROR_RATE as USUAL_ERROR_RATE
 from .healthy.healthy_levels import Deviation as Deviation
 from .healthy.healthy_levels import HealthyLevels as HealthyLevels
+from .healthy.healthy_levels import level_layout as level_layout
 from .healthy.healthy_levels import measure_healthy as measure_healthy
 from .healthy.levels import Level as Level
 from .healthy.levels import LevelLayout as LevelLayout
@@ -173,6 +174,7 @@ __all__ = [
     "hold_out",
     "learn_confidence",
     "least_validation",
+    "level_layout",
     "likeliest_class",
     "load_windows",
     "measure_healthy",

@@ -18,6 +18,7 @@ from swashtwin.recordings import (
     Finding,
     InspectionReport,
     Recording,
+    best_test_rows,
     condition_names,
     inspect_recordings,
     manifest_of,
@@ -243,7 +244,7 @@ def _uses(labeled: Sequence[Recording], error_rate: float) -> list[Use]:
         _test(labeled, "recording", "test on recordings that were not trained on", not is_healthy_only),
         _test(labeled, "specimen", "test on specimens that were not trained on", False),
         _test(labeled, "condition", "test at operating conditions that were not trained at", False),
-        _confidence(len(labeled), error_rate),
+        _confidence(labeled, error_rate),
         _calibration(labeled),
     ]
 
@@ -287,9 +288,11 @@ def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool
     return Use(name, "yes", is_required, reason)
 
 
-def _confidence(n_recordings: int, error_rate: float) -> Use:
+def _confidence(labeled: Sequence[Recording], error_rate: float) -> Use:
     name = "calibrated confidence"
-    left = n_recordings - round(_TEST_FRACTION * n_recordings)
+    _, classes = np.unique([str(recording.label) for recording in labeled], return_inverse=True)
+    tested = best_test_rows(classes, classes, np.arange(len(labeled)), _TEST_FRACTION, seed=0) if len(labeled) else None
+    left = 0 if tested is None else len(labeled) - len(tested)
     needed, allowed = least_validation(error_rate), allowed_error_rate(left, error_rate)
     remainder = "1 recording is" if left == 1 else f"{left} recordings are"
     after = f"{remainder} left after a test of --test-fraction {_TEST_FRACTION:g}"

@@ -80,19 +80,20 @@ def level_features(windows: WindowSet) -> Float64[np.ndarray, "window feature"]:
         moving = signal - signal.mean(axis=1, keepdims=True)
         deviation = np.maximum(moving.std(axis=1, keepdims=True), 1e-15)
         scaled = moving / deviation
+        square, magnitude = scaled * scaled, np.abs(scaled)  # products, for a power takes ten times as long
         shape = (
             np.log10(deviation),
-            (scaled**3).mean(axis=1, keepdims=True),
-            np.log10(np.maximum((scaled**4).mean(axis=1, keepdims=True), 1e-3)),
-            np.log10(np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1e-3)),
-            np.abs(scaled).mean(axis=1, keepdims=True),
+            (square * scaled).mean(axis=1, keepdims=True),
+            np.log10(np.maximum((square * square).mean(axis=1, keepdims=True), 1e-3)),
+            np.log10(np.maximum(magnitude.max(axis=1, keepdims=True), 1e-3)),
+            magnitude.mean(axis=1, keepdims=True),
         )
-        parts += [*shape, _line_levels(signal), band_energies(signal, _N_LEVEL_BANDS)]
+        power = line_powers(signal)
+        parts += [*shape, _line_levels(power), band_levels(power, _N_LEVEL_BANDS)]
     return np.concatenate(parts, axis=1)
 
 
-def _line_levels(signal: Float64[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
-    power = _powers(signal)
+def _line_levels(power: Float64[np.ndarray, "window line"]) -> Float64[np.ndarray, "window level"]:
     lowest = power[:, : max(1, round(_LINE_SHARE * power.shape[1]))]
     edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
     widths = np.diff([*edges, lowest.shape[1]])
@@ -106,12 +107,17 @@ def band_energies(
 
     The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
     """
-    power = _powers(signal)
+    return band_levels(line_powers(signal), n_bands)
+
+
+def band_levels(power: Float64[np.ndarray, "window line"], n_bands: int) -> Float64[np.ndarray, "window band"]:
+    """`band_energies` from the powers of `line_powers`."""
     return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))
 
 
-def _powers(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
-    """Mean square of each line, mean removed, Hann taper."""
+def line_powers(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
+    """Mean square of each line of the spectrum but the first, mean removed, Hann taper."""
     length = signal.shape[1]
     spectrum = tapered_transform(signal)[:, 1:]
-    return np.asarray(2 * np.abs(spectrum) ** 2 / (length * np.sum(hann_taper(length) ** 2)))
+    scale = 2 / (length * np.sum(hann_taper(length) ** 2))
+    return np.asarray((spectrum.real**2 + spectrum.imag**2) * scale)

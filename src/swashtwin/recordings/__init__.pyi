@@ -17,6 +17,7 @@ from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
+from .formats.raw import acceleration_factor as acceleration_factor
 from .formats.raw import require_sample_unit as require_sample_unit
 from .formats.registry import WRITABLE as WRITABLE
 from .formats.registry import open_raw as open_raw
@@ -67,6 +68,7 @@ __all__ = [
     "Recording",
     "RecordingReport",
     "Recordings",
+    "acceleration_factor",
     "best_test_rows",
     "clipped_samples",
     "condition_names",

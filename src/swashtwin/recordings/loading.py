@@ -293,7 +293,7 @@ def _condition(
 ) -> OperatingCondition | None:
     """Operating condition of the index and the file, which must not contradict each other.
 
-    A speed alone goes to the attributes.
+    A speed, or pressures, alone go to the attributes.
     """
     values = {}
     for name in ("speed", *_PUMP_KEYS):
@@ -314,8 +314,8 @@ def _condition(
                 "correct the index."
             )
         return condition
-    if "discharge_pressure" in values:
-        raise DataError(f'{where}: discharge_pressure without speed; add speed = "860 rpm".')
+    if values.get("discharge_pressure", 1.0) <= 0:
+        raise DataError(f"{where}: discharge_pressure = {entry.discharge_pressure!r} must be above zero.")
     attributes |= {name: str(getattr(entry, name)) for name in values}
     return None
 

@@ -74,7 +74,7 @@ def propose_index(
     pressure_unit : unit of pressures in names, tables and headers that have none; bare speeds are in rpm, rates in Hz,
         temperatures in degC.
     index_folder : where the index will lie, if not in `folder`.
-    ask : called with ``sample_rate``, ``unit``, ``speed``, ``pressure_unit`` or ``label_pattern`` and a question, where
+    ask : called with ``sample_rate``, ``unit``, ``pressure_unit`` or ``label_pattern`` and a question, where
         that fact is missing; gives the answer, or None. By default a missing fact is an error.
 
     Raises
@@ -185,7 +185,15 @@ def _survey(
             facts_of(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
         )
         survey.entries.append({"file": name, **values})
+        if entry.discharge_pressure is not None and entry.speed is None and "condition" not in raw.facts:
+            survey.notes.append(_NO_SPEED)
     return survey
+
+
+_NO_SPEED = (
+    'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft orders '
+    "need it."
+)
 
 
 def _named_within(path: Path, names: Sequence[str]) -> str | None:
@@ -198,7 +206,6 @@ def _named_within(path: Path, names: Sequence[str]) -> str | None:
 _QUESTIONS = {
     "sample_rate": ('--sample-rate "25.6 kHz"', "How many samples per second and channel do they have, with the unit"),
     "unit": ('--unit "g" (or "1")', 'In which unit are their samples: g, m/s^2, or "1" where it is not known'),
-    "speed": ('--speed "860 rpm"', "A pressure without a speed is no operating condition: how fast did the shaft turn"),
     "pressure_unit": ("--pressure-unit bar", "Their pressures have no unit: is it MPa, bar, kPa or psi"),
     "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
 }
@@ -240,7 +247,6 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
         "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
         "unit": not has_units and entry.unit is None and entry.calibration_factor is None,
         "label": not entry.label and not raw.facts.get("label"),
-        "speed": entry.discharge_pressure is not None and entry.speed is None and "condition" not in raw.facts,
     }
     return [key for key, is_missing in missing.items() if is_missing]
 

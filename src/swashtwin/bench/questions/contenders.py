@@ -18,7 +18,8 @@ class Contender:
 
 
 CONTENDERS: dict[str, Contender] = {
-    "calibrated": Contender(GaussNewton(), Nuisances.housing(), phases=True),
+    "calibrated": Contender(GaussNewton(), Nuisances.by_axis(), phases=True),
+    "gauss_newton_housing_phases": Contender(GaussNewton(), Nuisances.housing(), phases=True),
     "gauss_newton_housing": Contender(GaussNewton(), Nuisances.housing()),
     "gauss_newton": Contender(GaussNewton()),
     "lbfgs_housing": Contender(LBFGS(), Nuisances.housing()),

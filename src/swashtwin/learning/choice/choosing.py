@@ -31,7 +31,8 @@ BUDGET = 600.0
 SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
 """Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative change of speed."""
 _KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
-_BATCH = 256
+_BATCH = 32
+"""Windows whose levels are computed together: they stay in the processor's cache."""
 _COST = {"representation": 1.5e-7, "solution": 2.5e-7}
 """Seconds of one core: of the levels of a sample; of one head per training window and level."""
 

@@ -203,7 +203,7 @@ def measure_healthy(
             f"machine and operating point; {LEAST_HEALTHY} are needed at least, and 20 for a false-alarm rate of "
             f"0.05. {' '.join(notes)}".rstrip()
         )
-    layout, reason = _level_layout([distinct[index] for index in used])
+    layout, reason = level_layout([distinct[index] for index in used])
     rows = []
     for number, index in enumerate(used):
         if progress is not None:
@@ -221,8 +221,13 @@ def measure_healthy(
     return healthy, (*notes, *reason)
 
 
-def _level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
-    """Levels that all recordings allow, and why orders are not among them."""
+def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
+    """(levels that all recordings allow, why orders are not among them).
+
+    Parameters
+    ----------
+    recordings : of one sample rate and the same channels, one at least.
+    """
     first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
     shafts = [stated_speed(recording) for recording in recordings]
     stated = [shaft for shaft in shafts if shaft]

@@ -122,7 +122,7 @@ class LevelLayout(WindowLayout):
         weights = np.array([weight for weight, _ in densities])
         density = np.einsum("p,pcef->cef", weights / weights.sum(), np.stack([part for _, part in densities]))
         edges = np.array([level.edges(shaft) for level in self.levels[: self._n_each]])
-        power = density[..., 1:] @ line_shares(density.shape[-1] - 1, edges * self.length / self.sample_rate)
+        power = band_sums(density[..., 1:], edges * self.length / self.sample_rate)
         power *= self.sample_rate / self.length
         total = density[..., 1:].sum(axis=-1, keepdims=True) * self.sample_rate / self.length
         return np.asarray(10 * np.log10(np.maximum(power, np.maximum(_FAINTEST * total, 1e-300)))).ravel()
@@ -167,7 +167,19 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
     return np.array(edges)
 
 
-def line_shares(n_lines: int, edges: Float[np.ndarray, "band 2"]) -> Float64[np.ndarray, "line band"]:
-    """Share of each of the lines 1 to `n_lines` in each band between two edges, in lines."""
-    line = np.arange(1, n_lines + 1)[:, None]
-    return np.asarray(np.clip(np.minimum(edges[:, 1], line + 0.5) - np.maximum(edges[:, 0], line - 0.5), 0, None))
+def band_sums(
+    density: Float64[np.ndarray, "channel envelope line"], edges: Float[np.ndarray, "band 2"]
+) -> Float64[np.ndarray, "channel envelope band"]:
+    """Sum of the lines 1, 2, ... in each band between two edges, in lines; a line at an edge counts by its share.
+
+    Examples
+    --------
+    >>> band_sums(np.array([[[1.0, 2.0, 3.0]]]), np.array([[0.5, 2.0], [2.5, 9.0]])).tolist()
+    [[[2.0, 3.0]]]
+    """
+    sums = np.zeros((*density.shape[:-1], len(edges)))
+    for band, (low, high) in enumerate(edges.tolist()):
+        line = np.arange(max(round(low), 1), min(math.ceil(high + 0.5), density.shape[-1] + 1))
+        share = np.minimum(high, line + 0.5) - np.maximum(low, line - 0.5)
+        sums[..., band] = density[..., line - 1] @ share
+    return sums

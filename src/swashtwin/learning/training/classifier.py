@@ -19,7 +19,7 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest
 
-_BATCH = 256  # windows that pass the network together in prediction; memory only, no result depends on it
+_BATCH = 32  # windows that pass the network together in prediction: they stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

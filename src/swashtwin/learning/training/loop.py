@@ -26,10 +26,10 @@ from swashtwin.learning.windows.splitting import check_disjoint
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
-_BATCH = 256
+_BATCH = 32
+"""Windows that pass the network together where nothing is learned: they stay in the processor's cache."""
 _LARGEST = 1e16
 """Magnitude of a sample from which the power of a window is no finite number in single precision."""
-"""Windows that pass the network together where nothing is learned; memory only, no result depends on it."""
 
 
 def fit(

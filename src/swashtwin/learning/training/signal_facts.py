@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 
-from swashtwin.learning.features import band_energies
+from swashtwin.learning.features import band_levels, line_powers
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.signals import hann_taper, tapered_transform
 
 FACTS = ("level", "noise_floor", "line_share")
 """Mean square, level of the quietest tenth of the spectrum, and share of the power in the strongest fiftieth; in dB."""
@@ -62,17 +61,18 @@ def signal_facts(windows: WindowSet) -> Float64[np.ndarray, "window channel fact
 
 def _facts_of(signal: Float[np.ndarray, "window time"], sample_rate: float) -> Float64[np.ndarray, "window fact"]:
     samples = signal.astype(np.float64)
-    spectrum = tapered_transform(samples)[:, 1:]
-    density = np.sort(2 * np.abs(spectrum) ** 2 / (sample_rate * np.sum(hann_taper(signal.shape[1]) ** 2)), axis=1)
-    n_lines = density.shape[1]
-    strongest = density[:, n_lines - max(1, round(_STRONGEST * n_lines)) :].sum(axis=1)
+    power = line_powers(samples)
+    n_lines = power.shape[1]
+    quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
+    density = np.partition(power, (quietest, first_strong), axis=1) * (signal.shape[1] / sample_rate)
+    strongest = density[:, first_strong:].sum(axis=1)
     powers = (
         samples.var(axis=1),
-        density[:, int(_QUIETEST * n_lines)],
+        density[:, quietest],
         strongest / np.maximum(density.sum(axis=1), _LEAST_POWER),
     )
     facts = 10 * np.log10(np.maximum(np.stack(powers, axis=1), _LEAST_POWER))
-    return np.concatenate([facts, 10 * band_energies(samples, N_BANDS)], axis=1)
+    return np.concatenate([facts, 10 * band_levels(power, N_BANDS)], axis=1)
 
 
 def outside_facts(

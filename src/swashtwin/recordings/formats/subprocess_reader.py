@@ -170,8 +170,10 @@ class _Process:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._popen: subprocess.Popen[bytes] | None = None
-        self._files: set[str] = set()
-        """Files that the process was asked for."""
+        self._first: str | None = None
+        """The first file that the process was asked for."""
+        self._several = False
+        """Whether it was asked for others too."""
         self._excess = False
         """Whether the process was ended because of its memory."""
 
@@ -187,7 +189,7 @@ class _Process:
             + b"\n"
         )
         with self._lock:
-            others = bool(self._files - {source.path})
+            others = self._several or self._first not in (None, source.path)
             try:
                 answer = self._exchange(source, line, seconds, samples)
             except _DiedError as cause:
@@ -209,7 +211,8 @@ class _Process:
 
     def _exchange(self, source: _Source, line: bytes, seconds: float, samples: np.ndarray | None) -> dict[str, Any]:
         process, began = self._running(), time.monotonic()
-        self._files.add(source.path)
+        self._several = self._several or self._first not in (None, source.path)
+        self._first = self._first or source.path
         assert process.stdin is not None
         assert isinstance(process.stdout, BufferedReader)
         try:
@@ -288,7 +291,7 @@ class _Process:
         if self._popen is None:
             return 0
         process, self._popen = self._popen, None
-        self._files.clear()
+        self._first, self._several = None, False
         try:
             process.wait(0.2 if process.poll() is None else 0)  # it may be dying: its own exit code tells more
         except subprocess.TimeoutExpired:
@@ -311,7 +314,7 @@ class _Process:
             self._popen.returncode = 0  # it is no child of this process
             _close(self._popen)
         self._popen = None
-        self._files.clear()
+        self._first, self._several = None, False
 
 
 class _DiedError(Exception):

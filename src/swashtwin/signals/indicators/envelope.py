@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.signals.filtering import band_limited
-from swashtwin.signals.indicators.kurtogram import kurtogram
+from swashtwin.signals.indicators.kurtogram import kurtograms
 from swashtwin.signals.spectra import amplitude_spectrum, signal_envelope
 
 
@@ -40,7 +40,7 @@ def automatic_bands(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, *, least_bandwidth: float = 0.0
 ) -> Float[np.ndarray, "channel 2"]:
     """Edges [Hz] of each channel's most impulsive band (`kurtogram`)."""
-    return np.array([kurtogram(row, sample_rate, least_bandwidth=least_bandwidth).band for row in signal])
+    return np.array([gram.band for gram in kurtograms(signal, sample_rate, least_bandwidth=least_bandwidth)])
 
 
 def envelope_spectrum(

@@ -68,9 +68,10 @@ class Kurtogram:
 def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_bandwidth: float = 0.0) -> Kurtogram:
     """Spectral kurtosis on the grid of Antoni's fast kurtogram (2007, DOI 10.1016/j.ymssp.2005.12.002).
 
-    Bands are 1, 1/2, 1/3, 1/4, 1/6, 1/8, 1/12 ... of half the sample rate. Each band's complex envelope comes from the
-    inverse transform of its part of the spectrum, with raised-cosine slopes, instead of from his tree of short filters.
-    Zeros are added to the part up to a length that is fast to transform, which samples the same envelope a little more
+    Bands are 1, 1/2, 1/3, 1/4, 1/6, 1/8, 1/12 ... of half the sample rate; of those that begin at 0 Hz only the whole
+    one is there, as an envelope is one of something faster. Each band's complex envelope comes from the inverse
+    transform of its part of the spectrum, with raised-cosine slopes, instead of from his tree of short filters. Zeros
+    are added to the part up to a length that is fast to transform, which samples the same envelope a little more
     closely (our reading: his envelopes have a length that his tree decides); the kurtosis of noise moves by less than
     its deviation. Transforms are of single precision.
 
@@ -83,12 +84,27 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
     InputError
         The signal has fewer than 400 samples, or is constant.
     """
-    n_samples = len(signal)
-    if n_samples < 2 * _LEAST_VALUES or np.ptp(signal) == 0:
+    return kurtograms(signal[None], sample_rate, least_bandwidth=least_bandwidth)[0]
+
+
+def kurtograms(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, *, least_bandwidth: float = 0.0
+) -> list[Kurtogram]:
+    """`kurtogram` of each channel; their bands are transformed together.
+
+    Raises
+    ------
+    InputError
+        As `kurtogram`, for any of the channels.
+    """
+    n_samples = signal.shape[-1]
+    if n_samples < 2 * _LEAST_VALUES or (np.ptp(signal, axis=-1) == 0).any():
         raise InputError(f"{n_samples} samples, or constant ones, have no kurtogram; it takes {2 * _LEAST_VALUES}.")
     time = np.arange(n_samples) - (n_samples - 1) / 2
-    spectrum = scipy.fft.rfft(signal - signal.mean() - (time @ signal) / (time @ time) * time)
-    single = (spectrum / np.abs(spectrum).max()).astype(np.complex64)
+    trend = ((signal @ time) / (time @ time))[:, None] * time + signal.mean(axis=-1, keepdims=True)
+    moving = signal - trend
+    moving /= moving.std(axis=-1, keepdims=True)
+    spectra = scipy.fft.rfft(moving, overwrite_x=True).astype(np.complex64)
     edges, kurtosis = [], []
     halves = [2**level for level in range(_LEVELS + 1)]
     for count in sorted([*halves, *(3 * half for half in halves[:-1])]):
@@ -96,45 +112,47 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
         values = n_samples / sample_rate * width
         if count > 1 and (values < _LEAST_VALUES or width < least_bandwidth):
             continue
-        edges += [(index / count, (index + 1) / count, 2 / math.sqrt(values)) for index in range(count)]
-        kurtosis.append(_kurtosis(single, count))
-    low, high, deviation = np.array(edges).T
-    return Kurtogram(low * sample_rate / 2, high * sample_rate / 2, np.concatenate(kurtosis), deviation)
+        deviation = 2 / math.sqrt(values)
+        edges += [(index / count, (index + 1) / count, deviation) for index in range(count > 1, count)]
+        kurtosis.append(_kurtosis(spectra, count))
+    low, high, deviations = np.array(edges).T
+    nyquist = sample_rate / 2
+    return [Kurtogram(low * nyquist, high * nyquist, row, deviations) for row in np.concatenate(kurtosis, axis=1)]
 
 
-def _kurtosis(spectrum: Complex[np.ndarray, " line"], count: int) -> Float[np.ndarray, " band"]:
-    """Spectral kurtosis of `count` bands that share a spectrum."""
-    last = len(spectrum) - 1
+def _kurtosis(spectra: Complex[np.ndarray, "channel line"], count: int) -> Float[np.ndarray, "channel band"]:
+    """Spectral kurtosis of `count` bands that share a spectrum, without the first where there are several."""
+    channels, last = len(spectra), spectra.shape[1] - 1
     first, weights = (_filters if last < _LONG else _filters.__wrapped__)(last, count)
-    width = weights.shape[1]
-    bands = sliding_window_view(np.concatenate([spectrum, np.zeros(width, spectrum.dtype)]), width)
-    at_once = max(1, AT_ONCE // width // _ABREAST) * _ABREAST
-    kurtosis = np.empty(count)
-    for start in range(0, count, at_once):
+    width = weights.shape[1] // 2
+    bands = sliding_window_view(np.pad(spectra, ((0, 0), (0, width))).view(np.float32), 2 * width, axis=1)
+    at_once = max(1, AT_ONCE // (width * channels) // _ABREAST) * _ABREAST
+    kurtosis = np.empty((channels, len(first)))
+    for start in range(0, len(first), at_once):
         part = slice(start, start + at_once)
-        lines = np.zeros((len(first[part]), scipy.fft.next_fast_len(width)), spectrum.dtype)
-        np.multiply(bands[first[part]], weights[part], out=lines[:, :width])
-        envelope = scipy.fft.ifft(lines, axis=-1, overwrite_x=True)[:, _EDGE:-_EDGE]
+        lines = np.zeros((channels, len(first[part]), scipy.fft.next_fast_len(width)), spectra.dtype)
+        np.multiply(bands[:, 2 * first[part]], weights[part], out=lines.view(np.float32)[..., : 2 * width])
+        envelope = scipy.fft.ifft(lines, axis=-1, overwrite_x=True)[..., _EDGE:-_EDGE]
         power = envelope.real**2
         power += envelope.imag**2
         mean = power.mean(axis=-1)
-        power /= np.where(mean > 0, mean, 1)[:, None]
-        kurtosis[part] = np.einsum("bt,bt->b", power, power) / power.shape[-1] - 2
+        power /= np.where(mean > 0, mean, 1)[..., None]
+        kurtosis[:, part] = np.einsum("cbt,cbt->cb", power, power) / power.shape[-1] - 2
     return kurtosis
 
 
-@lru_cache(maxsize=2 * _LEVELS)
-def _filters(last: int, count: int) -> tuple[Int[np.ndarray, " band"], Float32[np.ndarray, "band line"]]:
-    """First lines and weights of the filters of `count` bands that share `last` + 1 lines."""
-    edges = np.arange(count + 1) / count
+@lru_cache(maxsize=2 * _LEVELS + 1)
+def _filters(last: int, count: int) -> tuple[Int[np.ndarray, " band"], Float32[np.ndarray, "band part"]]:
+    """First lines of the filters of `_kurtosis`, and the weights of real and imaginary parts."""
+    edges = np.arange(count > 1, count + 1) / count
     slope = _SLOPE * last / count
     first = np.maximum(1, np.floor(edges[:-1] * last - slope)).astype(int)
     end = np.minimum(last, np.ceil(edges[1:] * last + slope)).astype(int)
-    weights = np.zeros((count, int((end - first).max()) + 1), np.float32)
-    for band in range(count):
+    weights = np.zeros((len(first), int((end - first).max()) + 1), np.float32)
+    for band in range(len(first)):
         _, weight = _filter(last, edges[band], edges[band + 1])
         weights[band, : len(weight)] = weight
-    return first, weights
+    return first, np.repeat(weights, 2, axis=1)
 
 
 def _filter(last: int, low: float, high: float) -> tuple[int, Float[np.ndarray, " line"]]:

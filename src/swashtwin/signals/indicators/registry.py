@@ -14,9 +14,9 @@ from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals.indicators.cepstrum import harmonic_family_index
 from swashtwin.signals.indicators.envelope import envelopes
-from swashtwin.signals.indicators.kurtogram import kurtogram
+from swashtwin.signals.indicators.kurtogram import kurtograms
 from swashtwin.signals.indicators.levels import Spectrum, band_rms, segment_length, velocity_rms
-from swashtwin.signals.indicators.statistics import TIME_STATISTICS, time_statistics
+from swashtwin.signals.indicators.statistics import power_sums, shape_statistics
 from swashtwin.signals.indicators.synchronous import synchronous_lines
 from swashtwin.signals.orders.shaft_angle import ShaftAngle
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
@@ -121,10 +121,10 @@ _STATISTICS = {
 
 def _statistics(measured: Measured) -> Values:
     signal = measured.recording.signal
-    columns = time_statistics(signal - signal.mean(axis=1, keepdims=True))
+    values = shape_statistics(power_sums(signal - signal.mean(axis=1, keepdims=True)), signal.shape[1])
     for name, meaning in _STATISTICS.items():
         unit = measured.recording.unit if name in ("rms", "peak") else ""
-        yield Indicator(name, unit, meaning), columns[:, TIME_STATISTICS.index(name)]
+        yield Indicator(name, unit, meaning), values[name]
 
 
 def _or_nan(
@@ -200,7 +200,7 @@ def _envelope(measured: Measured) -> Values:
     meaning = "edge of the channel's most impulsive band (kurtogram)"
     try:
         least = 3 * max(measured.orders, default=0) * (measured.shaft or 0.0)
-        grams = [kurtogram(row, rate, least_bandwidth=least) for row in signal]
+        grams = kurtograms(signal, rate, least_bandwidth=least)
     except InputError:
         return
     bands = np.array([gram.band for gram in grams])

@@ -50,3 +50,25 @@ def _ratio(
     above: Float64[np.ndarray, " window"], below: Float64[np.ndarray, " window"]
 ) -> Float64[np.ndarray, " window"]:
     return np.where(below > 0, above / np.where(below > 0, below, 1.0), 0.0)
+
+
+def power_sums(centered: Float[np.ndarray, "channel time"]) -> Float64[np.ndarray, "4 channel"]:
+    """Sums of the second, third and fourth powers of each channel's samples, and their largest square."""
+    square = centered * centered
+    third, fourth = np.einsum("ct,ct->c", square, centered), np.einsum("ct,ct->c", square, square)
+    return np.stack([square.sum(axis=1), third, fourth, square.max(axis=1)])
+
+
+def shape_statistics(sums: Float64[np.ndarray, "4 channel"], count: int) -> dict[str, Float64[np.ndarray, " channel"]]:
+    """Level, peaks and shape of `count` samples without a mean, as of `TIME_STATISTICS`, by name.
+
+    Parameters
+    ----------
+    sums : `power_sums` of the samples.
+    """
+    second, third, fourth = sums[:3] / count
+    rms, peak = np.sqrt(second), np.sqrt(sums[3])
+    return {
+        "rms": rms, "peak": peak, "crest_factor": _ratio(peak, rms), "kurtosis": _ratio(fourth, second**2),
+        "skewness": _ratio(third, rms**3),
+    }  # fmt: skip

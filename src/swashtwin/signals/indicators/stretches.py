@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.recordings import Recording, refuse_unfit
+from swashtwin.signals.indicators.statistics import power_sums, shape_statistics
 from swashtwin.signals.indicators.table import IndicatorTable
 
 LONGEST = 1 << 23
@@ -49,15 +50,8 @@ def _statistics(recording: Recording, table: IndicatorTable) -> dict[str, Float6
     """Statistics of all samples of the channels that a table describes."""
     picked = recording.picked([row.channel for row in table.rows])
     mean = sum(block.signal.sum(axis=1) for block in picked.blocks()) / picked.n_samples
-    powers, peak = np.zeros((3, picked.n_channels)), np.zeros(picked.n_channels)
+    sums = np.zeros((4, picked.n_channels))
     for block in picked.blocks():
-        centered = block.signal - mean[:, None]
-        square = centered * centered
-        peak = np.maximum(peak, np.sqrt(square.max(axis=1)))
-        powers += square.sum(axis=1), (square * centered).sum(axis=1), (square * square).sum(axis=1)
-    second, third, fourth = powers / picked.n_samples
-    rms = np.sqrt(second)
-    return {
-        "rms": rms, "peak": peak, "crest_factor": peak / rms, "kurtosis": fourth / second**2,
-        "skewness": third / rms**3,
-    }  # fmt: skip
+        part = power_sums(block.signal - mean[:, None])
+        sums = np.concatenate([sums[:3] + part[:3], np.maximum(sums[3:], part[3:])])
+    return shape_statistics(sums, picked.n_samples)

@@ -34,7 +34,7 @@ def test_a_name_and_a_recording_are_enough(recordings: list[Recording]) -> None:
     calibration = calibrate("25scy14-1b", recordings[:1], seed=1)
     assert calibration.method == "GaussNewton"
     assert calibration.settings["phases"]
-    assert len(calibration.posterior.unknowns) == 6 + 4 + 3 + 2 + 2 + 6
+    assert len(calibration.posterior.unknowns) == 6 + 11 + 3 + 6 + 2 + 2 + 6
     assert repr(calibration).startswith(
         "<Calibration of 25scy14-1b (normal) by GaussNewton on 1 recording; identified: "
     )

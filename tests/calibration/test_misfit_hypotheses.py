@@ -44,12 +44,12 @@ def test_a_right_twin_is_not_warned_of(twin: Twin, recording: Recording) -> None
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("body_x and body_y swapped", "body_y and body_x have each other's name: look at the wiring."),
-        ("cover_z in g", "cover_z reads 0.1 times what it should beside the others: in g?."),
-        ("all channels in g", "the gain of all channels is 0.1 times the twin's: in g?."),
+        ("body_x and body_y swapped", "body_y and body_x have each other's name: look at the wiring"),
+        ("cover_z in g", "cover_z reads 0.1 times what it should beside the others: in g?"),
+        ("all channels in g", "the gain of all channels is 0.1 times the twin's: in g?"),
         ("mounting +50 %", "the mounting's stiffness is 0.67 times the twin's"),
         ("mounting -50 %", "the mounting's stiffness is 2 times the twin's"),
-        ("topology T2", "the bodies are joined as in topology T1."),
+        ("topology T2", "the bodies are joined as in topology T1"),
         ("defect half as deep", "the defect's excitation is 2 times the twin's"),
     ],
 )
@@ -64,8 +64,8 @@ def test_values_do_not_depend_on_whether_the_misfit_is_explained(twin: Twin, rec
         calibrate(wrong, [recording], method=QUICK, explain_misfit=explain, **SIX_VALUES) for explain in (True, False)
     )
     assert plain.estimates == explained.estimates
-    assert [note for note in explained.notes if "the misfit falls from" not in note] == list(plain.notes)
-    assert plain.notes != explained.notes
+    assert any("the misfit falls from" in note for note in explained.notes)
+    assert not any("the misfit falls from" in note for note in plain.notes)
 
 
 def test_a_searched_constant_that_was_left_in_the_wrong_valley_is_named(twin: Twin) -> None:

@@ -77,7 +77,7 @@ def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> 
 def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "old.json"
     path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
-    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 5'"):
+    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 6'"):
         load_calibration(path)
 
 

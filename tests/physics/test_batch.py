@@ -85,7 +85,8 @@ def test_values_and_scales_of_each_twin_may_be_a_batch_themselves(twins: list[Tw
     some = [twins[0], twins[1], twins[5]]
     spread = torch.linspace(0.5, 2.0, 12, dtype=torch.float64).reshape(2, 1, 6)
     values = torch.stack([twin.values for twin in some])[:, None, None] * spread
-    scales = torch.tensor([1.2, 0.8, 1.5, 2.0], dtype=torch.float64).expand(3, 2, 1, 4)
+    factors = [1.2, 0.8, 1.5, 2.0, 0.9, 1.1, 1.2, 0.8, 1.3, 0.7, 1.1]
+    scales = torch.tensor(factors, dtype=torch.float64).expand(3, 2, 1, -1)
     batch = accelerations(some, values, scales=scales)
     assert batch.lines.shape == (3, 2, 1, 3, batch.orders.size)
     for i, j in itertools.product(range(3), range(2)):

@@ -191,3 +191,27 @@ def test_matrices_of_a_batch_have_the_bits_of_each_by_itself(pump: Pump) -> None
 
 def test_equal_pumps_share_one_structure(pump: Pump) -> None:
     assert assemble(replace(pump, sources={})) is assemble(pump)
+
+
+def test_a_factor_on_one_direction_or_bearing_is_that_of_the_pump_file(pump: Pump) -> None:
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
+    factors = torch.tensor([1.2, 0.8, 1.1, 0.9, 1.3, 0.7, 1.0], dtype=torch.float64)
+    x, y, z, tilt, first, second, _ = factors.tolist()
+    mount, bearings = pump.mount, pump.bearings
+    changed = replace(
+        pump,
+        mount=replace(
+            mount,
+            stiffness_x=x * mount.stiffness_x,
+            stiffness_y=y * mount.stiffness_y,
+            stiffness_z=z * mount.stiffness_z,
+            stiffness_tilt=tilt * mount.stiffness_tilt,
+        ),
+        bearings=replace(
+            bearings,
+            stiffnesses=(first * bearings.stiffnesses[0], second * bearings.stiffnesses[1], bearings.stiffnesses[2]),
+        ),
+    )
+    scaled = assemble(pump).stiffness(values, parts=factors)
+    torch.testing.assert_close(scaled, assemble(changed).stiffness(values), rtol=1e-12, atol=1e-6)
+    assert torch.equal(assemble(pump).stiffness(values, parts=torch.ones(7)), assemble(pump).stiffness(values))

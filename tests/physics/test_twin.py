@@ -187,7 +187,7 @@ def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition,
         return torch.view_as_real(twin.acceleration(relative * scale, scales=scales))
 
     relative = torch.ones(6, dtype=torch.float64, requires_grad=True)
-    scales = torch.ones(4, dtype=torch.float64, requires_grad=True)
+    scales = torch.ones(11, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(read, (relative, scales))
 
 
@@ -310,7 +310,7 @@ def test_a_spring_that_would_push_is_refused_by_name(
     pump: Pump, at_15: OperatingCondition, values: dict[int, float], scales: dict[int, float], name: str
 ) -> None:
     twin = Twin(pump, at_15)
-    batch, factors = twin.values.repeat(3, 1), torch.ones(3, 4, dtype=torch.float64)
+    batch, factors = twin.values.repeat(3, 1), torch.ones(3, len(Scales().values()), dtype=torch.float64)
     for index, value in values.items():
         batch[2, index] = value
     for index, value in scales.items():

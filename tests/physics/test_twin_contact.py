@@ -157,3 +157,14 @@ def test_what_cannot_be_solved_together_is_refused(pump: Pump, at_15: OperatingC
         Twin(pump, at_15, TiltedBlockFace(0.3), contact=LIFTING).acceleration()
     with pytest.raises(InputError, match="in steady state only"):
         simulate_profile(Twin(pump, at_15, contact=LIFTING), OperatingProfile.steady(at_15, 1.0), 25600.0)
+
+
+def test_a_channel_reads_its_shares_of_the_others(pump: Pump, at_15: OperatingCondition) -> None:
+    shares = ((0.0, 0.1, -0.2), (0.05, 0.0, 0.0), (0.0, 0.3, 0.0))
+    plain = Twin(pump, at_15, bandwidth=1000)
+    mixed = replace(plain, path=SensorPath((2.0, 1.0, 1.0), cross_talk=shares))
+    lines = plain.acceleration().numpy()
+    expected = np.array([2.0, 1.0, 1.0])[:, None] * (lines + np.array(shares) @ lines)
+    np.testing.assert_allclose(mixed.acceleration().numpy(), expected, rtol=1e-12)
+    with pytest.raises(InputError, match="a share for each pair"):
+        SensorPath((1.0, 1.0), cross_talk=((0.0,), (0.0,)))

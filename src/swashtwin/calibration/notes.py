@@ -1,16 +1,20 @@
-"""Notes on a calibration: warnings first, then what was not identified."""
+"""Notes on a calibration: one warning where it is in doubt, then what was not identified."""
+
+from collections.abc import Iterator
 
 import numpy as np
 import torch
 
 from swashtwin.calibration.methods.search import Search
+from swashtwin.calibration.methods.widening import WIDENED
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
-from swashtwin.calibration.uncertainty.posterior import Estimate
+from swashtwin.calibration.objective.unknowns import CONSTANTS
+from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses, words_of_constant
+from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, misfit_of, strained_constants
 
-MISFIT = 2.0
-"""RMS of the missed lines, in what was expected of them, from which a note says that the twin lacks something."""
+FAR = 2.0
+"""A constant that ends so many deviations of its prior from what was stated is named beside a misfit."""
 _UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
 
 
@@ -19,23 +23,9 @@ def notes_of(
 ) -> tuple[str, ...]:
     """Notes of a search and what came of it; with `explain_misfit` also mistakes that would explain its misfit."""
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
-    with torch.no_grad():
-        nominal = objective.amplitude(objective.start)
-        misfit = float(objective.weighted_loss(torch.as_tensor(search.point)))
-    measured = np.concatenate([comparison.measurement.amplitude.reshape(-1) for comparison in objective.comparisons])
-    ratio = float(nominal.square().mean().sqrt() / np.sqrt(np.mean(measured**2)))
-    if abs(ratio / GRAVITY - 1) <= 0.2:
-        notes.append(f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the samples in g?")
-    for estimate in estimates:
-        if estimate.verdict == "at bound":
-            notes.append(f"{estimate.letter} was stopped by a bound; a constant of the pump file may be wrong.")
-    if misfit > MISFIT:
-        notes.append(
-            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected; the model lacks "
-            "something (housing modes, wrong constants), and the intervals are wider for it."
-        )
-    if explain_misfit:
-        notes += [hypothesis.words for hypothesis in misfit_hypotheses(objective, misfit)]
+    doubts = [*_units(objective), *_bounds(objective, search, estimates), *_misfit(objective, search, explain_misfit)]
+    if doubts:
+        notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
         notes.append(f"{', '.join(unknown)}: {_UNLEARNT}")
@@ -43,5 +33,53 @@ def notes_of(
 
 
 def is_warning(note: str) -> bool:
-    """Whether a note says that something may be wrong, not only that a value is not identified."""
-    return not note.endswith(_UNLEARNT)
+    """Whether a note says that something may be wrong, not only that values are unknown or bounds were widened."""
+    return not note.endswith((_UNLEARNT, WIDENED))
+
+
+def _units(objective: Objective) -> Iterator[str]:
+    with torch.no_grad():
+        nominal = objective.amplitude(objective.start)
+    measured = np.concatenate([comparison.measurement.amplitude.reshape(-1) for comparison in objective.comparisons])
+    ratio = float(nominal.square().mean().sqrt() / np.sqrt(np.mean(measured**2)))
+    if abs(ratio / GRAVITY - 1) <= 0.2:
+        yield f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the samples in g?"
+
+
+def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...]) -> Iterator[str]:
+    """Values that a bound stopped, and constants that ended at or near one."""
+    for estimate in estimates:
+        if estimate.verdict == "at bound":
+            low, high = (f"{bound:.3g}" for bound in estimate.bounds)
+            yield (
+                f"{estimate.letter} was stopped by a bound ({low} to {high} {estimate.unit}): state wider ones "
+                f'(--bounds "{estimate.letter}=LEAST..GREATEST"), or correct the pump file'
+            )
+    strained = strained_constants(objective.unknowns, search.point)
+    if strained:
+        constants = ", ".join(words_of_constant(name) for name in strained)
+        yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"
+
+
+def _misfit(objective: Objective, search: Search, explain: bool) -> Iterator[str]:
+    """The misfit, and its likelier causes by evidence."""
+    misfit = misfit_of(objective, search.point)
+    hypotheses = misfit_hypotheses(objective, misfit) if explain else ()
+    if misfit > MISFIT:
+        lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
+        yield (
+            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so no value is "
+            f"called identified{lacks}"
+        )
+    yield from (hypothesis.words for hypothesis in hypotheses)
+
+
+def _far_constants(objective: Objective, search: Search) -> str:
+    """Constants that the lines pull away from what was stated, the farthest first."""
+    unknowns = objective.unknowns
+    away = ((search.point - unknowns.center) / unknowns.deviation)[CONSTANTS]
+    names = unknowns.names[CONSTANTS]
+    far = [names[i] for i in np.argsort(-np.abs(away)) if abs(away[i]) > FAR and not names[i].startswith("mode ")]
+    if not far:
+        return "the model lacks something (housing modes, wrong constants)"
+    return "farthest from what was stated: " + ", ".join(words_of_constant(name) for name in far[:3])

@@ -16,12 +16,13 @@ from swashtwin.calibration.methods.checkpoint import Checkpoint, ResumableCalibr
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.methods.ipinn import IPINN
 from swashtwin.calibration.methods.search import Calibrator, Progress, Search
+from swashtwin.calibration.methods.widening import widening_search
 from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective.agreement import fit_of
 from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure
 from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
-from swashtwin.calibration.objective.unknowns import Nuisances, search_space
+from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, posterior_covariance
 from swashtwin.foundation import VERSION, InputError
@@ -31,7 +32,7 @@ from swashtwin.recordings import Recording, manifest_of
 
 PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType({"method": IPINN(), "nuisances": NONE, "phases": False})
 """The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six values, no phases."""
-RECOMMENDED_NUISANCES = Nuisances.housing()
+RECOMMENDED_NUISANCES = Nuisances.by_axis()
 """What `calibrate` searches beside the six values where nothing is said."""
 
 
@@ -67,11 +68,13 @@ def calibrate(
         pressure are used.
     fault : what the recorded pump had, with dimensions; None is a healthy pump.
     method : `GaussNewton` by default; `IPINN` is the paper's.
-    bounds : where to search: a factor (10 by default), or (least, greatest) by parameter name or letter.
+    bounds : where to search: a factor, or (least, greatest) by parameter name or letter. Where nothing is stated it is
+        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound, unless the method keeps checkpoints
+        or there is a `prior`.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     lines : multiples of the piston count, or all shaft orders; see `measure`.
-    nuisances : constants searched beside the six values, with their priors; by default mounting, bearings, excitation,
-        sensors and two modes of the housing. ``Nuisances()`` searches none, as the paper does.
+    nuisances : constants searched beside the six values, with their priors; by default mounting by axis, each bearing,
+        excitation, sensors with cross-talk, and two modes of the housing. ``Nuisances()`` is none, as in the paper.
     prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
     phases : compare the lines' phases too, which makes the values more certain (docs/calibration.md). The shaft's angle
         is then followed on the recording itself. The paper compares amplitudes only.
@@ -108,7 +111,10 @@ def calibrate(
     )
     settings = settings_of(method, objective, seed)
     options = _checkpoint(checkpoint, method, {**settings, "measurement (SHA-256)": objective.fingerprint()})
-    search = method.search(objective, seed=seed, progress=progress, **options)
+    if prior is None and not isinstance(method, ResumableCalibrator):
+        objective, search = widening_search(objective, method, unstated(bounds), seed=seed, progress=progress)
+    else:
+        search = method.search(objective, seed=seed, progress=progress, **options)
     if prior is None:
         covariance = posterior_covariance(objective, search.point)
     else:

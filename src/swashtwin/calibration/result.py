@@ -18,7 +18,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, OperatingCondition
 from swashtwin.recordings import Manifest, join_manifests
 
-FORMAT = "swashtwin calibration 5"
+FORMAT = "swashtwin calibration 6"
 
 
 @dataclass(frozen=True, eq=False)

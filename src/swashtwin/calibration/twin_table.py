@@ -74,7 +74,9 @@ def _with_tuples(kind: type, table: dict[str, Any]) -> dict[str, Any]:
 
 def _path(table: dict[str, Any]) -> SensorPath:
     residue = tuple(tuple(row) for row in table["residue"])
-    return SensorPath(**{name: tuple(table[name]) for name in ("gain", "frequency", "damping_ratio")}, residue=residue)
+    cross_talk = tuple(tuple(row) for row in table["cross_talk"])
+    rows = {name: tuple(table[name]) for name in ("gain", "frequency", "damping_ratio")}
+    return SensorPath(**rows, residue=residue, cross_talk=cross_talk)
 
 
 def _fault(table: dict[str, Any] | None) -> Fault | None:

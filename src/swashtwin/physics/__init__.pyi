@@ -36,11 +36,11 @@ from .twin.film import carry_over as carry_over
 from .twin.film import film_of as film_of
 from .twin.film import film_values as film_values
 from .twin.film import with_film as with_film
-from .twin.model import Scales as Scales
 from .twin.model import Twin as Twin
 from .twin.operating_profile import OperatingProfile as OperatingProfile
 from .twin.path import SensorPath as SensorPath
 from .twin.path import path_response as path_response
+from .twin.scales import Scales as Scales
 from .twin.sensitivity import Sensitivity as Sensitivity
 from .twin.sensitivity import sensitivities as sensitivities
 from .twin.steady import steady_blocks as steady_blocks

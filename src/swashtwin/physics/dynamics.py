@@ -72,6 +72,9 @@ class Structure:
     """Stiffness of the mounting [N/m]."""
     bearing_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the bearings [N/m]."""
+    support_parts: Float[Tensor, "7 13 13"]
+    """Parts of the stiffness of mounting (along x, y, z, and in tilt) and bearings (first, second, and all further
+    ones, the axial one included) [N/m]."""
     spring_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the central spring [N/m]."""
     fixed_damping: Float[Tensor, "13 13"]
@@ -88,19 +91,26 @@ class Structure:
         values: Float[Tensor, "*batch 6"],
         mount: Float[Tensor, "*#batch"] | float = 1.0,
         bearing: Float[Tensor, "*#batch"] | float = 1.0,
+        parts: Float[Tensor, "*#batch 7"] | None = None,
     ) -> Float[Tensor, "*batch 13 13"]:
         """K [N/m] for interface `values` in the order of `pump.PARAMETERS`.
 
         Parameters
         ----------
         mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as the pump file says.
+        parts : further factors on each of `support_parts`; None is 1.
         """
-        return (
+        stiffness = (
             self._interfaces(values[..., Value.SLIPPER_SWASH_STIFFNESS :: 2])
             + _column(mount) * self.mount_stiffness
             + _column(bearing) * self.bearing_stiffness
             + self.spring_stiffness
         )
+        if parts is None:
+            return stiffness
+        mounts, bearings = (parts - 1)[..., None, None].split((4, 3), dim=-3)
+        mounting = _column(mount) * (mounts * self.support_parts[:4]).sum(dim=-3)
+        return stiffness + mounting + _column(bearing) * (bearings * self.support_parts[4:]).sum(dim=-3)
 
     def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
         """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
@@ -191,31 +201,35 @@ def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
 
 
 def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness parts along x, y, z and in tilt (4, 13, 13), and the damping of all (13, 13)."""
     mount, masses = pump.mount, pump.masses
     total = masses.shell + masses.rotor + masses.retainer
     arm = pump.positions.mount - pump.positions.shell
     inertia = masses.shell_inertia + masses.shell * arm**2
-    stiffness, damping = np.zeros((N_DOF, N_DOF)), np.zeros((N_DOF, N_DOF))
+    parts, damping = np.zeros((4, N_DOF, N_DOF)), np.zeros((N_DOF, N_DOF))
     point = np.array([0.0, 0.0, pump.positions.mount])
-    for axis, value in zip(_AXES, (mount.stiffness_x, mount.stiffness_y, mount.stiffness_z), strict=True):
+    stiffnesses = (mount.stiffness_x, mount.stiffness_y, mount.stiffness_z)
+    for part, axis, value in zip(parts[:3], _AXES, stiffnesses, strict=True):
         row = _between(pump, axis, "F", None, point)
-        stiffness += value * np.outer(row, row)
+        part += value * np.outer(row, row)
         damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
     for rotation in (Dof.SHELL_TILT_X, Dof.SHELL_TILT_Y):
-        stiffness[rotation, rotation] += mount.stiffness_tilt
+        parts[3, rotation, rotation] += mount.stiffness_tilt
         damping[rotation, rotation] += 2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
-    return stiffness, damping
+    return parts, damping
 
 
 def _bearings(pump: Pump) -> np.ndarray:
+    """Stiffness parts of the first, the second, and all further bearings, the axial one included (3, 13, 13)."""
     bearings = pump.bearings
-    stiffness = np.zeros((N_DOF, N_DOF))
-    for position, value in zip(bearings.positions, bearings.stiffnesses, strict=True):
+    parts = np.zeros((3, N_DOF, N_DOF))
+    for index, (position, value) in enumerate(zip(bearings.positions, bearings.stiffnesses, strict=True)):
         for axis in (0, 1):
             row = _between(pump, _AXES[axis], "C", "F", np.array([0.0, 0.0, position]))
-            stiffness += value * np.outer(row, row)
+            parts[min(index, 2)] += value * np.outer(row, row)
     row = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, bearings.positions[-1]]))
-    return stiffness + bearings.axial_stiffness * np.outer(row, row)
+    parts[2] += bearings.axial_stiffness * np.outer(row, row)
+    return parts
 
 
 @lru_cache(maxsize=64)
@@ -231,8 +245,9 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
     masses = pump.masses
     diagonal = [masses.shell] * 3 + [masses.shell_inertia] * 2 + [masses.rotor] * 3 + [masses.rotor_inertia] * 2
     slipper_shape, slipper_vector = slipper_swash_shape(pump, topology)
-    mount_stiffness, mount_damping = _mount(pump)
-    bearing_stiffness = _bearings(pump)
+    mounts, mount_damping = _mount(pump)
+    bearings = _bearings(pump)
+    mount_stiffness, bearing_stiffness = mounts.sum(axis=0), bearings.sum(axis=0)
     spring = _between(pump, _AXES[2], "P", "C", np.zeros(3))
     rows = [np.array(s.direction) @ displacement_rows(pump, "F", np.array(s.position)) for s in pump.sensors]
 
@@ -244,6 +259,7 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
         interface_shapes=tensor(np.stack([slipper_shape, block_valve_shape(pump), piston_bore_shape(pump)])),
         mount_stiffness=tensor(mount_stiffness),
         bearing_stiffness=tensor(bearing_stiffness),
+        support_parts=tensor(np.concatenate([mounts, bearings])),
         spring_stiffness=tensor(pump.coupling.spring_stiffness * np.outer(spring, spring)),
         fixed_damping=tensor(mount_damping + pump.bearings.damping_time * bearing_stiffness),
         slipper_vector=tensor(slipper_vector),

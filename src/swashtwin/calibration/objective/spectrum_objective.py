@@ -93,6 +93,9 @@ class Comparison:
         if self._indices is not None:
             silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))
             lines = silent.index_copy(-1, self._indices, lines)
+        mixing = unknowns.mixing_of(point)
+        if mixing is not None:
+            lines = mixing.to(lines.dtype) @ lines
         path = unknowns.response_of(point, self._frequency)
         return lines if path is None else lines * path
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from swashtwin.foundation import InputError
@@ -21,6 +21,9 @@ from swashtwin.pump import LETTERS, PARAMETERS
 
 DEFAULT_FACTOR = 10.0
 """The search reaches from a tenth of each nominal value to ten times it."""
+BOUND_MARGIN = 0.01
+"""A coordinate within this share of the bounds' width from a bound lies on it: methods that stay strictly inside end a
+little before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +119,14 @@ class Nuisances:
     """Of the logarithm of the factor on a fault's forces."""
     sensor: float = 0.0
     """Of the logarithm of the gain that all channels share."""
+    mount_axes: float = 0.0
+    """Of the logarithm of the mounting's stiffness along each axis and in tilt, beside `mount`."""
+    each_bearing: float = 0.0
+    """Of the logarithm of each bearing's stiffness, beside `bearing`."""
     gains: float = 0.0
     """Of the logarithm of each channel's own gain."""
+    cross_talk: float = 0.0
+    """Of the share that each channel reads of each other one."""
     modes: int = 0
     """Number of modes of the housing between the shell and the sensors (`twin.SensorPath`)."""
     residue: float = 0.1
@@ -138,10 +147,21 @@ class Nuisances:
         """Mounting, bearings, excitation and sensors, with the priors of docs/physics.md."""
         return cls(**{"mount": 0.3, "bearing": 0.3, "excitation": 0.5, "sensor": 0.05, **changes})
 
+    def of_scale(self, name: str) -> float:
+        """Standard deviation of the logarithm of a factor of `Scales`."""
+        if name.startswith("mount_"):
+            return self.mount_axes
+        return self.each_bearing if name.startswith("bearing_") else float(getattr(self, name))
+
     @classmethod
     def housing(cls, **changes: Any) -> "Nuisances":
         """The usual ones, each channel's gain, and two modes of the housing."""
         return cls.usual(**{"gains": 0.1, "modes": 2, **changes})
+
+    @classmethod
+    def by_axis(cls, **changes: Any) -> "Nuisances":
+        """Those of `housing`, each direction of the mounting, each bearing, and cross-talk between the channels."""
+        return cls.housing(**{"mount_axes": 0.15, "each_bearing": 0.15, "cross_talk": 0.1, **changes})
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +180,7 @@ class Unknowns:
     """Least coordinates."""
     upper: Float[np.ndarray, " unknown"]
     """Greatest coordinates."""
-    twin_scales: Float[np.ndarray, " 4"]
+    twin_scales: Float[np.ndarray, " 11"]
     """Logarithms of the twin's scales, used where a scale is not searched."""
     scales: tuple[str, ...]
     """Scales that are searched; their coordinates follow the values."""
@@ -170,6 +190,9 @@ class Unknowns:
     """Whether each channel's gain is searched; these coordinates follow the scales."""
     modes: int
     """Modes of the housing: frequencies, damping ratios and residues are the last coordinates."""
+
+    n_cross_talk: int = 0
+    """Shares that channels read of others, which follow the gains: in pairs of `_pairs`."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -183,12 +206,17 @@ class Unknowns:
         """Where the gains and modes of the sensors' path begin."""
         return len(PARAMETERS) + len(self.scales)
 
+    @property
+    def first_of_modes(self) -> int:
+        """Where the modes of the housing begin, after the gains and the cross-talk."""
+        return self.first_of_path + self.n_channels * self.has_gains + self.n_cross_talk
+
     def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
         """The six values at `point`."""
         return point[..., VALUES].exp()
 
-    def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 4"]:
-        """Factors on mount, bearing, excitation and sensor at `point`."""
+    def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 11"]:
+        """Factors in the order of `Scales` at `point`."""
         columns = []
         for name, twin_value in zip(SCALES, self.twin_scales, strict=True):
             fixed = torch.full(point.shape[:-1], float(twin_value), dtype=point.dtype, device=point.device)
@@ -203,10 +231,20 @@ class Unknowns:
             return None
         return path_response(frequency, *self._path_of(point))
 
+    def mixing_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch channel channel"] | None:
+        """What each channel (row) reads of what an ideal one would (column); None where cross-talk is not searched."""
+        if not self.n_cross_talk:
+            return None
+        rows, columns = zip(*_pairs(self.n_channels)[: self.n_cross_talk], strict=True)
+        shares = point.new_zeros(*point.shape[:-1], self.n_channels, self.n_channels)
+        last = self.first_of_modes
+        shares[..., rows, columns] = point[..., last - self.n_cross_talk : last]
+        return shares + torch.eye(self.n_channels, dtype=point.dtype, device=point.device)
+
     def _path_of(self, point: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        first = self.first_of_path
-        ends = np.cumsum([first, self.n_channels * self.has_gains, self.modes, self.modes])
-        gain, modes, damping = (point[..., a:b].exp() for a, b in pairwise(ends.tolist()))
+        ends = np.cumsum([self.first_of_modes, self.modes, self.modes])
+        modes, damping = (point[..., a:b].exp() for a, b in pairwise(ends.tolist()))
+        gain = point[..., self.first_of_path : self.first_of_path + self.n_channels].exp()
         if not self.has_gains:
             gain = torch.ones(*point.shape[:-1], self.n_channels, dtype=point.dtype, device=point.device)
         residue = point[..., int(ends[-1]) :].unflatten(-1, (self.n_channels, self.modes))
@@ -226,31 +264,61 @@ class Unknowns:
         channels : those of the measurement.
         sensors : those of the pump; one that was not measured is taken as rigid.
         """
-        if not self.has_gains and not self.modes:
+        if not self.has_gains and not self.modes and not self.n_cross_talk:
             return None
+        mixing = self.mixing_of(torch.as_tensor(point))
         gain, modes, damping, residue = self._path_of(torch.as_tensor(point))
         gains = dict(zip(channels, gain.tolist(), strict=True))
         residues = dict(zip(channels, residue.tolist(), strict=True))
         rigid = [0.0] * self.modes
+        shares = (
+            {}
+            if mixing is None
+            else {
+                (row, column): float(mixing[channels.index(row), channels.index(column)])
+                for row in channels
+                for column in channels
+                if row != column
+            }
+        )
         return SensorPath(
             gain=tuple(gains.get(name, 1.0) for name in sensors),
             frequency=tuple(modes.tolist()),
             damping_ratio=tuple(damping.tolist()),
             residue=tuple(tuple(residues.get(name, rigid)) for name in sensors),
+            cross_talk=tuple(tuple(shares.get((row, column), 0.0) for column in sensors) for row in sensors)
+            if shares
+            else (),
         )
+
+
+def touched(point: Float[np.ndarray, " unknown"], unknowns: Unknowns) -> Bool[np.ndarray, " unknown"]:
+    """Whether each coordinate of `point` lies on one of its bounds."""
+    near: np.ndarray = np.minimum(point - unknowns.lower, unknowns.upper - point)
+    is_near: np.ndarray = near < BOUND_MARGIN * (unknowns.upper - unknowns.lower)
+    return is_near
+
+
+def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[str, ...]:
+    """Letters of the values whose bounds nobody stated; see `search_space`."""
+    if isinstance(bounds, int | float):
+        return ()
+    return tuple(letter for name, letter in LETTERS.items() if not {name, letter} & set(bounds or ()))
 
 
 def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisances: Nuisances) -> Unknowns:
     """Coordinates of calibrating `twin` on `channels` within `space`."""
     twin_scales = np.log(twin.scales.values())
-    searched = tuple(name for name in SCALES if getattr(nuisances, name) > 0)
+    searched = tuple(name for name in SCALES if nuisances.of_scale(name) > 0)
+    pairs = _pairs(len(channels)) if nuisances.cross_talk > 0 else []
     first, last = np.log(PATH_BAND)
     spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
     numbers = range(1, nuisances.modes + 1)
     rows: list[tuple[str, float, float]] = [
-        (name, float(twin_scales[SCALES.index(name)]), getattr(nuisances, name)) for name in searched
+        (name, float(twin_scales[SCALES.index(name)]), nuisances.of_scale(name)) for name in searched
     ]
     rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
+    rows += [(f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk) for a, b in pairs]
     rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
     rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
     rows += [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
@@ -268,4 +336,10 @@ def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisanc
         n_channels=len(channels),
         has_gains=nuisances.gains > 0,
         modes=nuisances.modes,
+        n_cross_talk=len(pairs),
     )
+
+
+def _pairs(n_channels: int) -> list[tuple[int, int]]:
+    """Pairs (channel that reads, channel that it reads of) of all channels; those of fewer channels come first."""
+    return [pair for last in range(n_channels) for other in range(last) for pair in ((last, other), (other, last))]

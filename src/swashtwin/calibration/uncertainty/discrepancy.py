@@ -47,6 +47,8 @@ SHARES = (1e-4, 5.0)
 """Within which shares are sought."""
 CONSTANTS = Nuisances.usual()
 """Priors of the constants, where they are not searched."""
+COMMON = ("mount", "bearing", "excitation", "sensor")
+"""Constants that count as uncertain even where they are not searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +142,7 @@ def noise_covariance(around: Linearization, discrepancy: Discrepancy) -> Float[n
 def _fixed_constants(objective: Objective) -> list[str]:
     """Constants that were not searched and matter here."""
     forced = objective.twin.fault is not None
-    return [name for name in SCALES if name not in objective.unknowns.scales and (forced or name != "excitation")]
+    return [name for name in COMMON if name not in objective.unknowns.scales and (forced or name != "excitation")]
 
 
 def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:

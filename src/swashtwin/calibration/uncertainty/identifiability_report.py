@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES
+from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES, touched
 from swashtwin.calibration.uncertainty.discrepancy import (
     Discrepancy,
     Linearization,
@@ -18,7 +18,6 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 )
 from swashtwin.calibration.uncertainty.information import Gain, expected_information_gain
 from swashtwin.calibration.uncertainty.posterior import (
-    BOUND_MARGIN,
     IDENTIFIED_STD,
     UNIDENTIFIED_SHARE,
     Estimate,
@@ -171,8 +170,7 @@ def _standings(around: Linearization, std: np.ndarray) -> Iterable[Standing]:
     prior, point = unknowns.deviation, around.point
     effect = np.linalg.norm(around.slope / around.sigma[:, None], axis=0) * prior
     alone = prior / np.sqrt(1 + effect**2)  # were all others known
-    margin = BOUND_MARGIN * (unknowns.upper - unknowns.lower)
-    on_bound = (point - unknowns.lower < margin) | (unknowns.upper - point < margin)
+    on_bound = touched(point, unknowns)
     for i in range(len(point)):
         limit = IDENTIFIED_STD if i < len(PARAMETERS) else UNIDENTIFIED_SHARE * prior[i] / 2
         if effect[i] < DEAD:

@@ -221,11 +221,16 @@ def _with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[
 
     if unknowns.has_gains:
         insert(unknowns.first_of_path + unknowns.n_channels, f"gain {channel}", unknowns.first_of_path)
+    shares = 2 * unknowns.n_channels if unknowns.n_cross_talk else 0
+    first = unknowns.first_of_modes + unknowns.has_gains
+    for number in range(shares):
+        insert(first + number, f"cross-talk {number + 1} of {channel}", first - 1)
     for mode in range(1, unknowns.modes + 1):
         insert(len(names), f"mode {mode} in {channel}", len(names) - 1)
     moved = np.array(rows.pop("point"))
     arrays: dict[str, Any] = {label: np.array(row) for label, row in rows.items()}
-    return replace(unknowns, names=tuple(names), n_channels=unknowns.n_channels + 1, **arrays), moved
+    wider = replace(unknowns, n_channels=unknowns.n_channels + 1, n_cross_talk=unknowns.n_cross_talk + shares)
+    return replace(wider, names=tuple(names), **arrays), moved
 
 
 def _posterior(objective: Objective, point: np.ndarray, discrepancy: Discrepancy) -> np.ndarray:

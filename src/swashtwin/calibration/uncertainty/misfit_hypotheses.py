@@ -1,11 +1,11 @@
 """Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had been made.
 
-Tried are two channels with each other's name, the other topology, one channel read in another unit, and each constant,
-searched from several places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was, which a
-number more does not do where it explains nothing, and where the fall is beyond chance (`BEYOND_CHANCE`): so a misfit
-within the model error that is allowed to every twin is explained too, if a single mistake explains it. Only mistakes of
-this list can be named; a twin that is wrong in another way (the timing of the ports, the place of a defect) shows
-in the misfit only, or not at all.
+Tried are two channels with each other's name, the other topology, other pressures, one channel read in another unit,
+each direction of the mounting, each bearing, and each constant, searched from several places. A mistake is suspected
+where the misfit then falls to `EXPLAINED` of what it was, which a number more does not do where it explains nothing,
+and where the fall is beyond chance (`BEYOND_CHANCE`): so a misfit within the model error that is allowed to every twin
+is explained too, if a single mistake explains it. Only mistakes of this list can be named; a twin that is wrong in
+another way (the timing of the ports, the place of a defect) shows in the misfit only, or not at all.
 """
 
 import math
@@ -20,7 +20,7 @@ from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.objective.unknowns import REACH, SCALES, Nuisances, Unknowns
-from swashtwin.physics import Topology
+from swashtwin.physics import Topology, Twin
 
 EXPLAINED = 0.7
 """Share of the misfit that is left at most where a mistake is suspected."""
@@ -47,6 +47,8 @@ NAMES = {
     "sensor": "the gain of all channels",
 }
 """What the constants are called."""
+PRESSURES = (0.8, 0.9, 1.1, 1.25)
+"""Factors on the stated discharge pressure that are tried."""
 IN_G = ": in g?"
 _REFIT = GaussNewton(starts=1, most_iterations=8)
 
@@ -65,7 +67,7 @@ class MisfitHypothesis:
     @property
     def words(self) -> str:
         """It as a sentence."""
-        return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}."
+        return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}"
 
 
 def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
@@ -79,7 +81,7 @@ def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypoth
     if count * misfit**2 < BEYOND_CHANCE:
         return ()
     most = min(EXPLAINED * misfit, float(np.sqrt(misfit**2 - BEYOND_CHANCE / count)))
-    mistakes = (_swap_channels, _change_topology, _free_constants, _free_gains)
+    mistakes = (_swap_channels, _change_topology, _change_pressure, _free_constants, _free_supports, _free_gains)
     hypotheses = [hypothesis for mistake in mistakes for hypothesis in mistake(objective, misfit)]
     likely = sorted((item for item in hypotheses if item.misfit < most), key=lambda item: item.misfit)
     return tuple(item for item in likely if item.misfit <= ALIKE * likely[0].misfit)
@@ -110,9 +112,52 @@ def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypo
     yield MisfitHypothesis(f"the bodies are joined as in topology {other}", misfit, before)
 
 
+def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
+    """Other discharge pressures than stated; the factor of least misfit."""
+    refits = []
+    for factor in PRESSURES:
+        changed = tuple(replace(each, twin=_at_pressure(each.twin, factor)) for each in objective.comparisons)
+        refits.append((_refit(replace(objective, comparisons=changed))[1], factor))
+    misfit, factor = min(refits)
+    yield MisfitHypothesis(f"the discharge pressure is about {factor:g} times the stated one", misfit, before)
+
+
+def _at_pressure(twin: Twin, factor: float) -> Twin:
+    return twin.at(twin.condition.replaced(discharge_pressure=factor * twin.condition.discharge_pressure))
+
+
+def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
+    """Each direction of the mounting, or each bearing, searched by itself where it was not."""
+    for kind in ("mount_", "bearing_"):
+        names = tuple(name for name in SCALES if name.startswith(kind))
+        if names[0] in objective.unknowns.scales:
+            continue
+        more = _with_more(objective.unknowns, names, 0.0, getattr(WIDE, kind.strip("_")))
+        unknowns = replace(more, scales=(*more.scales, *names))
+        point, misfit = _refit(replace(objective, unknowns=unknowns))
+        offs = {name: float(point[unknowns.names.index(name)]) for name in names}
+        words = [f"{words_of_constant(n)} is {np.exp(x):.2g} times the twin's" for n, x in offs.items() if abs(x) > 0.1]
+        if words:
+            yield MisfitHypothesis(f"{', '.join(words)}: search each (--nuisances by-axis)", misfit, before)
+
+
+def words_of_constant(name: str) -> str:
+    """What a constant that is searched is called, by its name among the coordinates."""
+    kind, _, rest = name.partition("_")
+    if name in NAMES:
+        return NAMES[name]
+    if kind == "mount":
+        return f"{NAMES['mount']} {'in tilt' if rest == 'tilt' else f'along {rest}'}"
+    if kind == "bearing":
+        return f"the stiffness of bearing {rest}"
+    if name.startswith("gain "):
+        return f"the gain of {name.removeprefix('gain ')} (its sensor or unit)"
+    return f"{name} of the housing" if name.startswith("mode ") else f"the share of {name} (cross-talk)"
+
+
 def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     """Each constant searched from other places, also one that was searched."""
-    for name in SCALES:
+    for name in AWAY:
         if name == "excitation" and objective.twin.fault is None:
             continue
         twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
@@ -134,12 +179,16 @@ def _with_scale(unknowns: Unknowns, name: str, center: float) -> Unknowns:
     if name not in unknowns.scales:
         more = _with_more(unknowns, (name,), center, wide)
         return replace(more, scales=(*unknowns.scales, name))
-    index, reach = unknowns.names.index(name), REACH * wide
+    return _widened(unknowns, unknowns.names.index(name), center, wide)
+
+
+def _widened(unknowns: Unknowns, index: int, center: float, wide: float) -> Unknowns:
+    """`unknowns` with a wider prior of one coordinate."""
     return replace(
         unknowns,
         deviation=_with_entry(unknowns.deviation, index, wide),
-        lower=_with_entry(unknowns.lower, index, center - reach),
-        upper=_with_entry(unknowns.upper, index, center + reach),
+        lower=_with_entry(unknowns.lower, index, center - REACH * wide),
+        upper=_with_entry(unknowns.upper, index, center + REACH * wide),
     )
 
 
@@ -152,10 +201,15 @@ def _with_entry(row: np.ndarray, index: int, value: float) -> np.ndarray:
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     """Each channel's gain searched: one that is far from the others' is in another unit."""
     channels = objective.comparisons[0].measurement.channels
-    if objective.unknowns.has_gains or len(channels) < 2:
+    if len(channels) < 2:
         return
     names = tuple(f"gain {name}" for name in channels)
-    unknowns = replace(_with_more(objective.unknowns, names, 0.0, WIDE.gains), has_gains=True)
+    unknowns = objective.unknowns
+    if unknowns.has_gains:
+        for name in names:
+            unknowns = _widened(unknowns, unknowns.names.index(name), 0.0, WIDE.gains)
+    else:
+        unknowns = replace(_with_more(unknowns, names, 0.0, WIDE.gains), has_gains=True)
     point, misfit = _refit(replace(objective, unknowns=unknowns))
     gains = np.exp([point[unknowns.names.index(name)] for name in names])
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))

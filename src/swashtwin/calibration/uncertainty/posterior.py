@@ -7,11 +7,12 @@ from typing import Any, Literal
 
 import numpy as np
 import scipy.optimize
+import torch
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
+from swashtwin.calibration.objective.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
 from swashtwin.calibration.uncertainty.discrepancy import (
     Linearization,
     estimate_discrepancy,
@@ -32,8 +33,13 @@ IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
 UNIDENTIFIED_SHARE = 0.7
 """A posterior wider than this share of the prior has learned next to nothing from the measurement."""
-BOUND_MARGIN = 1e-3
-"""A value within this share of the bounds' logarithmic width from a bound lies on it."""
+
+
+STRAINED = 2.5
+"""Standard deviations of its prior by which a constant that is right is hardly ever off: the search ends at 4."""
+MISFIT = 2.0
+"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected, from which the twin
+lacks something."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +64,9 @@ class Estimate:
     bounds: tuple[float, float]
     """Where it was searched."""
     verdict: Verdict
-    """``identified``; ``weak``: uncertain by more than a factor of 1.5; ``not identified``: the measurement hardly
-    says more than the prior (the bounds, or the population of its type); ``at bound``: a bound stopped the
-    search, often because a constant is wrong."""
+    """``identified``; ``weak``: uncertain by more than a factor of 1.5, or the fit is in doubt (`is_in_doubt`); ``not
+    identified``: the measurement hardly says more than the prior (the bounds, or the population of its type); ``at
+    bound``: a bound stopped the search, often because a constant is wrong."""
     traded_with: str | None = None
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
 
@@ -110,7 +116,7 @@ def estimates_of(
     objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
-    space = objective.space
+    space, in_doubt = objective.space, is_in_doubt(objective, point)
     values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
@@ -128,7 +134,7 @@ def estimates_of(
                 log_std=float(std[i]),
                 interval=_interval(float(np.log(values[i])), float(std[i]), low, high),
                 bounds=(float(space.lower[i]), float(space.upper[i])),
-                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high),
+                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high, in_doubt),
                 traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
             )
         )
@@ -147,12 +153,36 @@ def _interval(center: float, std: float, low: float, high: float) -> tuple[float
     return math.exp(max(low, center - half)), math.exp(min(high, center + half))
 
 
-def _verdict(center: float, std: float, prior_std: float, low: float, high: float) -> Verdict:
+def is_in_doubt(objective: Objective, point: Float[np.ndarray, " unknown"]) -> bool:
+    """Whether no value may be called identified: one lies on a bound, a constant is strained, or the misfit is large.
+
+    See `strained_constants` and `MISFIT`.
+    """
+    unknowns = objective.unknowns
+    at_bound = touched(point, unknowns)[VALUES].any()
+    return bool(at_bound or strained_constants(unknowns, point)) or misfit_of(objective, point) > MISFIT
+
+
+def strained_constants(unknowns: Unknowns, point: Float[np.ndarray, " unknown"]) -> tuple[str, ...]:
+    """Constants that lie on a bound or farther than `STRAINED` from what was stated, by name, the farthest first."""
+    away = np.abs(point - unknowns.center) / unknowns.deviation
+    strained = (away > STRAINED) | touched(point, unknowns)
+    order = [int(i) for i in np.argsort(-away) if strained[i] and i >= CONSTANTS.start]
+    return tuple(unknowns.names[i] for i in order)
+
+
+def misfit_of(objective: Objective, point: Float[np.ndarray, " unknown"]) -> float:
+    """RMS of the missed lines, in what was expected of them."""
+    with torch.no_grad():
+        return float(objective.weighted_loss(torch.as_tensor(point)))
+
+
+def _verdict(center: float, std: float, prior_std: float, low: float, high: float, in_doubt: bool) -> Verdict:
     if min(center - low, high - center) < BOUND_MARGIN * (high - low):
         return "at bound"
     if std > UNIDENTIFIED_SHARE * prior_std:
         return "not identified"
-    return "identified" if std <= IDENTIFIED_STD else "weak"
+    return "identified" if std <= IDENTIFIED_STD and not in_doubt else "weak"
 
 
 _TRIES = 200

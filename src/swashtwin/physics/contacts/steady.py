@@ -55,6 +55,7 @@ def slipper_steady_state(
     *,
     mount: Float[Tensor, "*#batch"] | float = 1.0,
     bearing: Float[Tensor, "*#batch"] | float = 1.0,
+    parts: Float[Tensor, "*#batch 7"] | None = None,
     excitation: Float[Tensor, "*#batch"] | float = 1.0,
     marching: Marching | None = None,
 ) -> Complex[Tensor, "*batch line 13"]:
@@ -67,6 +68,7 @@ def slipper_steady_state(
     force : lines [N, N m] of all forces but the slippers' films', from order 0: the mean decides which slippers lift
         off, and holds the central spring's preload if it is to act.
     mount, bearing, excitation : factors on the mounting's and the bearings' stiffness and on the recess.
+    parts : further factors on the parts of mounting and bearings (`Structure.stiffness`).
     marching : by default `Marching`.
 
     Raises
@@ -85,7 +87,8 @@ def slipper_steady_state(
     batch, exact = values.shape[:-1], values.to("cpu", torch.float64)
     structure = structure.to("cpu", torch.float64)
     core = exact * torch.tensor([0, 0, 1, 1, 1, 1])
-    stiffness = structure.stiffness(core, _exactly(mount), _exactly(bearing)).expand(*batch, 13, 13)
+    supports = None if parts is None else parts.to("cpu", torch.float64)
+    stiffness = structure.stiffness(core, _exactly(mount), _exactly(bearing), supports).expand(*batch, 13, 13)
     damping = structure.damping(core)
     films = torch.stack([exact[..., 1], exact[..., 0], _exactly(excitation).expand(batch)], dim=-1)
     loads = force.to("cpu", torch.complex128).expand(*batch, -1, -1)

@@ -43,7 +43,7 @@ def accelerations(
     twins: Sequence[Twin],
     values: Float[Tensor, "twin *batch 6"] | None = None,
     *,
-    scales: Float[Tensor, "twin *batch 4"] | None = None,
+    scales: Float[Tensor, "twin *batch 11"] | None = None,
     solver: SteadySolver | None = None,
 ) -> OrderLines:
     """Lines of acceleration of many twins, differentiable with respect to `values` and `scales`.
@@ -56,7 +56,7 @@ def accelerations(
     twins : with the same number of sensors; all else may differ.
     values : interface values of each twin in the order of `pump.PARAMETERS`; None takes the twins' own. Their device
         and their precision are those of the whole computation.
-    scales : factors on mount, bearing, excitation and sensor; None takes the twins' own.
+    scales : factors in the order of `Scales`; None takes the twins' own.
     solver : as in `Twin.acceleration`.
 
     Raises
@@ -69,11 +69,12 @@ def accelerations(
     values = torch.stack([twin.values for twin in twins]) if values is None else values
     if scales is None:
         scales = values.new_tensor([twin.scales.values() for twin in twins])
-        scales = scales.reshape(len(twins), *[1] * (values.ndim - 2), 4)
+        scales = scales.reshape(len(twins), *[1] * (values.ndim - 2), -1)
     require_positive(values, scales)
     shape = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
     inner = math.prod(shape[1:])
-    values, scales = values.expand(*shape, 6).reshape(-1, inner, 6), scales.expand(*shape, 4).reshape(-1, inner, 4)
+    values = values.expand(*shape, 6).reshape(-1, inner, 6)
+    scales = scales.expand(*shape, -1).reshape(-1, inner, scales.shape[-1])
     orders = reduce(np.union1d, (twin.orders for twin in twins))
     columns, parts = [], []
     for indices in _chunks(twins, inner):
@@ -98,7 +99,8 @@ def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
     groups: dict[tuple, list[int]] = {}
     for i, twin in enumerate(twins):
         alone = i if twin.drive.coupling is not None else None
-        groups.setdefault((twin.pump, twin.topology, alone), []).append(i)
+        cross_talk = None if twin.path is None else twin.path.cross_talk
+        groups.setdefault((twin.pump, twin.topology, cross_talk, alone), []).append(i)
     for group in groups.values():
         chunk: list[int] = []
         for i in sorted(group, key=lambda i: twins[i].orders.size):

@@ -16,6 +16,7 @@ from swashtwin.physics.dynamics import N_DOF, Dof, Structure, Topology
 from swashtwin.physics.fault_forcing import FaultAction, turning_terms
 from swashtwin.physics.solvers.periodic import periodic_steady_state
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
+from swashtwin.physics.twin.scales import SUPPORTS
 from swashtwin.pump import Fault, OperatingCondition, Pump
 from swashtwin.pump import InterfaceValue as Value
 
@@ -35,8 +36,8 @@ class Problem:
     """Constant matrices."""
     values: Float[Tensor, "row 6"]
     """Interface values, wear included."""
-    scales: Float[Tensor, "row 4"]
-    """Factors on mount, bearing, excitation and sensor."""
+    scales: Float[Tensor, "row 11"]
+    """Factors in the order of `Scales`."""
     pressure: Complex[Tensor, "1 line 13"]
     """Lines of the chamber pressures and of the unbalance [N, N m]."""
     action: FaultAction
@@ -53,7 +54,7 @@ class Problem:
     def stiffness(self) -> Float[Tensor, "row 13 13"]:
         """K of equal slippers [N/m]."""
         mount, bearing, *_ = self.scales.unbind(-1)
-        return self.structure.stiffness(self.values, mount, bearing)
+        return self.structure.stiffness(self.values, mount, bearing, self.scales[..., SUPPORTS])
 
     @property
     def damping(self) -> Float[Tensor, "row 13 13"]:
@@ -120,7 +121,7 @@ class SlippersApart:
         """
         between = _between(problem.values)
         bore = problem.values[:, Value.PISTON_BORE_STIFFNESS, None]
-        mount, bearing, excitation, _ = problem.scales.unbind(-1)
+        mount, bearing, excitation, *_ = problem.scales.unbind(-1)
 
         def motion_at(assumed: Tensor) -> tuple[Tensor, Tensor]:
             steady = (bore * assumed[:, None] - self.pump.coupling.spring_preload) * between
@@ -136,6 +137,7 @@ class SlippersApart:
                 force,
                 mount=mount,
                 bearing=bearing,
+                parts=problem.scales[..., SUPPORTS],
                 excitation=excitation,
             )
             return motion, motion[:, 0].real @ between - assumed

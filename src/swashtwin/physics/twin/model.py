@@ -18,30 +18,13 @@ from swashtwin.physics.recess import recess_of
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.path import SensorPath
 from swashtwin.physics.twin.response import Drive, drive_of, motion_of, require_positive, respond
+from swashtwin.physics.twin.scales import UNSCALED, Scales
 from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump
 from swashtwin.recordings import Recording
 from swashtwin.signals import synchronous_signal
 
 BONDED = SlipperContact()
 """Slippers that are all alike and can pull, as the linear twin assumes."""
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Factors on constants that nobody measured; 1 where the pump file is right."""
-
-    mount: float = 1.0
-    """On the mounting's stiffness."""
-    bearing: float = 1.0
-    """On the bearings' stiffness."""
-    excitation: float = 1.0
-    """On the forces of a fault."""
-    sensor: float = 1.0
-    """On what the sensors read."""
-
-    def values(self) -> tuple[float, float, float, float]:
-        """The four factors in the order of the fields."""
-        return (self.mount, self.bearing, self.excitation, self.sensor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +46,7 @@ class Twin:
     """How the bodies are joined (`dynamics.Topology`)."""
     bandwidth: float = 5000.0
     """Highest frequency [Hz] that is computed."""
-    scales: Scales = Scales()
+    scales: Scales = UNSCALED
     """Factors on mounting, bearings, excitation and sensors."""
     contact: SlipperContact = BONDED
     """What the slippers' films may do; by default all are alike and can pull, which makes the twin linear."""
@@ -191,7 +174,7 @@ class Twin:
         self,
         values: Float[Tensor, "*batch 6"] | None = None,
         *,
-        scales: Float[Tensor, "*batch 4"] | None = None,
+        scales: Float[Tensor, "*batch 11"] | None = None,
         solver: SteadySolver | None = None,
     ) -> Complex[Tensor, "*batch sensor line"]:
         """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with respect to `values`.
@@ -201,7 +184,7 @@ class Twin:
         values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own. Their device and their
             precision are those of the whole computation; in single precision lines are off by up to 1e-4 of the
             largest one, and gradients by up to 1e-3.
-        scales : factors on mount, bearing, excitation and sensor; None takes the twin's own.
+        scales : factors in the order of `Scales`; None takes the twin's own.
         solver : `HarmonicBalance` by default, `RK4` for the paper's.
 
         Raises
@@ -213,7 +196,7 @@ class Twin:
         scales = values.new_tensor(self.scales.values()) if scales is None else scales
         require_positive(values, scales)
         batch = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
-        rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, 4).reshape(-1, 4)
+        rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, -1).reshape(-1, scales.shape[-1])
         lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
         return lines.reshape(*batch, *lines.shape[1:])
 

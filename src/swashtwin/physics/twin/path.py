@@ -2,6 +2,7 @@
 
 A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to channel c what a
 light oscillator on the shell would: H_c(f) = g_c [1 + sum_m r_cm f^2 / (f_m^2 - f^2 + 2 i zeta_m f_m f)].
+A sensor also reads a share x_cd of what another channel d would: H_c multiplies a_c + sum_d x_cd a_d.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ class SensorPath:
     """Damping ratio zeta_m of each mode."""
     residue: tuple[tuple[float, ...], ...] = ()
     """Share r_cm of each mode (inner) in each channel (outer)."""
+    cross_talk: tuple[tuple[float, ...], ...] = ()
+    """Share x_cd of each channel (inner) in each channel (outer), zero of a channel in itself; empty is none."""
 
     def __post_init__(self) -> None:
         modes = len(self.frequency)
@@ -34,8 +37,16 @@ class SensorPath:
                 f"a path of {modes} modes and {len(self.gain)} channels needs as many damping ratios and a residue for "
                 "each channel and mode."
             )
+        if self.cross_talk and [len(row) for row in self.cross_talk] != [len(self.gain)] * len(self.gain):
+            raise InputError(f"cross_talk of a path of {len(self.gain)} channels needs a share for each pair of them.")
         if any(value <= 0 for value in (*self.gain, *self.frequency, *self.damping_ratio)):
             raise InputError("gains, natural frequencies and damping ratios of a sensor path must be positive.")
+
+    @property
+    def mixing(self) -> Float[Tensor, "channel channel"]:
+        """What each channel (row) reads of what rigid, ideal sensors would (columns)."""
+        unit = torch.eye(len(self.gain), dtype=torch.float64)
+        return unit + torch.tensor(self.cross_talk, dtype=torch.float64) if self.cross_talk else unit
 
     def response(self, frequency: Float[Tensor, "*#batch line"]) -> Complex[Tensor, "*#batch channel line"]:
         """H_c at `frequency` [Hz]."""

@@ -5,7 +5,7 @@ of the solver. Rows are computed in chunks of bounded memory, each independent o
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from operator import itemgetter
 
 import numpy as np
@@ -23,6 +23,7 @@ from swashtwin.physics.loads import LoadCase, force_lines
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.coupling import Coupling, Problem, coupling_of, linear_motion
 from swashtwin.physics.twin.path import SensorPath
+from swashtwin.physics.twin.scales import SUPPORTS, Scales
 from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
 
 WORKSPACE = 64 * 2**20
@@ -98,6 +99,8 @@ def drive_of(
     orders = active_orders(pressure, motion) if coupling is None else np.arange(1, n_lines + 1)
     lines = np.concatenate([[0], orders]) if from_rest or coupling is not None else orders
     action = fault_action(fault, pump, structure, topology, lines * condition.speed, motion[lines])
+    if path is not None and path.cross_talk:
+        structure = replace(structure, sensor_rows=path.mixing @ structure.sensor_rows)
     return Drive(
         structure=structure,
         orders=orders,
@@ -113,7 +116,7 @@ def drive_of(
 def respond(
     drive: Drive,
     values: Float[Tensor, "row 6"],
-    scales: Float[Tensor, "row 4"],
+    scales: Float[Tensor, "row 11"],
     solver: SteadySolver,
     *,
     recompute: bool = False,
@@ -140,7 +143,7 @@ def respond(
 
 
 def motion_of(
-    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 4"], recess: float, n_lines: int
+    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 11"], recess: float, n_lines: int
 ) -> Complex[Tensor, "line 13"]:
     """Displacement lines 0...`n_lines` [m, rad] of one twin, of a drive `from_rest`.
 
@@ -168,7 +171,7 @@ def rows_of(n_lines: int) -> int:
 
 def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
     structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
-    mount, bearing, excitation, sensor = scales.unbind(-1)
+    mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
     worn = values * drive.wear
     if drive.coupling is not None:
         problem = Problem(structure, worn, scales, drive.pressure, drive.action, float(frequency[1]))
@@ -177,7 +180,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
         force = drive.pressure
         if drive.action.strains or drive.action.pushes:
             force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
-        stiffness, damping = structure.stiffness(worn, mount, bearing), structure.damping(worn)
+        stiffness, damping = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]), structure.damping(worn)
         force = force.expand(len(values), -1, -1)
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
     shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
@@ -185,7 +188,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
     return read if drive.path is None else read * drive.path
 
 
-def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 4"]) -> None:
+def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]) -> None:
     """Refuse interface values and scales that would make a spring push where it should pull.
 
     Raises
@@ -193,7 +196,7 @@ def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*
     InputError
         One is not positive; it is named.
     """
-    names = (*PARAMETERS, "scales.mount", "scales.bearing", "scales.excitation", "scales.sensor")
+    names = (*PARAMETERS, *(f"scales.{item.name}" for item in fields(Scales)))
     for tensor, words in ((values, names[: len(PARAMETERS)]), (scales, names[len(PARAMETERS) :])):
         if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):
             continue

@@ -26,6 +26,7 @@ from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.operating_grid import OperatingGrid, operating_grid
 from swashtwin.physics.twin.operating_profile import OperatingProfile, Shaft
 from swashtwin.physics.twin.response import require_positive
+from swashtwin.physics.twin.scales import SUPPORTS
 from swashtwin.recordings import Recording, join_blocks
 
 STEPS = 20.0
@@ -188,13 +189,16 @@ class _March:
 
 def _march_of(twin: Twin, step: float) -> _March:
     structure, scales = twin.structure, twin.scales
-    require_positive(twin.values, torch.tensor(scales.values(), dtype=torch.float64))
-    gain = torch.ones(len(twin.pump.sensors)) if twin.path is None else torch.tensor(twin.path.gain)
+    factors = torch.tensor(scales.values(), dtype=torch.float64)
+    require_positive(twin.values, factors)
+    rows = structure.sensor_rows
+    if twin.path is not None:
+        rows = torch.tensor(twin.path.gain, dtype=torch.float64)[:, None] * (twin.path.mixing @ rows)
     worn = worn_values(twin.pump, twin.fault, twin.values)
     return _March(
         mass=structure.mass,
         damping=structure.damping(worn),
-        stiffness=structure.stiffness(worn, scales.mount, scales.bearing),
-        sensors=scales.sensor * gain.double()[:, None] * structure.sensor_rows,
+        stiffness=structure.stiffness(worn, scales.mount, scales.bearing, factors[SUPPORTS]),
+        sensors=scales.sensor * rows,
         step=step,
     )

@@ -1,0 +1,68 @@
+"""No value is called identified where the fit is in doubt, and one warning names the likelier cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from twin_recordings import SIX_VALUES, recording_of
+
+from swashtwin.bench.questions.wrong_twins import scale_stated_pressure, twin_at_pressure, with_unit_error
+from swashtwin.calibration import Calibration, GaussNewton, calibrate, is_warning, measure, objective_of
+from swashtwin.calibration.uncertainty.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
+from swashtwin.foundation import MPa, stream
+from swashtwin.physics import Scales, Twin
+from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.recordings import Recording
+
+QUICK = GaussNewton(starts=1)
+
+
+@pytest.fixture(scope="module")
+def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Recording:
+    return replace(recording_of(twin, np.ones(6)), condition=twin.condition)
+
+
+def warnings(calibration: Calibration) -> list[str]:
+    """Notes that say that something may be wrong."""
+    return [note for note in calibration.notes if is_warning(note)]
+
+
+def test_a_right_twin_gets_no_warning(twin: Twin, recording: Recording) -> None:
+    assert warnings(calibrate(twin, [recording], method=QUICK)) == []
+
+
+def test_a_channel_in_another_unit_leaves_no_value_identified_and_is_named(twin: Twin, recording: Recording) -> None:
+    calibration = calibrate(twin, [with_unit_error(("cover_z",))(recording)], method=QUICK)
+    assert "identified" not in [estimate.verdict for estimate in calibration.estimates]
+    (warning,) = warnings(calibration)
+    assert "cover_z" in warning
+    assert "in g?" in warning
+
+
+def test_a_pressure_that_is_stated_wrong_is_named_with_its_factor(twin: Twin, recording: Recording) -> None:
+    stated = scale_stated_pressure(1.1)(recording)
+    (warning,) = warnings(calibrate(twin_at_pressure(1.1)(twin), [stated], method=QUICK))
+    assert "the discharge pressure is about 0.9 times the stated one" in warning
+
+
+def test_a_direction_of_the_mounting_that_was_not_searched_is_named(twin: Twin) -> None:
+    machine = recording_of(replace(twin, scales=Scales(mount_y=1.5)), np.ones(6))
+    (warning,) = warnings(calibrate(twin, [machine], method=QUICK, **SIX_VALUES))
+    assert "the mounting's stiffness along y is 1.5 times" in warning
+    assert "--nuisances by-axis" in warning
+
+
+def test_a_misfit_beyond_the_model_error_leaves_no_value_identified(twin: Twin, recording: Recording) -> None:
+    objective = objective_of(twin, measure(twin, [recording]))
+    start = objective.unknowns.start
+    covariance = posterior_covariance(objective, start)
+    assert "identified" in [estimate.verdict for estimate in estimates_of(objective, start, covariance)]
+    factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
+    scattered = objective.with_observables(objective.measured.numpy() * factor)
+    assert misfit_of(scattered, start) > MISFIT
+    assert "identified" not in [estimate.verdict for estimate in estimates_of(scattered, start, covariance)]

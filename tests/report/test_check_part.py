@@ -1,9 +1,10 @@
 """The page of a data check says everything that must be mended."""
 
 import numpy as np
+import pytest
 
 from swashtwin.learning import check_recordings
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, Recordings
 from swashtwin.report.check_part import check_part
 
 
@@ -42,3 +43,17 @@ def test_exact_copies_are_not_counted_as_usable() -> None:
     check = check_recordings(recordings)
     assert [count.recordings for count in check.counts] == [1, 1]
     assert not check.is_enough
+
+
+@pytest.mark.parametrize("counts", [(3, 3), (5, 5), (4, 12), (2, 9)])
+def test_confidence_counts_the_recordings_that_a_test_leaves(counts: tuple[int, int]) -> None:
+    names = [
+        f"{label} {number}" for label, count in zip(("normal", "worn"), counts, strict=True) for number in range(count)
+    ]
+    signals = np.random.default_rng(0).normal(size=(len(names), 1, 256))
+    recordings = [
+        Recording(signal, 1000.0, name, label=name.split()[0]) for name, signal in zip(names, signals, strict=True)
+    ]
+    training, _ = Recordings(recordings).split(test=0.2)
+    (confidence,) = [use for use in check_recordings(recordings, window=64).uses if use.name == "calibrated confidence"]
+    assert f"{len(training)} recordings are left after a test" in confidence.reason

@@ -5,11 +5,15 @@ from .alarm_scores import score_alarms as score_alarms
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
 from .anomaly_detector import AnomalyVerdict as AnomalyVerdict
 from .anomaly_detector import fit_healthy as fit_healthy
+from .checklist import Check as Check
+from .checklist import next_checks as next_checks
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .evidence_bands import Band as Band
 from .evidence_bands import hertz as hertz
 from .fault_classifier import FaultClassifier as FaultClassifier
+from .level_change import LevelChange as LevelChange
+from .level_change import level_changes as level_changes
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .persistence import persistent_alarms as persistent_alarms
@@ -23,16 +27,20 @@ __all__ = [
     "AnomalyDetector",
     "AnomalyVerdict",
     "Band",
+    "Check",
     "Diagnosis",
     "Evidence",
     "FaultClassifier",
+    "LevelChange",
     "diagnose",
     "explain",
     "export_onnx",
     "fit_healthy",
     "hertz",
+    "level_changes",
     "load_classifier",
     "load_model",
+    "next_checks",
     "persistent_alarms",
     "save_classifier",
     "score_alarms",

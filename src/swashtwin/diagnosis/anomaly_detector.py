@@ -8,7 +8,7 @@ from typing import Any
 
 from swashtwin.diagnosis.detector_file import read_detector, write_detector
 from swashtwin.diagnosis.layout import require_layout
-from swashtwin.diagnosis.level_changes import LevelChange, level_changes
+from swashtwin.diagnosis.level_change import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
     USUAL_ERROR_RATE,

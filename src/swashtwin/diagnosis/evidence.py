@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from swashtwin.diagnosis.checklist import Check, next_checks
 from swashtwin.diagnosis.contributions import contributions
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
-from swashtwin.diagnosis.next_checks import Check, next_checks
 from swashtwin.diagnosis.trust import Trust
 from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
 from swashtwin.foundation import InputError

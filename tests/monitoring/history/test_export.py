@@ -1,0 +1,117 @@
+"""The history as tables of other programs."""
+
+import csv
+import json
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import polars
+import pytest
+from commandline import run
+from judgments import START, judgment
+
+from swashtwin.monitoring.config import write_example
+from swashtwin.monitoring.history import Estimate, History, Rejection
+
+
+@pytest.fixture
+def filled(history: History) -> History:
+    """A history with a row in each table, and texts that a spreadsheet takes for formulas."""
+    with history.machine("=pump") as transaction:
+        for number in range(3):
+            values = {("x", "rms"): number / 3, ("=y", "rms"): 1.0}
+            if number == 2:
+                values = {("x", "kurtosis"): 3.0, ("x", "rms"): 2.0}
+            transaction.add_recording(judgment(number, label="=1+1", reasons={"a": [1]}), values)
+        transaction.open_alarm("pump", None, START, {"rise": 9.0}, 1)
+        transaction.silence(START, "-operator", "@home")
+        transaction.add_event("maintenance", "+fitter", "new slippers")
+        transaction.add_recalibration(START, (Estimate("k", 1.0, 0.5, 2.0, "N/m"), Estimate("s", 0.1)))
+        transaction.post("log", {"text": "=cmd"})
+    with history.machine("pump-2") as transaction:
+        transaction.add_event("note", "me")
+    history.reject(Rejection(START, "folder", "=a.wav", None, "c", "broken", "no header"))
+    return history
+
+
+COUNTS = {
+    "recordings": 3,
+    "alarms": 1,
+    "silences": 1,
+    "events": 2,
+    "rejections": 1,
+    "outbox": 1,
+    "recalibrations": 2,
+    "indicators/_pump": 3,
+    "indicators/pump-2": 0,
+}
+
+
+def test_csv_holds_every_row_and_no_formula(filled: History, tmp_path: Path) -> None:
+    assert filled.export(tmp_path / "out") == COUNTS
+    tables = {}
+    for name in COUNTS:
+        with (tmp_path / "out" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            header, *lines = csv.reader(file)
+        assert not [cell for line in (header, *lines) for cell in line if cell[:1] in ("=", "+", "@")]
+        tables[name] = [dict(zip(header, line, strict=True)) for line in lines]
+    assert tables["recordings"][0]["machine"] == "'=pump"
+    assert tables["recordings"][0]["time"] == "2026-03-01T06:00:00Z"
+    assert json.loads(tables["recordings"][0]["reasons"]) == {"a": [1]}
+    assert tables["silences"][0]["who"] == "'-operator"
+    assert [line["x rms"] for line in tables["indicators/_pump"]][2] == "2.0"
+    assert [line["x kurtosis"] for line in tables["indicators/_pump"]] == ["", "", "3.0"]
+
+
+def test_parquet_holds_texts_as_they_are_and_types(
+    filled: History, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swashtwin.monitoring.history.export._BATCH", 2)  # so that parts are joined
+    assert filled.export(tmp_path / "out", "parquet") == COUNTS
+    recordings = polars.read_parquet(tmp_path / "out" / "recordings.parquet")
+    assert recordings["machine"].to_list() == ["=pump"] * 3
+    assert recordings["time"][0] == datetime(2026, 3, 1, 6, tzinfo=UTC)
+    assert recordings["probability"].dtype == polars.Float64
+    indicators = polars.read_parquet(tmp_path / "out" / "indicators" / "_pump.parquet")
+    assert indicators["x kurtosis"].to_list() == [None, None, 3.0]
+    assert indicators["x rms"].to_list() == pytest.approx([0, 1 / 3, 2])
+    assert polars.read_parquet(tmp_path / "out" / "indicators" / "pump-2.parquet").height == 0
+    assert polars.read_parquet(tmp_path / "out" / "recalibrations.parquet")["high"].to_list() == [2.0, None]
+    assert not list((tmp_path / "out").rglob("0*.parquet"))
+
+
+def test_the_command_exports_what_a_configuration_names(tmp_path: Path) -> None:
+    (tmp_path / "watch.toml").write_text(
+        'folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n', encoding="utf-8"
+    )
+    history = History.open("", tmp_path / "data")
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+    history.close()
+    config, out = str(tmp_path / "watch.toml"), tmp_path / "tables"
+    answer = json.loads(run("history", "export", config, "--out", str(out), "--json").stdout)
+    assert answer["rows"]["recordings"] == 1
+    assert (out / "recordings.csv").is_file()
+    url = f"sqlite:///{tmp_path / 'data' / 'history.sqlite'}"
+    assert "recordings.parquet" in run("history", "export", url, "--out", str(out), "--format", "parquet").stdout
+
+
+def test_exporting_makes_no_database(tmp_path: Path, postgresql_url: str) -> None:
+    missing = run("history", "export", f"sqlite:///{tmp_path}/none.sqlite", "--out", str(tmp_path / "out"), code=3)
+    assert "does not exist" in missing.stderr
+    assert not (tmp_path / "none.sqlite").exists()
+    empty = run("history", "export", postgresql_url, "--out", str(tmp_path / "out"), code=3)
+    assert "has no history yet" in empty.stderr
+
+
+def test_without_its_extra_a_watch_says_what_to_install(tmp_path: Path) -> None:
+    write_example(tmp_path / "watch.toml")
+    program = "import sys; sys.modules['sqlalchemy'] = None; from swashtwin.cli import main; main()"
+    for words in (("history", "export", "watch.toml", "--out", "out"), ("watch", "run", "watch.toml", "--once")):
+        command = [sys.executable, "-c", program, *words]
+        process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        assert process.returncode == 3
+        said = process.stderr.replace("'", '"')
+        assert 'needs sqlalchemy, which is not installed: pip install "swashtwin[monitor]"' in said

@@ -1,0 +1,313 @@
+"""The history under kills, a full disk, a stopped database, a clock set back and other processes."""
+
+import errno
+import multiprocessing
+import random
+import shutil
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from history_writers import RETENTION, file_in_turns, file_recordings, send_messages
+from judgments import START, judgment, waveform
+from sqlalchemy import event, text
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.monitoring.history import History, HistoryError, migrations
+from swashtwin.monitoring.history.engine import open_engine
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the writers are forked before they thread
+KILLS = 25
+
+
+@pytest.fixture
+def start() -> Any:
+    """Function that starts a process which runs a function of `history_writers`, everything imported already."""
+    context = multiprocessing.get_context("fork")
+    processes = []
+
+    def started(function: Callable[..., None], *arguments: object) -> Any:
+        process = context.Process(target=function, args=arguments)
+        process.start()
+        processes.append(process)
+        return process
+
+    yield started
+    for process in processes:
+        process.kill()
+        process.join()
+        process.close()
+
+
+def _is_consistent(history: History, machine: str, count: int) -> None:
+    stored = history.read.recordings(machine, limit=10_000)
+    assert sorted(item.judgment.content for item in stored) == sorted(judgment(n).content for n in range(count))
+    assert history.read.points(machine)[0].test == {"filed": count}
+    overview = next(overview for overview in history.read.machines() if overview.name == machine)
+    assert overview.recordings == count
+    assert overview.last == stored[0]
+    assert history.read.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(range(count))
+    assert all(item.waveform.is_file() for item in stored if item.waveform is not None)
+
+
+def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice(
+    start: Any, history_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moments = random.Random(0)
+    file_recordings(history_url, tmp_path, "pump-1", 1)  # imports what it needs
+    history = History.open(history_url, tmp_path, RETENTION)
+    counts = []
+    for _ in range(KILLS):
+        history.close()  # no connection is shared
+        process = start(file_recordings, history_url, tmp_path, "pump-1", 100_000)
+        process.join(moments.uniform(0.1, 0.6))
+        process.kill()
+        process.join()
+        counts.append(len(history.read.recordings(limit=10_000)))
+    assert len(set(counts)) > 5, "kills must hit a process that writes"
+    count = counts[-1] + 5
+    start(file_recordings, history_url, tmp_path, "pump-1", count).join(120)
+    _is_consistent(history, "pump-1", count)
+    assert history.outbox.waiting(["log"]) == count
+    monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
+    history.waveforms.sweep()
+    rows = [item.waveform for item in history.read.recordings("pump-1", limit=10_000) if item.waveform]
+    assert sorted(history.waveforms.folder.rglob("*.h5")) == sorted(rows)
+    history.close()
+
+
+def test_processes_that_get_the_same_deliveries_file_each_once_and_send_each_message_once(
+    start: Any, history_url: str, tmp_path: Path
+) -> None:
+    writers = [start(file_in_turns, history_url, tmp_path, 2, 15) for _ in range(3)]
+    for writer in writers:
+        writer.join(120)
+        assert writer.exitcode == 0
+    history = History.open(history_url, tmp_path, RETENTION)
+    for machine in ("pump-0", "pump-1"):
+        _is_consistent(history, machine, 15)
+    sent = tmp_path / "sent.txt"
+    senders = [start(send_messages, history_url, tmp_path, sent) for _ in range(3)]
+    for sender in senders:
+        sender.join(120)
+        assert sender.exitcode == 0
+    numbers = sent.read_text(encoding="utf-8").split()
+    assert len(numbers) == len(set(numbers)) == 30
+    history.close()
+
+
+def test_a_claimed_message_is_due_again_after_its_lease(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        transaction.post("log", {"text": "grün"}, alarm=7)
+    (message,) = history.outbox.claim(["log"], lease=60)
+    assert (message.channel, message.body, message.alarm, message.attempts) == ("log", {"text": "grün"}, 7, 1)
+    assert history.outbox.claim(["log"]) == ()
+    assert history.outbox.waiting(["mail"]) == 0
+    history.outbox.failed(message.id, "no route", again_in=0)
+    assert history.outbox.claim(["mail"]) == ()
+    (again,) = history.outbox.claim(["log"], lease=0)
+    assert (again.id, again.attempts, again.error) == (message.id, 2, "no route")
+    (dead,) = history.outbox.claim(["log"])
+    assert dead.attempts == 3
+    history.outbox.sent(dead.id)
+    assert history.outbox.waiting(["log"]) == 0
+
+
+def test_a_clock_set_back_keeps_no_message_waiting(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> datetime:
+            return datetime.now(tz) + timedelta(days=400)
+
+    with history.machine("pump-1") as transaction:
+        transaction.post("log", {})
+    with monkeypatch.context() as patch:
+        patch.setattr("swashtwin.monitoring.history.outbox.datetime", Clock)
+        (message,) = history.outbox.claim(["log"])
+        history.outbox.failed(message.id, "no route", again_in=60)
+    assert len(history.outbox.claim(["log"])) == 1
+
+
+def test_recordings_before_the_newest_are_filed_in_their_order(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(5))
+        transaction.add_recording(judgment(2))
+        assert transaction.newest() == START + timedelta(hours=5)
+    assert [item.judgment for item in history.read.recordings()] == [judgment(5), judgment(2)]
+    assert history.read.machines()[0].last == history.read.recordings()[0]
+
+
+def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_path: Path) -> None:
+    history = History.open("", tmp_path)
+    pages = [60]
+
+    @event.listens_for(history._engine, "checkout")
+    def limit(connection: Any, *_: object) -> None:
+        connection.execute(f"PRAGMA max_page_count = {pages[0]}")
+
+    def fill() -> None:
+        for number in range(10_000):
+            with history.machine("pump-1") as transaction:
+                transaction.add_recording(judgment(number), {("x", str(n)): 1.0 for n in range(300)})
+
+    with pytest.raises(HistoryError, match="full"):
+        fill()
+    filed = len(history.read.recordings(limit=10_000))
+    assert filed > 0
+    pages[0] = 100_000
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(filed))
+    assert history.read.machines()[0].recordings == filed + 1
+    history.close()
+
+
+def test_a_disk_without_space_for_a_waveform_is_an_error_of_the_system_that_a_watch_repeats(
+    history: History, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(".")._replace(free=0)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(OSError, match="GB free") as caught:
+        history.waveforms.write("pump-1", START, "a" * 64, waveform(1))
+    assert caught.value.errno == errno.ENOSPC
+    assert list(history.waveforms.folder.rglob("*.h5")) == []
+
+
+@pytest.mark.parametrize("code", ["53100", "53300", "57P01", "40P01"])
+def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
+    postgresql_url: str, tmp_path: Path, code: str
+) -> None:
+    history = History.open(postgresql_url, tmp_path)
+    with history._engine.begin() as connection:
+        connection.exec_driver_sql(
+            "CREATE FUNCTION fail() RETURNS trigger LANGUAGE plpgsql AS "
+            f"$$ BEGIN RAISE EXCEPTION 'no room' USING ERRCODE = '{code}'; END $$"
+        )
+        connection.exec_driver_sql("CREATE TRIGGER fail BEFORE INSERT ON outbox FOR EACH ROW EXECUTE FUNCTION fail()")
+    with pytest.raises(HistoryError, match="no room"), history.machine("pump-1") as transaction:
+        transaction.post(str(transaction.add_recording(judgment(1))), {})
+    assert history.read.recordings() == ()
+    with history._engine.begin() as connection:
+        connection.exec_driver_sql("DROP TRIGGER fail ON outbox")
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+    assert len(history.read.recordings()) == 1
+    history.close()
+
+
+def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
+    postgres_server: Any, postgresql_url: str, tmp_path: Path
+) -> None:
+    history = History.open(postgresql_url, tmp_path)
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+    postgres_server.stop()
+    try:
+        with pytest.raises(HistoryError):
+            history.read.sequence()
+        with pytest.raises(HistoryError), history.machine("pump-1") as transaction:
+            transaction.add_recording(judgment(2))
+        with pytest.raises(HistoryError):
+            History.open(postgresql_url, tmp_path)
+    finally:
+        postgres_server.start()
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(2))
+    assert len(history.read.recordings()) == 2
+    history.close()
+
+
+def test_a_postgresql_stopped_within_a_transaction_undoes_it(
+    postgres_server: Any, postgresql_url: str, tmp_path: Path
+) -> None:
+    history = History.open(postgresql_url, tmp_path)
+
+    def interrupted() -> None:
+        with history.machine("pump-1") as transaction:
+            transaction.add_recording(judgment(1))
+            postgres_server.stop()
+            transaction.post("log", {})
+
+    try:
+        with pytest.raises(HistoryError):
+            interrupted()
+    finally:
+        postgres_server.start()
+    assert history.read.recordings() == ()
+    history.close()
+
+
+def test_a_damaged_sqlite_file_is_one_error(tmp_path: Path) -> None:
+    (tmp_path / "history.sqlite").write_bytes(b"no database" * 1000)
+    with pytest.raises(HistoryError, match="not a database"):
+        History.open("", tmp_path)
+
+
+def test_a_database_of_a_newer_version_is_refused(history: History, history_url: str, tmp_path: Path) -> None:
+    with history._engine.begin() as connection:
+        connection.execute(text("UPDATE swashtwin_history SET version = 99"))
+    with pytest.raises(DataError, match="version 99"):
+        History.open(history_url, tmp_path)
+
+
+def test_a_database_with_tables_of_another_program_is_refused(history_url: str, tmp_path: Path) -> None:
+    engine = open_engine(history_url, tmp_path)
+    with engine.begin() as connection:
+        connection.execute(text("CREATE TABLE events (id INTEGER)"))
+    engine.dispose()
+    with pytest.raises(DataError, match=r"another program \(events\)"):
+        History.open(history_url, tmp_path)
+
+
+def test_an_older_database_is_migrated_once_and_whole(
+    history: History, history_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+
+    def add_column(connection: Any) -> None:
+        connection.execute(text("ALTER TABLE machines ADD COLUMN place VARCHAR"))
+
+    def fail(_: Any) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(migrations, "MIGRATIONS", (add_column, fail))
+    with pytest.raises(ZeroDivisionError):
+        History.open(history_url, tmp_path)
+    monkeypatch.setattr(migrations, "MIGRATIONS", (add_column,))
+    for _ in range(2):
+        again = History.open(history_url, tmp_path)
+        assert len(again.read.recordings()) == 1
+        with again._engine.begin() as connection:
+            assert connection.execute(text("SELECT version FROM swashtwin_history")).scalar_one() == 2
+            assert connection.execute(text("SELECT place FROM machines WHERE name = 'pump-1'")).scalar() is None
+        again.close()
+
+
+@pytest.mark.parametrize("url", ["mysql://host/name", "nonsense", "postgresql:/x:hunter2"])
+def test_a_url_of_another_database_is_refused_without_showing_it(url: str, tmp_path: Path) -> None:
+    with pytest.raises((InputError, HistoryError)) as caught:
+        History.open(url, tmp_path)
+    assert "hunter2" not in str(caught.value)
+
+
+def test_an_unreachable_server_is_named_without_the_password(tmp_path: Path) -> None:
+    with pytest.raises(HistoryError) as caught:
+        History.open("postgresql://me:hunter2@127.0.0.1:1/x", tmp_path)
+    assert "hunter2" not in str(caught.value)
+
+
+def test_writers_that_are_threads_wait_for_each_other(history: History) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    def add(number: int) -> None:
+        with history.machine("pump-1") as transaction:
+            transaction.add_recording(judgment(number))
+            point = transaction.point("a")
+            transaction.save_point("a", test={"count": 1 + (point.test["count"] if point and point.test else 0)})
+
+    with ThreadPoolExecutor(6) as pool:
+        list(pool.map(add, range(60)))
+    assert history.read.points("pump-1")[0].test == {"count": 60}
+    assert history.read.machines()[0].recordings == 60

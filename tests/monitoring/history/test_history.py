@@ -1,0 +1,342 @@
+"""The history in SQLite and in PostgreSQL: what is filed can be read."""
+
+import math
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from judgments import START, judgment, waveform
+
+from swashtwin.foundation import InputError
+from swashtwin.monitoring.config import Retention
+from swashtwin.monitoring.history import Estimate, History, Judgment, Rejection
+from swashtwin.monitoring.history.records import PointKey
+
+
+def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
+    written = judgment(
+        1,
+        speed=157.1,
+        pressure=15e6,
+        label="normal",
+        probability=0.9,
+        confidence=0.8,
+        ood_p=0.5,
+        model="abc",
+        alarm_p=0.25,
+        capital=1.5,
+        reasons={"moved": [["x", 3.5]], "text": "größer"},
+    )
+    with history.machine("pump-1") as transaction:
+        number = transaction.add_recording(written, {("x", "rms"): 0.1, ("y", "rms"): -3.0})
+    stored = history.read.recording(number)
+    assert stored is not None
+    assert (stored.id, stored.machine, stored.judgment, stored.waveform) == (number, "pump-1", written, None)
+    assert history.read.indicator_names("pump-1") == (("x", "rms"), ("y", "rms"))
+    assert history.read.recordings("pump-1") == (stored,)
+    assert history.read.recordings("pump-2") == ()
+    assert history.read.recording(number + 1) is None
+
+
+def test_no_content_is_filed_twice_for_a_machine(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        assert transaction.recording_id(judgment(1).content) is None
+        number = transaction.add_recording(judgment(1))
+        assert transaction.recording_id(judgment(1).content) == number
+    with pytest.raises(InputError, match="already"), history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+    with history.machine("pump-2") as transaction:
+        transaction.add_recording(judgment(1))
+    assert len(history.read.recordings()) == 2
+
+
+def test_an_error_within_a_transaction_undoes_all_of_it(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        transaction.add_event("note", "me")
+    before = history.read.sequence()
+
+    def fail() -> None:
+        with history.machine("pump-1") as transaction:
+            transaction.add_recording(judgment(1))
+            transaction.post("log", {})
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert history.read.recordings() == ()
+    assert history.outbox.waiting(["log"]) == 0
+    assert history.read.sequence() == before
+
+
+def test_the_sequence_grows_with_each_change(history: History) -> None:
+    numbers = [history.read.sequence()]
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+    numbers.append(history.read.sequence())
+    with history.machine("pump-2") as transaction:
+        transaction.silence(datetime.now(UTC), "me")
+    numbers.append(history.read.sequence())
+    history.reject(Rejection(START, "folder", "a.wav", None, "c", "broken", "no header"))
+    numbers.append(history.read.sequence())
+    assert numbers == sorted(set(numbers))
+    assert history.read.sequence() == numbers[-1]
+
+
+def test_numbers_that_are_not_finite_become_null_or_the_largest(history: History) -> None:
+    odd = judgment(1, ood_p=math.nan, capital=math.inf, reasons={"p": math.nan, "a": np.arange(2)})
+    with history.machine("pump-1") as transaction:
+        number = transaction.add_recording(odd)
+    stored = history.read.recording(number)
+    assert stored is not None
+    assert stored.judgment.ood_p is None
+    assert stored.judgment.capital == pytest.approx(1.797e308, rel=1e-3)
+    assert stored.judgment.reasons == {"p": None, "a": [0, 1]}
+
+
+def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -> None:
+    states = ["normal", "alarm", "normal", "unusual", "normal"]
+    with history.machine("pump-1") as transaction:
+        for number in (3, 0, 4, 1, 2):
+            transaction.add_recording(judgment(number, state=states[number], point="b" if number == 2 else "a"))
+        assert transaction.newest() == START + timedelta(hours=4)
+    read = history.read
+
+    def numbers(**options: object) -> list[int]:
+        results = read.recordings("pump-1", **options)  # type: ignore[arg-type]
+        return [int(stored.judgment.file.removesuffix(".wav")) for stored in results]
+
+    assert numbers() == [4, 3, 2, 1, 0]
+    assert numbers(limit=2) == [4, 3]
+    assert numbers(before=read.recordings("pump-1", limit=2)[-1].id) == [2, 1, 0]
+    assert numbers(state="normal") == [4, 2, 0]
+    assert numbers(point="b") == [2]
+    assert numbers(since=START + timedelta(hours=1), until=START + timedelta(hours=3)) == [2, 1]
+
+
+def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        for number in range(6):
+            values = {("x", "rms"): float(number), ("y", "rms"): -1.0}
+            if number >= 3:
+                values = {("y", "kurtosis"): 3.0, **values}
+            transaction.add_recording(judgment(number, alarm_p=0.5 if number else None), values)
+    trend = history.read.trend("pump-1", "x", "rms")
+    np.testing.assert_array_equal(trend.values, np.arange(6.0))
+    assert trend.times[0] == np.datetime64("2026-03-01T06:00")
+    assert (np.diff(trend.times) == np.timedelta64(1, "h")).all()
+    np.testing.assert_array_equal(history.read.trend("pump-1", "x", "rms", limit=2).values, [4, 5])
+    np.testing.assert_array_equal(
+        history.read.trend("pump-1", "x", "rms", since=START + timedelta(hours=5)).values, [5]
+    )
+    np.testing.assert_array_equal(history.read.trend("pump-1", "", "alarm_p").values, [np.nan] + [0.5] * 5)
+    assert history.read.trend("pump-1", "z", "rms").values.size == 0
+    with pytest.raises(InputError, match="capital"):
+        history.read.trend("pump-1", "", "content")
+
+
+def test_the_state_of_a_point_is_kept_in_two_parts(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        transaction.save_point("a", speed=157.0, baseline={"levels": [["x", "1 kHz", 3.0]]}, test={"capital": 1.0})
+        transaction.save_point("b", test={})
+    with history.machine("pump-1") as transaction:
+        transaction.save_point("a", test={"capital": 2.0})
+        point = transaction.point("a")
+        assert point is not None
+        assert point.baseline == {"levels": [["x", "1 kHz", 3.0]]}
+        assert (point.test, point.speed, point.pressure) == ({"capital": 2.0}, 157.0, None)
+        assert transaction.point("c") is None
+        assert transaction.points() == (PointKey("a", 157.0, None), PointKey("b", None, None))
+        transaction.forget_points("a")
+        transaction.save_point("a", test={})
+    assert [(point.name, point.baseline) for point in history.read.points("pump-1")] == [("a", None), ("b", None)]
+    with history.machine("pump-1") as transaction:
+        transaction.forget_points()
+    assert history.read.points("pump-1") == ()
+
+
+def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        first = transaction.open_alarm("pump", "a", START, {"rise": 9.0}, None)
+        second = transaction.open_alarm("sensor", None, START, {}, None)
+        transaction.clear_alarm(first, START + timedelta(hours=1))
+        assert [alarm.state for alarm in transaction.alarms()] == ["open", "open"]
+    with history.machine("pump-1") as transaction:
+        transaction.acknowledge(first, "operator", "seen")
+        transaction.acknowledge(second, "operator")
+        with pytest.raises(InputError, match="acknowledged already"):
+            transaction.acknowledge(second, "other")
+        with pytest.raises(InputError, match="no alarm 999"):
+            transaction.acknowledge(999, "operator")
+        assert [alarm.id for alarm in transaction.alarms()] == [second]
+        transaction.clear_alarm(second, START + timedelta(hours=2))
+    with pytest.raises(InputError, match="no alarm"), history.machine("pump-2") as transaction:
+        transaction.acknowledge(first, "operator")
+    alarm = history.read.alarm(first)
+    assert alarm is not None
+    assert (alarm.state, alarm.who, alarm.note, alarm.evidence) == ("closed", "operator", "seen", {"rise": 9.0})
+    assert [alarm.id for alarm in history.read.alarms("pump-1")] == [second, first]
+    assert history.read.alarms(state="open") == ()
+    assert history.read.alarm(999) is None
+
+
+def test_an_alarm_whose_cause_comes_back_is_no_longer_cleared(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        alarm = transaction.open_alarm("pump", "a", START, {}, None)
+        transaction.clear_alarm(alarm, START)
+        transaction.raise_alarm(alarm)
+        transaction.acknowledge(alarm, "operator")
+        assert [alarm.state for alarm in transaction.alarms()] == ["acknowledged"]
+
+
+def test_a_silence_ends_by_itself_or_by_hand(history: History) -> None:
+    now = datetime.now(UTC)
+    with history.machine("pump-1") as transaction:
+        transaction.silence(now + timedelta(hours=1), "operator", "repair")
+        later = datetime.now(UTC)
+        assert transaction.silenced(later)
+        assert not transaction.silenced(now - timedelta(seconds=1))
+        assert not transaction.silenced(now + timedelta(hours=1))
+    assert history.read.machines()[0].silenced == now + timedelta(hours=1)
+    with history.machine("pump-1") as transaction:
+        transaction.end_silence()
+        assert not transaction.silenced(datetime.now(UTC))
+    assert history.read.machines()[0].silenced is None
+
+
+def test_events_and_recalibrations_are_read_back(history: History) -> None:
+    estimates = (Estimate("slipper_swash.stiffness", 1e9, 0.9e9, 1.1e9, "N/m"), Estimate("severity", 0.2))
+    with history.machine("pump-1") as transaction:
+        transaction.add_event("maintenance", "fitter", "new slippers", START)
+        transaction.add_event("note", "fitter", time=START + timedelta(hours=1))
+        transaction.add_recalibration(START, estimates, "after maintenance")
+        event = transaction.last_event("maintenance")
+        assert event is not None
+        assert (event.who, event.note, event.time, event.machine) == ("fitter", "new slippers", START, "pump-1")
+        assert transaction.last_event("other") is None
+    assert [event.kind for event in history.read.events()] == ["note", "maintenance"]
+    recalibration = history.read.recalibrations("pump-1")[0]
+    assert (recalibration.estimates, recalibration.note) == (estimates, "after maintenance")
+
+
+def test_the_overview_has_each_machine_with_its_newest_recording(history: History) -> None:
+    with history.machine("pump-2") as transaction:
+        for number in (1, 3, 2):
+            transaction.add_recording(judgment(number, state="alarm" if number == 3 else "normal"))
+        transaction.open_alarm("pump", "a", START, {}, None)
+    with history.machine("pump-1") as transaction:
+        transaction.add_event("note", "me")
+    first, second = history.read.machines()
+    assert (first.name, first.recordings, first.last, first.alarms) == ("pump-1", 0, None, ())
+    assert (second.name, second.recordings) == ("pump-2", 3)
+    assert second.last is not None
+    assert second.last.judgment == judgment(3, state="alarm")
+    assert [alarm.kind for alarm in second.alarms] == ["pump"]
+    counts = history.read.counts()
+    assert counts.recordings == {("pump-2", "normal"): 2, ("pump-2", "alarm"): 1}
+    assert counts.alarms == {("pump-2", "pump"): 1}
+
+
+def test_a_rejection_of_the_same_content_is_counted(history: History) -> None:
+    for hour in range(3):
+        time = START + timedelta(hours=hour)
+        history.reject(Rejection(time, "folder", "a.wav", "pump-1", "c", "double", "filed already"))
+    history.reject(Rejection(START, "http", "b.wav", None, None, "broken", "no header", "b.wav"))
+    last, first = history.read.rejections()
+    assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
+    assert (first.times, first.machine, first.copy) == (1, None, "b.wav")
+    assert history.read.counts().rejections == {"double": 3, "broken": 1}
+
+
+def test_rejections_are_bounded(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swashtwin.monitoring.history.database._REJECTIONS", 5)
+    for number in range(9):
+        history.reject(Rejection(START, "folder", f"{number}.wav", None, str(number), "broken", ""))
+        history.reject(Rejection(START, "folder", "again.wav", None, "again", "broken", ""))
+    assert len(history.read.rejections()) == 5
+
+
+def test_a_time_without_a_zone_is_refused(history: History) -> None:
+    with pytest.raises(Exception, match="no zone"), history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1, time=datetime(2026, 1, 1)))
+
+
+def test_times_of_other_zones_are_read_in_utc(history: History) -> None:
+    from zoneinfo import ZoneInfo
+
+    time = datetime(2026, 7, 1, 12, tzinfo=ZoneInfo("Europe/Berlin"))
+    with history.machine("pump-1") as transaction:
+        number = transaction.add_recording(judgment(1, time=time))
+    stored = history.read.recording(number)
+    assert stored is not None
+    assert stored.judgment.time == datetime(2026, 7, 1, 10, tzinfo=UTC)
+    assert stored.judgment.time.utcoffset() == timedelta(0)
+
+
+def test_a_history_opens_again_as_it_was_left(history_url: str, tmp_path: Path) -> None:
+    history = History.open(history_url, tmp_path)
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1))
+        transaction.save_point("a", test={"capital": 3.0})
+    history.close()
+    again = History.open(history_url, tmp_path)
+    assert [stored.judgment for stored in again.read.recordings()] == [judgment(1)]
+    assert again.read.points("pump-1")[0].test == {"capital": 3.0}
+    again.close()
+
+
+def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_path: Path) -> None:
+    history = History.open(history_url, tmp_path, Retention(alarms=None, per_day=1, last=3))
+    states = {30: "alarm", 31: "alarm"}
+    for number in range(60):
+        facts: Judgment = judgment(number, state=states.get(number, "normal"))
+        path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(number))
+        with history.machine("pump-1") as transaction:
+            transaction.add_recording(facts, waveform=path)
+    stored = history.read.recordings("pump-1", limit=100)
+    numbers = [int(item.judgment.file[:-4]) for item in reversed(stored) if item.waveform is not None]
+    # Recordings begin at six o'clock, so days begin with numbers 0, 18 and 42.
+    assert numbers == [0, 18, 30, 31, 42, 57, 58, 59]
+    assert len(list(history.waveforms.folder.rglob("*.h5"))) == len(numbers)
+    alarm = next(item for item in stored if item.judgment.file == "30.wav")
+    samples = history.read.waveform(alarm.id)
+    assert samples is not None
+    np.testing.assert_array_equal(samples.signal, waveform(30).signal)
+    assert history.read.waveform(stored[10].id) is None
+    history.close()
+
+
+def test_an_alarm_keeps_the_waveforms_before_it(history_url: str, tmp_path: Path) -> None:
+    history = History.open(history_url, tmp_path, Retention(per_day=0, last=3))
+    for number in range(10):
+        facts = judgment(number)
+        path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(number))
+        with history.machine("pump-1") as transaction:
+            added = transaction.add_recording(facts, waveform=path)
+            if number == 4:
+                transaction.open_alarm("pump", "a", facts.time, {}, added)
+    stored = history.read.recordings("pump-1")
+    assert [int(item.judgment.file[:-4]) for item in stored if item.waveform] == [9, 8, 7, 4, 3, 2]
+    history.close()
+
+
+def test_sweeping_removes_old_files_that_no_recording_has(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = []
+    for number in (1, 2):
+        facts = judgment(number)
+        paths.append(history.waveforms.write("pump-1", facts.time, facts.content, waveform(number)))
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(judgment(1), waveform=paths[0])
+    assert history.waveforms.sweep() == 0
+    monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
+    assert history.waveforms.sweep() == 1
+    assert [(history.waveforms.folder / path).is_file() for path in paths] == [True, False]
+
+
+def test_a_waveform_that_somebody_removed_reads_as_none(history: History) -> None:
+    facts = judgment(1)
+    path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(1))
+    with history.machine("pump-1") as transaction:
+        number = transaction.add_recording(facts, waveform=path)
+    (history.waveforms.folder / path).unlink()
+    assert history.read.waveform(number) is None

@@ -1,0 +1,233 @@
+"""The healthy baseline of one operating point: median and scatter of each level, learned from its first recordings."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from swashtwin.foundation import DataError
+from swashtwin.learning import Deviation, LevelLayout
+from swashtwin.recordings import Recording
+
+TOLERANCE = 3.0
+"""Change of a level [dB] that does not count."""
+COUNTED = 5
+"""Levels that changed most, whose mean is the score."""
+CHANGE = 6.0
+"""Mean change [dB] of the `COUNTED` levels that makes a recording large: twice the amplitude."""
+SPREADS = 5.0
+"""Mean of the same over their scatter that makes a recording large."""
+UNUSUAL = 12.0
+"""Mean change [dB] of the `COUNTED` levels furthest from the median of the others that keeps a recording from being
+learned from. Of a single level it would not do: one that is faint falls as far by chance."""
+_LEAST_SPREAD = 1.0
+"""Standard deviation [dB] that every level has at least; added as a variance."""
+_LEAST_COMPARED = 5
+"""Recordings from which on they are compared with each other while the baseline is learned."""
+_SHORTEST = 0.5
+"""Length of a recording over that of the shortest one of the baseline, at least."""
+_LEAST_CHANNEL_SPREAD = 3.0
+"""Standard deviation [dB] of a level at least where channels are compared with each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointBaseline:
+    """Levels of the healthy recordings of one operating point, while they are learned and after."""
+
+    layout: LevelLayout
+    """Which levels."""
+    shortest: int
+    """Samples of the shortest recording that it learned from."""
+    rows: Float64[np.ndarray, "recording level"] = field(repr=False)
+    """Levels [dB] of the recordings that it learned from."""
+    is_complete: bool = False
+    """Whether it has learned."""
+    dropped: int = 0
+    """Recordings that it did not learn from, since they stood far from the others."""
+
+    @classmethod
+    def empty(cls, layout: LevelLayout) -> "PointBaseline":
+        """A baseline that has learned nothing."""
+        return cls(layout, 0, np.empty((0, len(layout.levels))))
+
+    @cached_property
+    def median(self) -> Float64[np.ndarray, " level"]:
+        """Median of each level [dB]."""
+        return np.asarray(np.median(self.rows, axis=0))
+
+    @cached_property
+    def spread(self) -> Float64[np.ndarray, " level"]:
+        """Standard deviation of each level [dB], from the median of magnitudes, with 1 dB added as a variance."""
+        return _spread(self.rows, self.median)
+
+    @cached_property
+    def furthest(self) -> Float64[np.ndarray, " channel"]:
+        """Greatest `channel_distances` of each channel to its own levels, of the recordings that it learned from."""
+        return np.max([np.diag(self.channel_distances(row)) for row in self.rows], axis=0)
+
+    def measure(self, recording: Recording) -> Float64[np.ndarray, " level"]:
+        """Levels of a recording [dB].
+
+        Raises
+        ------
+        DataError
+            Its sample rate, channels or unit are others than the baseline's, or it is unfit or much shorter.
+        """
+        length = self.layout.length
+        actual = LevelLayout(
+            float(recording.sample_rate), recording.channels, recording.unit, length, self.layout.n_orders
+        )
+        if difference := self.layout.difference(actual):
+            raise DataError(
+                f"{recording.recording_id} does not fit the baseline of its operating point ({difference}); restart "
+                "the baseline after a change of sensors."
+            )
+        if recording.n_samples < _SHORTEST * self.shortest:
+            raise DataError(
+                f"{recording.recording_id} is {recording.duration:.3g} s long, the shortest recording of its baseline "
+                f"{self.shortest / self.layout.sample_rate:.3g} s; record longer."
+            )
+        levels = self.layout.measure(recording)
+        if not np.isfinite(levels).all():
+            raise DataError(f"{recording.recording_id}: a sample is far too large; repair the file.")
+        return levels
+
+    def learned_from(
+        self, levels: Float64[np.ndarray, " level"], n_samples: int, learning: int
+    ) -> tuple["PointBaseline", tuple[str, ...]]:
+        """(the baseline with one more recording, what was not learned from and why).
+
+        Once there are five, a recording is dropped whose furthest levels are `UNUSUAL` from the median of the others.
+
+        Parameters
+        ----------
+        levels : of the recording [dB].
+        n_samples : length of the recording.
+        learning : recordings that a complete baseline has.
+        """
+        rows, notes = np.vstack([self.rows, levels]), []
+        is_new = np.arange(len(rows)) == len(rows) - 1
+        while len(rows) >= _LEAST_COMPARED:
+            change = np.array([row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)])
+            far = np.sort(np.abs(change), axis=1)[:, -COUNTED:].mean(axis=1)
+            furthest = int(np.argmax(far))
+            level = int(np.argmax(np.abs(change[furthest])))
+            if far[furthest] < UNUSUAL:
+                break
+            which = self.layout.levels[level]
+            notes.append(
+                f"not learned from {'this' if is_new[furthest] else 'an earlier'} recording: "
+                f"{change[furthest, level]:+.1f} dB at {which.words()}, channel {which.channel}, against the others."
+            )
+            rows, is_new = np.delete(rows, furthest, axis=0), np.delete(is_new, furthest)
+        shortest = n_samples if not len(self.rows) else min(self.shortest, n_samples)
+        dropped = self.dropped + len(notes)
+        return PointBaseline(self.layout, shortest, rows, len(rows) >= learning, dropped), tuple(notes)
+
+    def left_out_scores(self) -> list[tuple[float, bool]]:
+        """(score, whether it is large) of each recording that it learned from, against the others.
+
+        Those that it dropped count as the largest of all: without them, a machine that is loud now and then would have
+        a baseline that never was.
+        """
+        scores = [(math.inf, True)] * self.dropped
+        for number, row in enumerate(self.rows):
+            others = np.delete(self.rows, number, axis=0)
+            median = np.median(others, axis=0)
+            spread = _spread(others, median)
+            scores.append((_score(row - median, spread), _is_large(row - median, spread)))
+        return scores
+
+    def score(self, levels: Float64[np.ndarray, " level"]) -> float:
+        """Mean of the `COUNTED` largest (|change| - `TOLERANCE`) / scatter, 0 at least."""
+        return _score(levels - self.median, self.spread)
+
+    def is_large(self, levels: Float64[np.ndarray, " level"]) -> bool:
+        """Whether levels changed far: those that changed most by `CHANGE` and `SPREADS` in the mean.
+
+        Those that rose most must have risen by `TOLERANCE` in the mean: a fault moves power from some levels to others,
+        but levels that only fall, as when a machine runs in, are no damage.
+        """
+        return _is_large(levels - self.median, self.spread)
+
+    def deviation(self, levels: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
+        """How far a recording is from the baseline, for `diagnosis.level_changes`."""
+        change = levels - self.median
+        return Deviation(self.score(levels), p_value, change, change / self.spread, "", len(self.rows), ())
+
+    def channel_distances(self, levels: Float64[np.ndarray, " level"]) -> Float64[np.ndarray, "channel channel"]:
+        """Distance of the levels of each channel (row) from the baseline of each channel (column).
+
+        The root mean square of the differences over the scatter.
+        """
+        count = len(self.layout.channels)
+        spread = np.maximum(self.spread, _LEAST_CHANNEL_SPREAD).reshape(count, -1)
+        difference = levels.reshape(count, 1, -1) - self.median.reshape(count, -1)
+        return np.asarray(np.sqrt(np.mean((difference / spread) ** 2, axis=-1)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values that JSON can hold; levels to a thousandth of a dB."""
+        return {
+            "layout": {**asdict(self.layout), "channels": list(self.layout.channels)},
+            "shortest": self.shortest,
+            "rows": self.rows.round(3).tolist(),
+            "is_complete": self.is_complete,
+            "dropped": self.dropped,
+        }
+
+    @classmethod
+    def from_dict(cls, state: Mapping[str, Any]) -> "PointBaseline":
+        """The baseline that `to_dict` described."""
+        layout = _layout(**{**state["layout"], "channels": tuple(state["layout"]["channels"])})
+        rows = np.array(state["rows"], dtype=np.float64).reshape(-1, len(layout.levels))
+        return cls(layout, int(state["shortest"]), rows, bool(state["is_complete"]), int(state["dropped"]))
+
+
+def baseline_levels(baseline: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
+    """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is learned.
+
+    Parameters
+    ----------
+    baseline : `PointState.baseline`, as the history has it.
+    """
+    point = PointBaseline.from_dict(baseline)
+    if not point.is_complete:
+        return {}
+    pairs = zip(point.median.tolist(), point.spread.tolist(), strict=True)
+    return dict(zip(level_names(point.layout), pairs, strict=True))
+
+
+@lru_cache(maxsize=256)
+def _layout(sample_rate: float, channels: tuple[str, ...], unit: str, length: int, n_orders: int) -> LevelLayout:
+    """The layout; machines alike share its levels, which take a millisecond to describe."""
+    return LevelLayout(sample_rate, channels, unit, length, n_orders)
+
+
+@lru_cache(maxsize=256)
+def level_names(layout: LevelLayout) -> Sequence[tuple[str, str]]:
+    """Channel and name of each level."""
+    return [(level.channel, level.words()) for level in layout.levels]
+
+
+def _spread(
+    rows: Float64[np.ndarray, "recording level"], median: Float64[np.ndarray, " level"]
+) -> Float64[np.ndarray, " level"]:
+    magnitude = np.median(np.abs(rows - median), axis=0)
+    return np.asarray(np.sqrt((1.4826 * magnitude) ** 2 + _LEAST_SPREAD**2))
+
+
+def _score(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> float:
+    excess = (np.abs(change) - TOLERANCE) / spread
+    return max(float(np.sort(excess)[-COUNTED:].mean()), 0.0)
+
+
+def _is_large(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
+    magnitude = np.abs(change)
+    furthest = np.argsort(magnitude / spread)[-COUNTED:]
+    is_far = magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS
+    risen = np.argsort(change / spread)[-COUNTED:]
+    return bool(is_far and change[risen].mean() >= TOLERANCE)

@@ -1,0 +1,195 @@
+"""Where messages of alarms go: a log file, a webhook, an MQTT broker, e-mail. Each is bounded in time."""
+
+import contextlib
+import http.client
+import json
+import math
+import smtplib
+import socket
+import ssl
+import threading
+from base64 import b64encode
+from collections.abc import Callable, Iterator
+from email.message import EmailMessage
+from pathlib import Path
+from typing import Any
+from urllib.parse import SplitResult, unquote, urlsplit
+
+from swashtwin.foundation import MissingExtraError, SwashTwinError, escape_controls
+from swashtwin.monitoring.alarms.messages import AlarmMessage
+from swashtwin.monitoring.config import Channel, EmailChannel, LogChannel, MqttChannel, WebhookChannel
+
+TIMEOUT = 10.0
+"""Time for one message [s]."""
+_LOG = "alarms.log"
+
+
+class ChannelError(SwashTwinError):
+    """A message could not be handed over; it may be sent again."""
+
+
+class _RefusedError(Exception):
+    """Why a server did not take a message, in words that hold no secret."""
+
+
+def send(message: AlarmMessage, channel: Channel, *, folder: Path, timeout: float = TIMEOUT) -> None:
+    """Hand a message to a channel, and return when its server has it.
+
+    Parameters
+    ----------
+    folder : of the watch, where a log without a path of its own lies.
+    timeout : time for connecting, and for all that follows [s].
+
+    Raises
+    ------
+    ChannelError
+        It could not be handed over; the message is one line and holds no secret.
+    """
+    try:
+        match channel:
+            case LogChannel():
+                _write(message, channel, folder)
+            case WebhookChannel():
+                _post(message, channel, timeout)
+            case MqttChannel():
+                _publish(message, channel, timeout)
+            case EmailChannel():
+                _mail(message, channel, timeout)
+    except (OSError, smtplib.SMTPException, http.client.HTTPException, ValueError, IndexError, _RefusedError) as cause:
+        raise ChannelError(f"channel {channel.name!r} ({channel.kind}): {_reason(cause, timeout)}.") from cause
+
+
+def _reason(cause: Exception, timeout: float) -> str:
+    """What went wrong, in one line without what was sent."""
+    if isinstance(cause, (_RefusedError, smtplib.SMTPNotSupportedError)):
+        return escape_controls(str(cause)).rstrip(".")
+    if isinstance(cause, smtplib.SMTPRecipientsRefused):
+        return "the server refused every recipient"
+    if isinstance(cause, smtplib.SMTPResponseException):
+        answer = cause.smtp_error.decode(errors="replace") if isinstance(cause.smtp_error, bytes) else cause.smtp_error
+        return escape_controls(f"the server answers {cause.smtp_code} {answer}".rstrip(". "))
+    if TimeoutError in (type(cause), type(cause.__context__)):
+        return f"no answer within {timeout:g} s"
+    if isinstance(cause, ssl.SSLError):
+        return f"TLS fails: {cause.reason or type(cause).__name__}"
+    if isinstance(cause, OSError) and cause.strerror:
+        return cause.strerror
+    if isinstance(cause, (http.client.HTTPException, smtplib.SMTPException)):
+        return f"the server does not speak the protocol, or hung up ({type(cause).__name__})"
+    return f"a setting cannot be used ({type(cause).__name__})"  # its text may hold a token
+
+
+@contextlib.contextmanager
+def _deadline(timeout: float, current: Callable[[], socket.socket | None]) -> Iterator[None]:
+    """Cut a connection after `timeout`, however slowly its server goes on answering."""
+    is_late = threading.Event()
+
+    def cut() -> None:
+        is_late.set()
+        if (connection := current()) is not None:
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+
+    timer = threading.Timer(timeout, cut)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except (OSError, http.client.HTTPException, smtplib.SMTPException) as cause:
+        if is_late.is_set():
+            raise TimeoutError from cause
+        raise
+    finally:
+        timer.cancel()
+
+
+def _write(message: AlarmMessage, channel: LogChannel, folder: Path) -> None:
+    with (channel.path or folder / _LOG).open("a", encoding="utf-8") as file:
+        file.write(message.line + "\n")
+
+
+def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> None:
+    url = urlsplit(channel.url.reveal())
+    if url.scheme not in ("http", "https") or not url.hostname:
+        raise _RefusedError("its URL is no http:// or https:// address")
+    kind = http.client.HTTPSConnection if url.scheme == "https" else http.client.HTTPConnection
+    connection = kind(url.hostname, url.port, timeout=timeout)
+    headers = {"Content-Type": "application/json", "User-Agent": "swashtwin", **_login(url, channel)}
+    body = json.dumps({**message.to_dict(), "title": message.title}, ensure_ascii=False).encode()
+    with contextlib.closing(connection), _deadline(timeout, lambda: connection.sock):
+        connection.request("POST", (url.path or "/") + (f"?{url.query}" if url.query else ""), body, headers)
+        status = connection.getresponse().status
+    if not 200 <= status < 300:
+        raise _RefusedError(f"the server answers {status}")
+
+
+def _login(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
+    """Header that logs in, by the token or by user and password of the URL."""
+    if channel.token:
+        return {"Authorization": f"Bearer {channel.token.reveal()}"}
+    if url.username is None:
+        return {}
+    pair = f"{unquote(url.username)}:{unquote(url.password or '')}"
+    return {"Authorization": f"Basic {b64encode(pair.encode()).decode()}"}
+
+
+def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> None:
+    try:
+        from paho.mqtt.client import Client
+        from paho.mqtt.enums import CallbackAPIVersion
+    except ImportError as cause:
+        raise MissingExtraError(
+            "a channel of the kind mqtt needs paho-mqtt, which is not installed: pip install 'swashtwin[mqtt]'."
+        ) from cause
+    client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+    client.connect_timeout = timeout
+    if channel.user is not None:
+        client.username_pw_set(channel.user, channel.password.reveal() or None)
+    if channel.tls:
+        client.tls_set(None if channel.ca is None else str(channel.ca))
+    answered, refusals = threading.Event(), []
+
+    def on_connect(_: Any, __: Any, ___: Any, reason: Any, ____: Any) -> None:
+        if reason.is_failure:
+            refusals.append(f"the broker refuses the connection ({reason})")
+        answered.set()
+
+    client.on_connect = on_connect
+    client.connect(channel.host, channel.port, keepalive=max(math.ceil(timeout), 1))
+    client.loop_start()
+    try:
+        if not answered.wait(timeout):
+            raise TimeoutError
+        if refusals:
+            raise _RefusedError(refusals[0])
+        body = json.dumps({**message.to_dict(), "title": message.title}, ensure_ascii=False)
+        handed_over = client.publish(channel.topic, body, qos=1)
+        handed_over.wait_for_publish(timeout)
+        if not handed_over.is_published():
+            raise TimeoutError
+    except RuntimeError as cause:
+        raise _RefusedError("the broker closed the connection") from cause
+    finally:
+        client.disconnect()
+        client.loop_stop()
+
+
+def _mail(message: AlarmMessage, channel: EmailChannel, timeout: float) -> None:
+    mail = EmailMessage()
+    mail["Subject"] = message.title
+    mail["From"] = channel.sender
+    mail["To"] = ", ".join(channel.recipients)
+    mail["Message-ID"] = f"<{message.reference}@swashtwin>"
+    mail.set_content(message.text)
+    trusted = ssl.create_default_context()
+    server = (
+        smtplib.SMTP_SSL(channel.host, channel.port, timeout=timeout, context=trusted)
+        if channel.tls == "tls"
+        else smtplib.SMTP(channel.host, channel.port, timeout=timeout)
+    )
+    with contextlib.closing(server), _deadline(timeout, lambda: server.sock):
+        if channel.tls == "starttls":
+            server.starttls(context=trusted)
+        if channel.user is not None:
+            server.login(channel.user, channel.password.reveal())
+        server.send_message(mail)

@@ -1,0 +1,35 @@
+"""Names that the rest of the room imports, and where each lives."""
+
+from .contents import Contents as Contents
+from .contents import read_contents as read_contents
+from .delivery import FACTS as FACTS
+from .delivery import Accept as Accept
+from .delivery import Delivery as Delivery
+from .delivery import UnfitError as UnfitError
+from .delivery import check_facts as check_facts
+from .delivery import safe_name as safe_name
+from .folder import FolderWatch as FolderWatch
+from .mqtt import MqttWatch as MqttWatch
+from .spool import Spool as Spool
+from .spool import SpoolFile as SpoolFile
+from .spool import lock_folder as lock_folder
+from .standing import Standing as Standing
+from .tags import Tags as Tags
+
+__all__ = [
+    "FACTS",
+    "Accept",
+    "Contents",
+    "Delivery",
+    "FolderWatch",
+    "MqttWatch",
+    "Spool",
+    "SpoolFile",
+    "Standing",
+    "Tags",
+    "UnfitError",
+    "check_facts",
+    "lock_folder",
+    "read_contents",
+    "safe_name",
+]

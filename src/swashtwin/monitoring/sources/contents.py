@@ -1,0 +1,173 @@
+"""The recording in a spool file, with what the file, its message, the tags and the configuration say of it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from errno import EDQUOT, ENOSPC
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swashtwin.foundation import DataError, InputError, SwashTwinError, parse
+from swashtwin.monitoring.config import Machine
+from swashtwin.monitoring.sources.delivery import QUANTITIES, Delivery, UnfitError, entry_facts, read_time, safe_name
+from swashtwin.monitoring.sources.message import SAMPLES, samples_recording
+from swashtwin.monitoring.sources.spool import SpoolFile
+from swashtwin.monitoring.sources.tags import Tags
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, load_recording, stem_of
+
+_AHEAD = timedelta(minutes=5)
+"""How far a recording's time may lie ahead of our clock."""
+_RATE_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """A recording that can be judged."""
+
+    recording: Recording
+    """Its samples in memory; its condition, or its attribute ``speed``, as far as anything states them."""
+    time: datetime
+    """When it was recorded (UTC)."""
+    digest: str
+    """Hash of what was recorded, whatever the file is called. A recording without any signal counts as another one at
+    another time."""
+    notes: tuple[str, ...]
+    """What a reader should know of its time and its tags."""
+
+
+def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Contents:
+    """The recording in a spool file.
+
+    Raises
+    ------
+    UnfitError
+        It cannot be read, or has other channels, another rate or another unit than the machine's.
+    OSError
+        The disk is full; it may be read later.
+    """
+    delivery = file.delivery
+    if delivery.problem is not None:
+        raise UnfitError("broken", delivery.problem)
+    try:
+        recording = _load(file, machine)
+        signal = recording.signal
+        time, notes = _time(delivery)
+        recording, tag_notes = _with_condition(recording, delivery, machine, tags, time)
+    except UnfitError:
+        raise
+    except OSError as cause:
+        if cause.errno in (ENOSPC, EDQUOT):
+            raise
+        raise UnfitError("broken", _named(str(cause), file)) from cause
+    except (SwashTwinError, MemoryError) as cause:
+        raise UnfitError("broken", _named(str(cause) or "it takes more memory than there is.", file)) from cause
+    digest = recording.fingerprint()
+    if signal.size and np.all(signal == signal[:, :1]):
+        digest = sha256(f"{digest} {time.isoformat()}".encode()).hexdigest()
+    return Contents(recording, time, digest, (*notes, *tag_notes))
+
+
+def _load(file: SpoolFile, machine: Machine) -> Recording:
+    delivery, stated = file.delivery, entry_facts(file.delivery.facts)
+    name = stem_of(Path(safe_name(delivery.file))) or "recording"
+    if file.path.name.endswith(SAMPLES):
+        recording = samples_recording(file.path, delivery.facts, name)
+        if missing := [channel for channel in machine.channels if channel not in recording.channels]:
+            raise UnfitError("channels", _other_channels(recording, missing[0]))
+        recording = recording.picked(machine.channels or recording.channels)
+    else:
+        recording = _load_file(file, stated | {"id": name}, machine)
+    rate = machine.sample_rate
+    if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
+        raise UnfitError("rate", f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.")
+    return recording
+
+
+def _load_file(file: SpoolFile, facts: dict[str, Any], machine: Machine) -> Recording:
+    """The recording of a whole file; what the configuration says counts where the file says nothing."""
+    usual: dict[str, Any] = {}
+    if machine.channels:
+        usual["channels"] = list(machine.channels)
+    if machine.sample_rate is not None and "sample_rate" not in facts:
+        usual["sample_rate"] = machine.sample_rate
+    if machine.unit is not None and "unit" not in facts:
+        usual["unit"] = machine.unit
+    if "speed" not in facts:  # a pressure alone is joined with a speed afterwards
+        facts = {key: value for key, value in facts.items() if key != "discharge_pressure"}
+    try:
+        return load_recording(file.path, **facts, **usual)
+    except DataError as cause:
+        reason = _misfit(file, facts, usual)
+        raise UnfitError(reason, _named(str(cause), file)) from cause
+
+
+def _misfit(file: SpoolFile, facts: Mapping[str, Any], usual: Mapping[str, Any]) -> str:
+    """Which fact of the machine the file contradicts; ``broken`` where it cannot be read at all."""
+    for key, reason in (("channels", "channels"), ("sample_rate", "rate"), ("unit", "unit")):
+        if key not in usual:
+            continue
+        try:
+            load_recording(file.path, **facts, **{name: value for name, value in usual.items() if name != key})
+        except SwashTwinError:
+            continue
+        return reason
+    return "broken"
+
+
+def _other_channels(recording: Recording, missing: str) -> str:
+    return f"it has no channel {missing!r}; it has {', '.join(recording.channels)}."
+
+
+def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
+    stated = delivery.facts.get("time")
+    if stated is None:
+        return delivery.received, ()
+    time = read_time(stated)
+    if time - delivery.received > _AHEAD:
+        note = f"It says it was recorded at {time:%Y-%m-%d %H:%M:%S}, which lies ahead: the time of its arrival counts."
+        return delivery.received, (note,)
+    return min(time, delivery.received), ()
+
+
+def _with_condition(
+    recording: Recording, delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
+) -> tuple[Recording, tuple[str, ...]]:
+    """The recording at its operating point: of the file, else of the message, the tags, or the configuration."""
+    if recording.condition is not None:
+        return recording, ()
+    values = {
+        name: value
+        for name, value in (("speed", machine.speed), ("discharge_pressure", machine.discharge_pressure))
+        if value is not None
+    }
+    notes: tuple[str, ...] = ()
+    texts = {name: text for name, text in delivery.facts.items() if name in QUANTITIES and name != "rate"}
+    if tags is not None:
+        try:
+            texts = {**tags.at(time), **texts}
+        except DataError as cause:
+            notes = (str(cause),)
+    for name, text in texts.items():
+        key, unit = QUANTITIES[name]
+        values[key] = parse(text, unit, name=name)
+    if "speed" in recording.attributes:
+        values["speed"] = parse(recording.attributes["speed"], "rad/s", name="speed")
+    try:
+        if {"speed", "discharge_pressure"} <= values.keys():
+            return recording.replace(condition=OperatingCondition(**values)), notes
+    except InputError as cause:
+        raise UnfitError("broken", str(cause)) from cause
+    if "speed" in values:
+        speed = f"{values['speed'] * 30 / math.pi!r} rpm"
+        return recording.replace(attributes={**recording.attributes, "speed": speed}), notes
+    return recording, notes
+
+
+def _named(text: str, file: SpoolFile) -> str:
+    """A message with the name that the file came under instead of the one in the spool."""
+    return text.replace(str(file.path), file.delivery.file)

@@ -1,0 +1,206 @@
+"""A folder, on this disk or on a network share, in which others put files of recordings.
+
+A file is taken once its size and its time of change have stood still for a while: shares tell nobody when a file is
+closed. What was taken is remembered by path, size and time of change, so that a restart takes nothing twice, and a file
+that grew after all is taken again. No clock but the monotonic one decides.
+"""
+
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+from swashtwin.foundation import file_name, replacing
+from swashtwin.monitoring.config import FolderSource
+from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery
+from swashtwin.monitoring.sources.standing import Standing
+
+_UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
+"""Suffixes that programs give to files they are still writing."""
+_POLLS = 4
+"""Looks at the folder in the time for which a file must stand still."""
+_LONGEST_PAUSE = 2.0
+"""Longest time [s] between two looks."""
+_DEEPEST = 8
+"""Levels of sub-folders that are looked into."""
+
+
+class Stamp(NamedTuple):
+    """What shows that a file has changed."""
+
+    size: int
+    """Bytes."""
+    changed: int
+    """Time of change [ns]."""
+
+
+class FolderWatch:
+    """Takes the files of one folder."""
+
+    def __init__(self, source: FolderSource, accept: Accept, folder: Path) -> None:
+        """Watch `source`; what was taken is remembered in `folder`."""
+        self.standing = Standing(source.name, source.kind)
+        self._source = source
+        self._accept = accept
+        self._taken = TakenFiles(folder / "taken" / f"{file_name(source.name)}.txt")
+        self._waiting: dict[str, tuple[Stamp, float]] = {}
+        """Files that are not taken yet, and since when [s] each has stood still."""
+        self._is_settling = False
+        """Whether a file may be ready at a later look."""
+        self._problems: dict[str, str] = {}
+        """Files that cannot be read or removed, while they are there."""
+
+    def run(self, stop: threading.Event) -> None:
+        """Look into the folder until `stop` is set."""
+        pause = min(_LONGEST_PAUSE, max(0.02, self._source.settle / _POLLS))
+        while not stop.is_set():
+            began = time.monotonic()
+            self.poll()
+            stop.wait(max(pause, time.monotonic() - began))  # a slow share is looked at half of the time
+
+    def drain(self, stop: threading.Event) -> None:
+        """Take every file that is there now, and return when none is left that may still change."""
+        while (self.poll() and self._waiting) or self._is_settling:
+            if stop.wait(max(0.02, self._source.settle / _POLLS)):
+                return
+
+    def poll(self) -> int:
+        """Files that were taken at this look."""
+        self._is_settling = False
+        try:
+            stamps = dict(self._files())
+        except OSError as cause:
+            self.standing.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
+            return 0
+        now = time.monotonic()
+        still = {
+            path: self._waiting.get(path, (None, now)) for path in stamps if not self._taken.has(path, stamps[path])
+        }
+        self._waiting = {
+            path: (stamps[path], since if stamp == stamps[path] else now) for path, (stamp, since) in still.items()
+        }
+        ready = [path for path, (_, since) in self._waiting.items() if now - since >= self._source.settle]
+        self._is_settling = len(ready) < len(self._waiting)
+        self._problems = {path: problem for path, problem in self._problems.items() if path in stamps}
+        count = 0
+        problem: str | None = None
+        try:
+            self._taken.keep(stamps)
+            for path in sorted(ready, key=lambda name: (stamps[name].changed, name)):
+                count += self._take(Path(path), stamps[path])
+        except OSError as cause:
+            problem = cause.strerror or str(cause)
+        self.standing.received += count
+        problem = problem or next(iter(self._problems.values()), None)
+        if problem is not None:
+            self.standing.fail(problem)
+        else:
+            self.standing.succeed()
+        return count
+
+    def _take(self, path: Path, stamp: Stamp) -> bool:
+        """Whether the file was taken; one that changed meanwhile is not. What is too large is taken as a problem."""
+        problem = None
+        try:
+            if stamp.size > LARGEST:
+                problem = f"it has {stamp.size} bytes; at most {LARGEST} are taken, so it stays in its folder."
+                content = f"{path}: {problem}\n".encode(errors="replace")
+            else:
+                with path.open("rb") as file:
+                    content = file.read(stamp.size)
+            if _stamp(path.stat()) != stamp:
+                self._is_settling = True
+                return False
+        except OSError as cause:  # removed again, or locked by the program that writes it
+            self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
+            return False
+        facts = {"time": datetime.fromtimestamp(stamp.changed / 1e9, UTC).isoformat()}
+        delivery = Delivery(self._source.name, path.name, datetime.now(UTC), self._machine(path), facts, problem)
+        self._accept(delivery, content)
+        self._waiting.pop(str(path), None)
+        self._problems.pop(str(path), None)
+        if problem is not None or not self._source.remove or not self._is_removed(path):
+            self._taken.add(str(path), stamp)
+        return True
+
+    def _is_removed(self, path: Path) -> bool:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as cause:
+            self._problems[str(path)] = f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
+            return False
+        return True
+
+    def _machine(self, path: Path) -> str | None:
+        """Machine of a file: the source's own, or the name of the first sub-folder."""
+        if self._source.machine is not None:
+            return self._source.machine
+        parts = path.relative_to(self._source.path).parts
+        return parts[0] if len(parts) > 1 else None
+
+    def _files(self) -> Iterator[tuple[str, Stamp]]:
+        return _walk(self._source.path, self._matches, 0)
+
+    def _matches(self, name: str) -> bool:
+        return fnmatch(name, self._source.pattern) and not name.lower().endswith(_UNFINISHED)
+
+
+class TakenFiles:
+    """Paths that were taken, with their stamps, in a file to which each is appended."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stamps: dict[str, Stamp] = {}
+        self._lines = 0
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+                self._lines += 1
+                try:
+                    name, size, changed = json.loads(line)
+                except (ValueError, TypeError):
+                    continue  # a kill cut it off: its file is taken again, and filed as double
+                self._stamps[name] = Stamp(size, changed)
+
+    def has(self, path: str, stamp: Stamp) -> bool:
+        """Whether the file was taken as it is now."""
+        return self._stamps.get(path) == stamp
+
+    def add(self, path: str, stamp: Stamp) -> None:
+        """Remember a file."""
+        self._stamps[path] = stamp
+        self._lines += 1
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(f"{json.dumps([path, *stamp])}\n")
+
+    def keep(self, paths: dict[str, Stamp]) -> None:
+        """Forget files that are gone, once they are most of what is remembered; none where all are: a share is away."""
+        if not paths or self._lines < 2 * len(self._stamps.keys() & paths.keys()) + 1000:
+            return
+        self._stamps = {path: stamp for path, stamp in self._stamps.items() if path in paths}
+        with replacing(self._path) as temporary:
+            lines = (f"{json.dumps([path, *stamp])}\n" for path, stamp in self._stamps.items())
+            temporary.write_text("".join(lines), encoding="utf-8")
+        self._lines = len(self._stamps)
+
+
+def _walk(folder: Path, matches: Callable[[str], bool], depth: int) -> Iterator[tuple[str, Stamp]]:
+    """Files in a folder and its sub-folders; links, hidden and unfinished files are left out."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith((".", "~")) or entry.is_symlink():
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                if depth < _DEEPEST:
+                    yield from _walk(Path(entry.path), matches, depth + 1)
+            elif entry.is_file(follow_symlinks=False) and matches(entry.name):
+                yield entry.path, _stamp(entry.stat(follow_symlinks=False))
+
+
+def _stamp(stat: os.stat_result) -> Stamp:
+    return Stamp(stat.st_size, stat.st_mtime_ns)

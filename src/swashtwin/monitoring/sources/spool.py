@@ -1,0 +1,201 @@
+"""Recordings that arrived and are not judged yet, on the disk: a kill or a power cut loses none."""
+
+import hashlib
+import logging
+import os
+import secrets
+import shutil
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from errno import ENOSPC
+from pathlib import Path
+
+from swashtwin.foundation import InputError
+from swashtwin.monitoring.sources.delivery import Delivery, safe_name
+from swashtwin.recordings import suffix_of
+
+LIMIT = 10_000
+"""Recordings that may wait; sources then hold back what they have."""
+_CARD = ".json"
+_log = logging.getLogger("swashtwin.watch")
+
+
+@dataclass(frozen=True)
+class SpoolFile:
+    """One recording that waits."""
+
+    key: str
+    """Its name in the spool; keys sort by arrival."""
+    path: Path
+    """The file."""
+    delivery: Delivery
+    """What is known of it."""
+
+
+class Spool:
+    """Recordings that wait in a folder. Each is a file and, written after it, a card that makes it valid.
+
+    Any thread may add; one thread takes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._changed = threading.Condition()
+        cards = sorted(path.stem for path in folder.glob(f"*{_CARD}") if not path.name.startswith("."))
+        self._keys = deque(cards)
+        valid = set(cards)
+        for path in folder.iterdir():
+            if path.is_file() and path.name.split(".")[0] not in valid:  # a kill interrupted its arrival or its removal
+                path.unlink()
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def add(self, delivery: Delivery, content: bytes | Path) -> str:
+        """SHA-256 of the content, hexadecimal, after it was written to the disk with its card.
+
+        Parameters
+        ----------
+        content : bytes, or a file that is moved here.
+
+        Raises
+        ------
+        OSError
+            The disk or the spool is full, or cannot be written.
+        """
+        if len(self._keys) >= LIMIT:
+            raise OSError(ENOSPC, f"{LIMIT} recordings wait to be judged; more are taken when there are fewer")
+        key = f"{time.time_ns():020d}-{secrets.token_hex(4)}"
+        data = self._folder / f"{key}{_suffix(delivery)}"
+        try:
+            digest = _write(data, content)
+            with _whole(self._folder / f"{key}{_CARD}") as card:
+                _write(card, delivery.to_json().encode())
+        except BaseException:
+            data.unlink(missing_ok=True)
+            raise
+        _sync(self._folder)
+        with self._changed:
+            self._keys.append(key)
+            self._changed.notify_all()
+        return digest
+
+    def next(self, timeout: float) -> SpoolFile | None:
+        """The recording that waits longest, or None where none came in `timeout` seconds; it stays until `remove`.
+
+        One that cannot be read at the moment is tried again by the next call.
+        """
+        with self._changed:
+            if not self._keys:
+                self._changed.wait(timeout)
+            if not self._keys:
+                return None
+            key = self._keys[0]
+        card = self._folder / f"{key}{_CARD}"
+        try:
+            delivery = Delivery.from_json(card.read_text(encoding="utf-8"))
+        except (ValueError, TypeError, KeyError, FileNotFoundError):
+            path = next((path for path in self._folder.glob(f"{key}.*") if path != card), card)
+            return SpoolFile(key, path, Delivery("spool", path.name, datetime.now(UTC), problem="its card is damaged."))
+        except OSError as cause:
+            _log.warning("%s cannot be read: %s", card, cause.strerror or cause)
+            time.sleep(timeout)
+            return None
+        return SpoolFile(key, self._folder / f"{key}{_suffix(delivery)}", delivery)
+
+    def remove(self, file: SpoolFile) -> None:
+        """Forget a recording that was judged or filed; its file may have been moved."""
+        (self._folder / f"{file.key}{_CARD}").unlink(missing_ok=True)
+        file.path.unlink(missing_ok=True)
+        with self._changed, suppress(ValueError):
+            self._keys.remove(file.key)
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Hold a folder for one watch; the system releases it when the process ends, however it ends.
+
+    Raises
+    ------
+    InputError
+        Another watch holds it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "watch.lock"
+    with path.open("a+", encoding="utf-8") as file:
+        if not _is_locked(file.fileno()):
+            raise InputError(
+                f"{folder} is in use by another watch (see {path.name} there for its process); stop it, or give this "
+                'one its own folder = "...".'
+            )
+        file.truncate(0)
+        file.write(f"{os.getpid()}\n")
+        file.flush()
+        yield
+
+
+def _is_locked(descriptor: int) -> bool:
+    """Whether this process now holds the lock of an open file."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        except OSError:
+            return False
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _suffix(delivery: Delivery) -> str:
+    suffix = suffix_of(Path(safe_name(delivery.file)))
+    return suffix if suffix != _CARD else f"{_CARD}.data"
+
+
+def _write(path: Path, content: bytes | Path) -> str:
+    """SHA-256 of the content, which is now at `path` and on the disk."""
+    if isinstance(content, Path):
+        with content.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            os.fsync(file.fileno())
+        shutil.move(content, path)
+        return digest
+    with path.open("xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return hashlib.sha256(content).hexdigest()
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Temporary path that takes the place of `path` when the block ends well."""
+    temporary = path.with_name(f".{path.name}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _sync(folder: Path) -> None:
+    """Let the names in a folder reach the disk, where the system can."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,84 @@
+"""Operating points that another system wrote down: a CSV of times with speeds and pressures."""
+
+import csv
+from bisect import bisect_right
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+from swashtwin.foundation import DataError, InputError, parse, read_text
+from swashtwin.monitoring.sources.delivery import QUANTITIES, read_time
+
+_OLDEST = timedelta(hours=1)
+"""Age of a tag up to which it still holds."""
+_COLUMNS = ("speed", "pressure", "temperature")
+
+
+class _Content(NamedTuple):
+    stamp: tuple[int, int]
+    times: list[datetime]
+    facts: list[dict[str, str]]
+
+
+class Tags:
+    """Operating points of a machine by time; the file is read again when it changed.
+
+    Its first line names the columns ``time`` and at least one of ``speed``, ``pressure`` and ``temperature``. A number
+    without a unit is in rpm, MPa or degC.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._content: _Content | None = None
+
+    def at(self, time: datetime) -> Mapping[str, str]:
+        """Facts of the last line at or before `time`; none where that is older than an hour.
+
+        Raises
+        ------
+        DataError
+            The file is missing or a line of it cannot be read.
+        """
+        try:
+            stat = self._path.stat()
+        except OSError as cause:
+            raise DataError(f"{self._path} (tags) cannot be read: {cause.strerror or cause}.") from cause
+        stamp = (stat.st_size, stat.st_mtime_ns)
+        if self._content is None or self._content.stamp != stamp:
+            self._content = _Content(stamp, *_read(self._path))
+        times, facts = self._content.times, self._content.facts
+        index = bisect_right(times, time) - 1
+        return facts[index] if index >= 0 and time - times[index] <= _OLDEST else {}
+
+
+_USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
+
+
+def _read(path: Path) -> tuple[list[datetime], list[dict[str, str]]]:
+    rows = []
+    reader = csv.DictReader(read_text(path).splitlines())
+    names = [name.strip() for name in reader.fieldnames or ()]
+    if "time" not in names or not set(_COLUMNS) & set(names):
+        raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")
+    reader.fieldnames = names
+    for row in reader:
+        try:
+            rows.append((read_time((row["time"] or "").strip()), _facts(row)))
+        except InputError as cause:
+            raise DataError(f"{path} (tags), line {reader.line_num}: {cause}") from cause
+    rows.sort(key=lambda row: row[0])
+    return [time for time, _ in rows], [facts for _, facts in rows]
+
+
+def _facts(row: Mapping[str, str | None]) -> dict[str, str]:
+    facts = {}
+    for name in _COLUMNS:
+        text = (row.get(name) or "").strip()
+        if text:
+            with suppress(ValueError):  # it has a unit
+                text = f"{float(text)!r} {_USUAL_UNITS[name]}"
+            parse(text, QUANTITIES[name][1], name=name)
+            facts[name] = text
+    return facts

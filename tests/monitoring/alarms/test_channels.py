@@ -1,0 +1,259 @@
+"""Messages reach real servers; a server that refuses, stays silent or dawdles is an error in one line, in time."""
+
+import json
+import socket
+import socketserver
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from email import message_from_bytes, policy
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mqtt_broker import Broker, free_port
+
+from swashtwin.monitoring.alarms import AlarmMessage, ChannelError, send
+from swashtwin.monitoring.config import EmailChannel, LogChannel, MqttChannel, Secret, WebhookChannel
+
+MESSAGE = AlarmMessage(
+    "pump-1",
+    "860 rpm, 10 MPa",
+    "pump",
+    "opened",
+    "2026-01-02T03:04:05+00:00",
+    "alarm-17-opened",
+    ("+9.1 dB at shaft order 9 (129 Hz), channel cover_z",),
+    "http://127.0.0.1:8642/alarms/17",
+)
+
+
+@contextmanager
+def serving(server: socketserver.BaseServer) -> Iterator[int]:
+    """Port of a server that runs until the end of the block."""
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+    thread.start()
+    try:
+        yield server.server_address[1]
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join(5)
+
+
+class MailServer(socketserver.ThreadingTCPServer):
+    """Takes mail by SMTP, as much as a test needs of it."""
+
+    daemon_threads = True
+
+    def __init__(self, *, refuse: str = "") -> None:
+        super().__init__(("127.0.0.1", 0), MailHandler)
+        self.refuse, self.mails = refuse, list[bytes]()
+
+
+class MailHandler(socketserver.StreamRequestHandler):
+    """One connection."""
+
+    server: MailServer
+
+    def handle(self) -> None:
+        self.wfile.write(b"220 stub\r\n")
+        while line := self.rfile.readline():
+            command = line[:4].decode().upper()
+            if command == self.server.refuse:
+                self.wfile.write(b"550 not here\r\n")
+            elif command == "DATA":
+                self.wfile.write(b"354 go on\r\n")
+                lines = iter(self.rfile.readline, b".\r\n")
+                self.server.mails.append(b"".join(lines))
+                self.wfile.write(b"250 taken\r\n")
+            else:
+                self.wfile.write(b"221 bye\r\n" if command == "QUIT" else b"250 ok\r\n")
+
+
+class HookHandler(BaseHTTPRequestHandler):
+    """Keeps what is posted."""
+
+    def do_POST(self) -> None:
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        self.server.posts.append((self.path, dict(self.headers), body))  # type: ignore[attr-defined]
+        self.send_response(self.server.status)  # type: ignore[attr-defined]
+        self.end_headers()
+
+    def log_message(self, *_: Any) -> None:
+        """Nothing."""
+
+
+def hook_server(status: int = 204) -> ThreadingHTTPServer:
+    """A web server that answers every post with one status."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), HookHandler)
+    server.posts, server.status = [], status  # type: ignore[attr-defined]
+    return server
+
+
+class DawdlingHandler(socketserver.StreamRequestHandler):
+    """Sends one character of a header now and then, for ever."""
+
+    def handle(self) -> None:
+        try:
+            while True:
+                self.wfile.write(b"x")
+                time.sleep(0.05)
+        except OSError:
+            pass
+
+
+def test_a_log_gets_one_line_for_each_message_whatever_the_names_hold(tmp_path: Path) -> None:
+    channel = LogChannel(name="log")
+    send(MESSAGE, channel, folder=tmp_path)
+    send(AlarmMessage("a\nb\x1b[2J", "any", "sensor", "cleared", "now", "2"), channel, folder=tmp_path)
+    lines = (tmp_path / "alarms.log").read_text(encoding="utf-8").splitlines()
+    assert lines == [
+        "2026-01-02T03:04:05+00:00 pump-1: pump alarm opened (860 rpm, 10 MPa). +9.1 dB at shaft order 9 (129 Hz), "
+        "channel cover_z http://127.0.0.1:8642/alarms/17",
+        "now a\\nb\\x1b[2J: sensor alarm cleared (any).",
+    ]
+
+
+def test_a_log_that_cannot_be_written_is_an_error_that_names_the_channel(tmp_path: Path) -> None:
+    with pytest.raises(ChannelError, match="channel 'log' \\(log\\): No such file"):
+        send(MESSAGE, LogChannel(name="log", path=tmp_path / "none" / "a.log"), folder=tmp_path)
+
+
+def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> None:
+    server = hook_server()
+    with serving(server) as port:
+        url = Secret(f"http://127.0.0.1:{port}/hook?a=b")
+        send(MESSAGE, WebhookChannel(name="hook", url=url, token=Secret("t0ken")), folder=tmp_path)
+    ((path, headers, body),) = server.posts  # type: ignore[attr-defined]
+    assert path == "/hook?a=b"
+    assert headers["Authorization"] == "Bearer t0ken"
+    assert AlarmMessage.from_dict({k: v for k, v in json.loads(body).items() if k != "title"}) == MESSAGE
+
+
+@pytest.mark.parametrize("status", [302, 401, 500])
+def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(tmp_path: Path, status: int) -> None:
+    with serving(hook_server(status)) as port:
+        channel = WebhookChannel(name="hook", url=Secret(f"http://u:geheim@127.0.0.1:{port}/"))
+        with pytest.raises(ChannelError, match=f"answers {status}") as error:
+            send(MESSAGE, channel, folder=tmp_path)
+    assert "geheim" not in str(error.value)
+
+
+def test_a_token_that_no_header_can_hold_is_not_shown_in_the_error(tmp_path: Path) -> None:
+    channel = WebhookChannel(name="hook", url=Secret("http://127.0.0.1:9/"), token=Secret("ge\nheim"))
+    with pytest.raises(ChannelError, match="hook") as error:
+        send(MESSAGE, channel, folder=tmp_path)
+    assert "heim" not in str(error.value)
+
+
+def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity(tmp_path: Path) -> None:
+    server = MailServer()
+    with serving(server) as port:
+        channel = EmailChannel(
+            name="mail", host="127.0.0.1", port=port, sender="a@b.c", recipients=("d@e.f", "g@h.i"), tls="none"
+        )
+        send(MESSAGE, channel, folder=tmp_path)
+    mail = message_from_bytes(server.mails[0], policy=policy.default)
+    assert mail["Subject"] == "pump-1: pump alarm opened (860 rpm, 10 MPa)"
+    assert mail["To"] == "d@e.f, g@h.i"
+    assert mail["Message-ID"] == "<alarm-17-opened@swashtwin>"
+    assert "+9.1 dB at shaft order 9" in mail.get_content()
+    assert "http://127.0.0.1:8642/alarms/17" in mail.get_content()
+
+
+def test_a_mail_about_a_machine_with_a_line_break_in_its_name_forges_no_header(tmp_path: Path) -> None:
+    server = MailServer()
+    with serving(server) as port:
+        channel = EmailChannel(
+            name="mail", host="127.0.0.1", port=port, sender="a@b.c", recipients=("d@e.f",), tls="none"
+        )
+        send(AlarmMessage("p\r\nBcc: x@y.z", "any", "pump", "opened", "now", "3"), channel, folder=tmp_path)
+    mail = message_from_bytes(server.mails[0], policy=policy.default)
+    assert mail["Bcc"] is None
+
+
+@pytest.mark.parametrize(("refuse", "reason"), [("MAIL", "550 not here"), ("RCPT", "refused every recipient")])
+def test_a_mail_that_is_refused_is_an_error_with_the_answer(tmp_path: Path, refuse: str, reason: str) -> None:
+    with serving(MailServer(refuse=refuse)) as port:
+        channel = EmailChannel(
+            name="mail", host="127.0.0.1", port=port, sender="a@b.c", recipients=("d@e.f",), tls="none"
+        )
+        with pytest.raises(ChannelError, match=reason):
+            send(MESSAGE, channel, folder=tmp_path)
+
+
+def test_a_mail_is_not_sent_in_the_clear_where_starttls_was_asked_for(tmp_path: Path) -> None:
+    server = MailServer()
+    with serving(server) as port:
+        channel = EmailChannel(name="mail", host="127.0.0.1", port=port, sender="a@b.c", recipients=("d@e.f",))
+        with pytest.raises(ChannelError, match="STARTTLS"):
+            send(MESSAGE, channel, folder=tmp_path)
+    assert server.mails == []
+
+
+def test_a_broker_gets_the_message_as_json(tmp_path: Path) -> None:
+    from paho.mqtt.client import Client
+    from paho.mqtt.enums import CallbackAPIVersion
+
+    broker = Broker(tmp_path)
+    broker.start()
+    got, ready, payloads = threading.Event(), threading.Event(), list[bytes]()
+    listener = Client(CallbackAPIVersion.VERSION2)
+    listener.on_subscribe = lambda *_: ready.set()
+    listener.on_message = lambda _, __, message: (payloads.append(message.payload), got.set())
+    try:
+        listener.connect(broker.host, broker.port)
+        listener.subscribe("plant/alarms", qos=1)
+        listener.loop_start()
+        assert ready.wait(10)
+        send(
+            MESSAGE, MqttChannel(name="mqtt", host=broker.host, port=broker.port, topic="plant/alarms"), folder=tmp_path
+        )
+        assert got.wait(10)
+    finally:
+        listener.disconnect()
+        listener.loop_stop()
+        broker.stop()
+    assert json.loads(payloads[0])["identity"] == "alarm-17-opened"
+
+
+def channels(port: int) -> list[Any]:
+    """A channel of each kind that uses the network, at a port."""
+    address = {"host": "127.0.0.1", "port": port}
+    return [
+        WebhookChannel(name="hook", url=Secret(f"http://127.0.0.1:{port}/")),
+        EmailChannel(name="mail", **address, sender="a@b.c", recipients=("d@e.f",), tls="none"),
+        MqttChannel(name="mqtt", **address, topic="a"),
+    ]
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_server_that_is_not_there_is_an_error_at_once(tmp_path: Path, number: int) -> None:
+    channel = channels(free_port())[number]
+    started = time.monotonic()
+    with pytest.raises(ChannelError, match="Connection refused"):
+        send(MESSAGE, channel, folder=tmp_path)
+    assert time.monotonic() - started < 5
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_server_that_takes_the_connection_and_stays_silent_is_an_error_in_time(tmp_path: Path, number: int) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        channel = channels(silent.getsockname()[1])[number]
+        started = time.monotonic()
+        with pytest.raises(ChannelError, match=r"no answer within 0\.5 s"):
+            send(MESSAGE, channel, folder=tmp_path, timeout=0.5)
+    assert time.monotonic() - started < 5
+
+
+def test_a_webhook_that_answers_a_character_at_a_time_is_cut_off_in_time(tmp_path: Path) -> None:
+    server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), DawdlingHandler)
+    server.daemon_threads = True
+    with serving(server) as port:
+        started = time.monotonic()
+        with pytest.raises(ChannelError, match="hook"):
+            send(MESSAGE, channels(port)[0], folder=tmp_path, timeout=0.5)
+    assert time.monotonic() - started < 5

@@ -1,0 +1,168 @@
+"""One machine's monitor: it learns, stays quiet, raises an alarm that names the levels, clears it, and says why not."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from small_machine import Machine
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.monitoring.alarms import PointJudgment, PointMonitor, PointState, baseline_levels
+from swashtwin.monitoring.alarms.testing import ConformalTest
+
+MONITOR = PointMonitor("pump-1")
+
+
+def course(
+    machine: Machine, rises: list[float], state: PointState | None = None, first: int = 0
+) -> list[PointJudgment]:
+    """Judgments on recordings with these rises [dB]; the state goes through JSON after each."""
+    point_judgments = []
+    for number, rise in enumerate(rises, first):
+        point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
+        state = PointState(
+            *(json.loads(json.dumps(part)) for part in (point_judgment.state.baseline, point_judgment.state.test))
+        )
+        point_judgments.append(point_judgment)
+    return point_judgments
+
+
+@pytest.fixture(scope="module")
+def watched(machine: Machine) -> PointState:
+    """State after 20 healthy recordings were learned from and 20 watched."""
+    return course(machine, [0.0] * 40)[-1].state
+
+
+def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(machine: Machine) -> None:
+    point_judgments = course(machine, [0.0] * 21)
+    assert [item.learned for item in point_judgments[:20]] == list(range(1, 21))
+    assert {item.stage for item in point_judgments[:20]} == {"learning"}
+    assert all(item.capital is None and not item.is_alarm for item in point_judgments[:20])
+    assert point_judgments[20].stage == "watching"
+    assert point_judgments[20].p_value is not None
+
+
+def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine(machine: Machine) -> None:
+    """Else a machine that is loud now and then raises false alarms, however alike its recordings are."""
+    rises = [20.0 if number in (6, 9, 14) else 0.0 for number in range(23)]
+    point_judgment = course(machine, rises)[-1]
+    test = ConformalTest.from_dict(point_judgment.state.test["test"])
+    assert point_judgment.learned == 20
+    assert test.large_share == 4 / 24
+
+
+def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(machine: Machine, watched: PointState) -> None:
+    point_judgments = course(machine, [12.0] * 8, watched, 40)
+    raised = [item.pump for item in point_judgments].index("raised")
+    assert raised <= 5
+    evidence = point_judgments[raised]
+    assert evidence.is_alarm
+    assert evidence.capital is not None
+    assert evidence.capital >= 100
+    assert {change.channel for change in evidence.moved[:3]} == {"x"}
+    assert any("shaft order" in reason for reason in evidence.reasons)
+    assert json.loads(json.dumps(evidence.to_dict()))["moved"][0]["change"] == pytest.approx(12, abs=4)
+
+
+def test_one_large_recording_raises_no_alarm(machine: Machine, watched: PointState) -> None:
+    point_judgments = course(machine, [20.0, *[0.0] * 10], watched, 40)
+    assert point_judgments[0].is_large
+    assert not any(item.pump for item in point_judgments)
+
+
+def test_the_condition_clears_after_five_quiet_recordings_and_the_test_starts_anew(
+    machine: Machine, watched: PointState
+) -> None:
+    point_judgments = course(machine, [*[12.0] * 8, *[0.0] * 6], watched, 40)
+    assert [item.pump for item in point_judgments[8:]] == [None] * 4 + ["cleared", None]
+    assert point_judgments[-1].capital is not None
+    assert point_judgments[-1].capital <= 1
+
+
+def test_nothing_is_bet_while_an_alarm_stands(machine: Machine, watched: PointState) -> None:
+    point_judgments = course(machine, [12.0] * 12, watched, 40)
+    capital = [item.capital for item in point_judgments if item.is_alarm]
+    assert len(set(capital)) == 1
+
+
+def test_levels_that_fall_are_no_alarm(machine: Machine, watched: PointState) -> None:
+    state = watched
+    for number in range(40, 52):
+        recording = machine.recording(number)
+        point_judgment = MONITOR.judge(recording.replace(signal=0.25 * recording.signal), state)
+        state = point_judgment.state
+        assert not point_judgment.is_large
+
+
+def test_a_recording_far_from_the_others_is_not_learned_from_and_the_judgement_says_so(machine: Machine) -> None:
+    point_judgments = course(machine, [0.0] * 6 + [30.0] + [0.0] * 14)
+    assert point_judgments[6].learned == 6
+    assert "not learned from this recording" in point_judgments[6].notes[0]
+    assert point_judgments[-1].learned == 20
+
+
+def test_a_first_recording_far_from_the_others_is_dropped_once_there_are_five(machine: Machine) -> None:
+    point_judgments = course(machine, [30.0] + [0.0] * 4)
+    assert point_judgments[4].learned == 4
+    assert "an earlier recording" in point_judgments[4].notes[0]
+
+
+def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
+    machine: Machine, watched: PointState
+) -> None:
+    levels = baseline_levels(watched.baseline)
+    point_judgment = course(machine, [0.0], watched, 40)[0]
+    assert levels.keys() == point_judgment.levels.keys()
+    far = [abs(point_judgment.levels[key] - median) / spread for key, (median, spread) in levels.items()]
+    assert np.mean(far) < 2
+
+
+def test_a_baseline_that_is_learned_has_no_levels_to_compare_with(machine: Machine) -> None:
+    assert baseline_levels(course(machine, [0.0])[0].state.baseline) == {}
+
+
+def test_the_baseline_is_the_same_object_where_a_recording_did_not_change_it(
+    machine: Machine, watched: PointState
+) -> None:
+    assert MONITOR.judge(machine.recording(40), watched).state.baseline is watched.baseline
+
+
+def test_the_same_recordings_give_the_same_judgements(machine: Machine, watched: PointState) -> None:
+    first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
+    assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
+
+
+def test_a_recording_of_another_rate_is_refused_with_both_rates(machine: Machine, watched: PointState) -> None:
+    other = machine.recording(40).replace(sample_rate=8000.0)
+    with pytest.raises(DataError, match="sample rate 4000 Hz against 8000 Hz"):
+        MONITOR.judge(other, watched)
+
+
+def test_a_recording_much_shorter_than_those_of_the_baseline_is_refused(machine: Machine, watched: PointState) -> None:
+    with pytest.raises(DataError, match="record longer"):
+        MONITOR.judge(machine.recording(40, seconds=0.45), watched)
+
+
+def test_a_recording_with_missing_samples_is_refused(machine: Machine, watched: PointState) -> None:
+    signal = machine.recording(40).signal.copy()
+    signal[1, 7] = np.nan
+    with pytest.raises(DataError, match="missing or infinite"):
+        MONITOR.judge(machine.recording(40).replace(signal=signal), watched)
+
+
+def test_a_rate_of_no_false_alarms_and_a_baseline_of_four_are_refused() -> None:
+    with pytest.raises(InputError, match="between 0 and 1"):
+        PointMonitor("a", false_alarm_rate=0.0)
+    with pytest.raises(InputError, match="5 recordings"):
+        PointMonitor("a", learning=4)
+
+
+def test_a_judgement_takes_a_small_part_of_a_second(machine: Machine, watched: PointState) -> None:
+    spent = []
+    for number in range(40, 50):
+        recording = machine.recording(number)
+        started = time.process_time()
+        MONITOR.judge(recording, watched)
+        spent.append(time.process_time() - started)
+    assert sorted(spent)[5] < 0.1

@@ -1,0 +1,126 @@
+"""Sensors at fault: flat, saturated, loose and swapped channels raise an alarm of their own."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from small_machine import Machine
+
+from swashtwin.bench.rigs.courses import PlantCourse, plant_course
+from swashtwin.foundation import stream
+from swashtwin.monitoring.alarms import PointMonitor, PointState
+from swashtwin.recordings import Recording
+
+MONITOR = PointMonitor("A", learning=8)
+
+
+def flat(signal: np.ndarray) -> np.ndarray:
+    """The first sensor is unplugged."""
+    return np.vstack([np.zeros_like(signal[:1]), signal[1:]])
+
+
+def partly_flat(signal: np.ndarray) -> np.ndarray:
+    """The first sensor stops for a fifth of the time."""
+    signal = signal.copy()
+    signal[0, : signal.shape[1] // 5] = signal[0, 0]
+    return signal
+
+
+def saturated(signal: np.ndarray) -> np.ndarray:
+    """The range of the first sensor is too small."""
+    limit = 1.5 * signal[0].std()
+    return np.vstack([np.clip(signal[:1], -limit, limit), signal[1:]])
+
+
+def loose(signal: np.ndarray) -> np.ndarray:
+    """The plug of the first sensor moves: steps that decay within half a second."""
+    rng = stream(0, "plug")
+    kick = np.where(
+        rng.random(signal.shape[1]) < 5 / signal.shape[1], rng.normal(0, 40 * signal[0].std(), signal.shape[1]), 0.0
+    )
+    decay = np.exp(-np.arange(signal.shape[1]) / (signal.shape[1] / 5))
+    return np.vstack([signal[:1] + np.convolve(kick, decay)[: signal.shape[1]], signal[1:]])
+
+
+def swapped(signal: np.ndarray) -> np.ndarray:
+    """Two cables are exchanged."""
+    return signal[[1, 0, 2]]
+
+
+def rotated(signal: np.ndarray) -> np.ndarray:
+    """Three cables are exchanged."""
+    return signal[[1, 2, 0]]
+
+
+FAULTS = {
+    "flat": flat,
+    "partly flat": partly_flat,
+    "saturated": saturated,
+    "loose": loose,
+    "swapped": swapped,
+    "rotated": rotated,
+}
+KINDS = {"partly flat": "flat", "rotated": "swapped"}
+
+
+@pytest.fixture(scope="module")
+def rig() -> list[Recording]:
+    """Twelve healthy recordings of a pump of the virtual rig."""
+    return [recording for recording, _ in plant_course(100, "A", PlantCourse(recordings=12, duration=1.0))]
+
+
+@pytest.fixture(scope="module")
+def watched(rig: list[Recording]) -> PointState:
+    """State after the first ten."""
+    state = None
+    for recording in rig[:10]:
+        point_judgment = MONITOR.judge(recording, state)
+        assert point_judgment.findings == ()
+        state = point_judgment.state
+    assert state is not None
+    return state
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not_move(
+    rig: list[Recording], watched: PointState, fault: str
+) -> None:
+    state, changes = watched, []
+    for recording in rig[10:]:
+        point_judgment = MONITOR.judge(recording.replace(signal=FAULTS[fault](recording.signal)), state)
+        assert point_judgment.stage == "sensor"
+        assert {finding.kind for finding in point_judgment.findings} == {KINDS.get(fault, fault)}
+        assert rig[0].channels[0] in point_judgment.findings[0].channel
+        assert point_judgment.capital is None
+        state = point_judgment.state
+        changes.append(point_judgment.sensor)
+    assert changes == [None, "raised"]
+    assert {key: state.test[key] for key in ("test", "pump")} == {key: watched.test[key] for key in ("test", "pump")}
+    assert state.baseline is watched.baseline
+
+
+def test_a_sensor_alarm_is_cleared_after_five_good_recordings(rig: list[Recording], watched: PointState) -> None:
+    state, changes = watched, []
+    for recording in [rig[10].replace(signal=flat(rig[10].signal))] * 2 + [rig[11]] * 5:
+        point_judgment = MONITOR.judge(recording, state)
+        state = point_judgment.state
+        changes.append(point_judgment.sensor)
+    assert changes == [None, "raised", None, None, None, None, "cleared"]
+
+
+@pytest.mark.parametrize("break_sensor", [flat, saturated, loose])
+def test_a_baseline_does_not_learn_from_a_sensor_at_fault(
+    machine: Machine, break_sensor: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    recording = machine.recording(0)
+    point_judgment = MONITOR.judge(recording.replace(signal=break_sensor(recording.signal)), None)
+    assert (point_judgment.stage, point_judgment.learned) == ("sensor", 0)
+    assert MONITOR.judge(recording, point_judgment.state).learned == 1
+
+
+def test_a_faulty_pump_is_no_sensor_at_fault(machine: Machine) -> None:
+    state = None
+    for number, rise in enumerate([0.0] * 10 + [6.0, 12.0, 20.0, 30.0]):
+        point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
+        state = point_judgment.state
+        assert point_judgment.findings == ()

@@ -1,0 +1,45 @@
+"""A broker, and what a source hands its deliveries to."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from mqtt_broker import Broker
+
+from swashtwin.monitoring.sources import Delivery, Spool
+
+
+@dataclass
+class Deliveries:
+    """Keeps what is delivered; the first `failures` deliveries are refused as by a full disk."""
+
+    spool: Spool
+    failures: int = 0
+    items: list[tuple[Delivery, bytes]] = field(default_factory=list)
+
+    def accept(self, delivery: Delivery, content: bytes | Path) -> str:
+        """Takes a delivery."""
+        if self.failures:
+            self.failures -= 1
+            raise OSError(28, "No space left on device")
+        assert isinstance(content, bytes)
+        self.items.append((delivery, content))
+        return self.spool.add(delivery, content)
+
+
+@pytest.fixture
+def deliveries(tmp_path: Path) -> Deliveries:
+    """A spool that remembers what came."""
+    return Deliveries(Spool(tmp_path / "spool"))
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    """A running broker; the test is skipped where mosquitto is not installed."""
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    server = Broker(folder)
+    server.start()
+    yield server
+    server.stop()

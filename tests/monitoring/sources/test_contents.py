@@ -1,0 +1,180 @@
+"""A delivered file becomes a recording at its operating point, or the reason why it cannot."""
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import DataError, MPa, rpm
+from swashtwin.monitoring.config import Machine
+from swashtwin.monitoring.sources import Delivery, Spool, SpoolFile, Tags, UnfitError, read_contents
+from swashtwin.monitoring.sources.message import read_message
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording, write_recording
+
+NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
+PUMP = Machine(name="pump-1")
+Deliver = Callable[..., SpoolFile]
+
+
+def recording(seed: int = 0, **facts) -> Recording:
+    signal = np.random.default_rng(seed).normal(size=(2, 256)).astype(np.float32).astype(float)
+    return Recording(signal, 1000.0, "a", **{"channels": ("x", "y"), **facts})
+
+
+@pytest.fixture
+def deliver(tmp_path: Path) -> Deliver:
+    """Puts a recording as a file, or bytes, into a spool."""
+
+    def put(content: Recording | bytes, file: str = "a.h5", **facts: str) -> SpoolFile:
+        if isinstance(content, Recording):
+            content = write_recording(content, tmp_path / file).read_bytes()
+        spool = Spool(tmp_path / f"spool-{len(list(tmp_path.iterdir()))}")
+        spool.add(Delivery("inbox", file, NOW, "pump-1", facts), content)
+        waiting = spool.next(0.0)
+        assert waiting is not None
+        return waiting
+
+    return put
+
+
+def reason(file: SpoolFile, machine: Machine = PUMP, tags: Tags | None = None) -> tuple[str, str]:
+    with pytest.raises(UnfitError) as caught:
+        read_contents(file, machine, tags)
+    return caught.value.reason, str(caught.value)
+
+
+def test_a_file_is_the_recording_that_it_holds(deliver: Deliver) -> None:
+    contents = read_contents(deliver(recording()), PUMP, None)
+    assert np.array_equal(contents.recording.signal, recording().signal)
+    assert contents.time == NOW
+
+
+def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:
+    header = {"rate": "1 kHz", "unit": "g", "channels": ["x", "y"], "speed": "1500 rpm", "pressure": "15 MPa"}
+    payload = json.dumps(header).encode() + b"\n" + np.array([[1, 2], [3, 4]], "<f4").tobytes()
+    spool = Spool(tmp_path)
+    spool.add(*read_message(payload, "mqtt", NOW, "pump-1"))
+    file = spool.next(0.0)
+    assert file is not None
+    contents = read_contents(file, PUMP, None).recording
+    assert contents.signal == pytest.approx(9.80665 * np.array([[1, 3], [2, 4]]))
+    assert (contents.unit, contents.channels, contents.sample_rate) == ("m/s^2", ("x", "y"), 1000)
+    assert contents.condition is not None
+    assert contents.condition.matches(OperatingCondition(rpm(1500), MPa(15)), speed=1e-9, pressure=1e-9)
+
+
+@pytest.mark.parametrize("name", ["../../escaped.h5", "/etc/escaped.h5", "<b>a</b>.h5", "a\x00b.h5"])
+def test_a_stated_name_leads_nowhere(deliver: Deliver, tmp_path: Path, name: str) -> None:
+    content = write_recording(recording(), tmp_path / "sound.h5").read_bytes()
+    contents = read_contents(deliver(content, name), PUMP, None)
+    assert not set(contents.recording.recording_id) & set("/\\<>\x00")
+
+
+def test_a_copy_under_another_name_has_the_same_digest(deliver: Deliver) -> None:
+    digests = {read_contents(deliver(recording(), file), PUMP, None).digest for file in ("a.h5", "other name.h5")}
+    assert len(digests) == 1
+
+
+def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> None:
+    flat = Recording(np.zeros((1, 64)), 1000.0, "a")
+    early, late = ((NOW - timedelta(minutes=age)).isoformat() for age in (2, 1))
+    digests = {read_contents(deliver(flat, time=time), PUMP, None).digest for time in (early, late)}
+    assert len(digests) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "file", "machine", "expected"),
+    [
+        (b"no HDF5 file", "a.h5", PUMP, ("broken", "a.h5")),
+        (b"", "a.wav", PUMP, ("broken", "empty")),
+        (b"text", "notes.xyz", PUMP, ("broken", "cannot be read")),
+        (recording(), "a.h5", Machine(name="pump-1", sample_rate=2000.0), ("rate", "1000 Hz")),
+        (recording(), "a.h5", Machine(name="pump-1", channels=("x", "z")), ("channels", "no channel 'z'")),
+        (recording(), "a.h5", Machine(name="pump-1", unit="V"), ("unit", "V")),
+    ],
+)
+def test_what_cannot_be_judged_has_a_reason_that_names_the_file(
+    deliver: Deliver, content: Recording | bytes, file: str, machine: Machine, expected: tuple[str, str]
+) -> None:
+    spooled = deliver(content, file)
+    code, words = reason(spooled, machine)
+    assert code == expected[0]
+    assert expected[1] in words
+    assert str(spooled.path.parent) not in words
+
+
+def test_samples_that_are_no_whole_number_of_instants_are_broken(tmp_path: Path) -> None:
+    spool = Spool(tmp_path)
+    payload = b'{"rate": "1 kHz", "unit": "g", "channels": ["x", "y"]}\n' + bytes(12)
+    spool.add(*read_message(payload, "mqtt", NOW, "pump-1"))
+    file = spool.next(0.0)
+    assert file is not None
+    assert reason(file) == ("broken", "12 bytes are no whole number of float32 samples of 2 channels.")
+
+
+def test_the_operating_point_is_that_of_the_file_then_the_message_then_the_tags_then_the_configuration(
+    deliver: Deliver, tmp_path: Path
+) -> None:
+    tags = tmp_path / "tags.csv"
+    tags.write_text("time,speed,pressure\n2026-11-23T13:50:00Z,1200,12\n")
+    machine = Machine(name="pump-1", speed=rpm(900), discharge_pressure=MPa(9), tags=tags)
+    at_15 = OperatingCondition(rpm(1500), MPa(15))
+    cases = [
+        (deliver(recording(condition=at_15), "a.h5"), Tags(tags), (1500, 15)),
+        (deliver(recording(), "b.h5", speed="1300 rpm", pressure="13 MPa"), Tags(tags), (1300, 13)),
+        (deliver(recording(), "c.h5", pressure="13 MPa"), Tags(tags), (1200, 13)),
+        (deliver(recording(), "d.h5"), Tags(tags), (1200, 12)),
+        (deliver(recording(), "e.h5"), None, (900, 9)),
+    ]
+    for file, tag_file, (speed, pressure) in cases:
+        condition = read_contents(file, machine, tag_file).recording.condition
+        assert condition is not None
+        assert (condition.speed, condition.discharge_pressure) == pytest.approx((rpm(speed), MPa(pressure)))
+
+
+def test_a_speed_alone_is_kept_and_no_pressure_is_invented(deliver: Deliver) -> None:
+    contents = read_contents(deliver(recording()), Machine(name="pump-1", speed=rpm(900)), None).recording
+    assert contents.condition is None
+    assert contents.attributes["speed"] == "900.0 rpm"
+
+
+def test_a_time_ahead_of_our_clock_is_replaced_by_that_of_arrival(deliver: Deliver) -> None:
+    contents = read_contents(deliver(recording(), time="2031-01-01T00:00:00Z"), PUMP, None)
+    assert contents.time == NOW
+    assert "lies ahead" in contents.notes[0]
+
+
+def test_tags_that_cannot_be_read_are_a_note_and_stop_nothing(deliver: Deliver, tmp_path: Path) -> None:
+    contents = read_contents(deliver(recording()), PUMP, Tags(tmp_path / "missing.csv"))
+    assert "cannot be read" in contents.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must begin with a line"),
+        ("when,speed\n", "must begin with a line"),
+        ("time,speed\nyesterday,5\n", "line 2"),
+        ("time,speed\n2026-11-23,fast\n", "line 2"),
+    ],
+)
+def test_a_tag_file_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=message):
+        Tags(path).at(NOW)
+
+
+def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed(tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n")
+    tags = Tags(path)
+    assert tags.at(NOW) == {"speed": "900 rpm"}
+    assert tags.at(NOW + timedelta(seconds=1)) == {}
+    assert tags.at(NOW - timedelta(hours=2)) == {}
+    path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n2026-11-23T13:30:00Z,1000\n")
+    assert tags.at(NOW) == {"speed": "1000.0 rpm"}

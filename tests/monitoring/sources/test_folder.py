@@ -1,0 +1,216 @@
+"""A folder's files are taken once they stand still, and once only."""
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from swashtwin.monitoring.config import FolderSource
+from swashtwin.monitoring.sources import FolderWatch, folder
+
+
+def folder_watch(tmp_path: Path, deliveries, **settings) -> FolderWatch:
+    (tmp_path / "inbox").mkdir(exist_ok=True)
+    source = FolderSource(name="inbox", path=tmp_path / "inbox", **{"settle": 0.05, **settings})
+    return FolderWatch(source, deliveries.accept, tmp_path)
+
+
+def take(watch: FolderWatch) -> None:
+    watch.poll()
+    time.sleep(0.06)
+    watch.poll()
+
+
+def test_a_file_is_taken_once_it_stands_still(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, machine="pump-1")
+    path = tmp_path / "inbox" / "a.wav"
+    path.write_bytes(b"1")
+    watch.poll()
+    time.sleep(0.06)
+    path.write_bytes(b"12")
+    assert watch.poll() == 0
+    time.sleep(0.06)
+    assert watch.poll() == 1
+    assert watch.poll() == 0
+    ((delivery, content),) = deliveries.items
+    assert (content, delivery.machine, delivery.file) == (b"12", "pump-1", "a.wav")
+    assert path.exists()
+
+
+def test_a_file_that_grew_after_all_is_taken_again(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    path = tmp_path / "inbox" / "a.wav"
+    for content in (b"half", b"half and half"):
+        path.write_bytes(content)
+        take(watch)
+    assert [content for _, content in deliveries.items] == [b"half", b"half and half"]
+
+
+def test_a_restart_takes_nothing_twice(tmp_path: Path, deliveries) -> None:
+    (tmp_path / "inbox").mkdir()
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    take(folder_watch(tmp_path, deliveries))
+    (tmp_path / "inbox" / "b.wav").write_bytes(b"2")
+    take(folder_watch(tmp_path, deliveries))
+    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav", "b.wav"]
+
+
+def test_a_machine_is_named_by_the_sub_folder(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    (tmp_path / "inbox" / "pump-2" / "today").mkdir(parents=True)
+    (tmp_path / "inbox" / "pump-2" / "today" / "a.wav").write_bytes(b"1")
+    (tmp_path / "inbox" / "b.wav").write_bytes(b"2")
+    take(watch)
+    assert {delivery.file: delivery.machine for delivery, _ in deliveries.items} == {"a.wav": "pump-2", "b.wav": None}
+
+
+def test_links_hidden_unfinished_and_other_files_are_left_alone(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, pattern="*.wav*")
+    (tmp_path / "secret.wav").write_bytes(b"secret")
+    (tmp_path / "inbox" / "link.wav").symlink_to(tmp_path / "secret.wav")
+    for name in (".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt"):
+        (tmp_path / "inbox" / name).write_bytes(b"1")
+    take(watch)
+    assert deliveries.items == []
+
+
+def test_a_file_is_offered_again_after_the_disk_was_full(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    deliveries.failures = 1
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    take(watch)
+    assert watch.standing.problem == "No space left on device"
+    watch.poll()
+    assert watch.standing.problem is None
+    assert len(deliveries.items) == 1
+
+
+def test_a_folder_that_is_away_is_a_problem_until_it_is_back(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    (tmp_path / "inbox").rmdir()
+    watch.poll()
+    assert "cannot be read" in str(watch.standing.problem)
+    (tmp_path / "inbox").mkdir()
+    watch.poll()
+    assert watch.standing.problem is None
+
+
+def test_a_file_is_removed_where_that_is_asked_for(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    take(watch)
+    assert len(deliveries.items) == 1
+    assert list((tmp_path / "inbox").iterdir()) == []
+
+
+def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    for name, age in (("b.wav", 200), ("c.wav", 100), ("a.wav", 150)):
+        (tmp_path / "inbox" / name).write_bytes(name.encode())
+        os.utime(tmp_path / "inbox" / name, (time.time() - age,) * 2)
+    take(watch)
+    assert [delivery.file for delivery, _ in deliveries.items] == ["b.wav", "a.wav", "c.wav"]
+
+
+def test_draining_takes_what_is_there_and_ends(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    watch.drain(threading.Event())
+    assert len(deliveries.items) == 1
+
+
+def test_what_is_remembered_does_not_grow_with_files_that_are_gone(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, settle=0.0)
+    for number in range(3000):
+        path = tmp_path / "inbox" / f"{number}.wav"
+        path.write_bytes(b"1")
+        deliveries.accept = lambda delivery, content: ""
+        watch._accept = deliveries.accept
+        watch.poll()
+        path.unlink()
+    assert len((tmp_path / "taken" / "inbox.txt").read_text().splitlines()) < 1100
+
+
+def forbid(monkeypatch: pytest.MonkeyPatch, method: str, name: str) -> None:
+    """Let a method of `Path` be refused for files of one name."""
+    original = getattr(Path, method)
+
+    def refused(path: Path, *arguments: object, **options: object):
+        if path.name == name:
+            raise PermissionError(13, "Permission denied")
+        return original(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, method, refused)
+
+
+def test_a_file_that_cannot_be_removed_is_taken_once_and_holds_nothing_up(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    for name in ("a.wav", "b.wav"):
+        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    forbid(monkeypatch, "unlink", "a.wav")
+    take(watch)
+    take(watch)
+    assert sorted(delivery.file for delivery, _ in deliveries.items) == ["a.wav", "b.wav"]
+    assert "a.wav was taken, but cannot be removed: Permission denied" in str(watch.standing.problem)
+    monkeypatch.undo()
+    (tmp_path / "inbox" / "a.wav").unlink()
+    watch.poll()
+    assert watch.standing.problem is None
+
+
+def test_a_file_that_cannot_be_read_is_a_problem_and_draining_ends(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    for name in ("a.wav", "b.wav"):
+        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    forbid(monkeypatch, "open", "a.wav")
+    thread = threading.Thread(target=watch.drain, args=(threading.Event(),), daemon=True)
+    thread.start()
+    thread.join(5)
+    assert not thread.is_alive()
+    assert [delivery.file for delivery, _ in deliveries.items] == ["b.wav"]
+    assert "a.wav cannot be read: Permission denied" in str(watch.standing.problem)
+    assert watch.standing.received == 1
+    monkeypatch.undo()
+    watch.poll()
+    assert watch.standing.problem is None
+    assert len(deliveries.items) == 2
+
+
+def test_a_file_that_is_too_large_is_not_read_and_stays(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    monkeypatch.setattr(folder, "LARGEST", 3)
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1234")
+    take(watch)
+    take(watch)
+    ((delivery, content),) = deliveries.items
+    assert delivery.problem == "it has 4 bytes; at most 3 are taken, so it stays in its folder."
+    assert b"1234" not in content
+    assert (tmp_path / "inbox" / "a.wav").exists()
+
+
+def test_a_full_disk_does_not_end_the_source(tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    watch = folder_watch(tmp_path, deliveries)
+    monkeypatch.setattr(folder.TakenFiles, "keep", fail)
+    watch.poll()
+    assert watch.standing.problem == "No space left on device"
+
+
+def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
+    files, stamp = folder.TakenFiles(tmp_path / "taken.txt"), folder.Stamp(1, 2)
+    for number in range(1100):
+        files.add(f"{number}.wav", stamp)
+    files.keep({})
+    assert files.has("0.wav", stamp)
+    files.keep({"7.wav": stamp})
+    assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]

@@ -1,0 +1,150 @@
+"""Messages of a broker: what they may be, and none lost or acknowledged too early."""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from swashtwin.monitoring.config import MqttSource
+from swashtwin.monitoring.sources import MqttWatch
+from swashtwin.monitoring.sources.message import read_message
+
+NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
+HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "speed": "1500 rpm"}
+
+
+def block(number: float = 0.0, **changes) -> bytes:
+    samples = np.full((8, 2), number, "<f4")
+    return json.dumps(HEADER | changes).encode() + b"\n" + samples.tobytes()
+
+
+def test_a_message_states_its_machine_before_its_topic() -> None:
+    delivery, content = read_message(block(machine="pump-9"), "mqtt", NOW, "pump-1")
+    assert (delivery.machine, delivery.problem, len(content)) == ("pump-9", None, 64)
+    assert delivery.facts == {"rate": "25.6 kHz", "unit": "g", "channels": "x,y", "speed": "1500 rpm"}
+
+
+def test_a_message_may_hold_a_file() -> None:
+    delivery, content = read_message(b'{"file": "a.wav"}\nRIFF', "mqtt", NOW, "pump-1")
+    assert (delivery.file, content, delivery.problem) == ("a.wav", b"RIFF", None)
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [
+        (b"", "no line of JSON"),
+        (b"\x00\x01\x02", "no line of JSON"),
+        (b"[1]\n", "no JSON object"),
+        (b"{nonsense}\n", "no JSON"),
+        (b'{"a":' * 50_000 + b"\n", "no line of JSON"),
+        (b"[" * 60_000 + b"\n", "no JSON"),
+        (b'{"rate": "25.6 kHz", "unit": "g"}\n', "states no channels"),
+        (b'{"rate": 25600, "unit": "g", "channels": ["x"]}\n', "rate"),
+        (b'{"machine": 7, "file": "a.wav"}\n', "machine must be text"),
+        (b'{"file": ["a"]}\n', "file must be text"),
+        (b'{"color": "red"}\n', "is no fact"),
+        ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "no JSON"),
+    ],
+)
+def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(payload: bytes, reason: str) -> None:
+    delivery, content = read_message(payload, "mqtt", NOW, "pump-1")
+    assert reason in str(delivery.problem)
+    assert content == payload
+
+
+@contextmanager
+def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
+    source = MqttSource(name="mqtt", host=broker.host, port=broker.port, **{"topic": "plant/+/vibration", **settings})
+    watch, stop = MqttWatch(source, deliveries.accept, "test-watch"), threading.Event()
+    watch.standing.fail("not connected yet")
+    thread = threading.Thread(target=watch.run, args=(stop,))
+    thread.start()
+    try:
+        wait_for(lambda: watch.standing.problem is None or deliveries.failures)
+        yield watch
+    finally:
+        stop.set()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.02)
+
+
+def names(deliveries) -> list[float]:
+    return [float(np.frombuffer(content, "<f4")[0]) for _, content in deliveries.items]
+
+
+def test_messages_of_a_topic_are_recordings_of_its_machine(broker, deliveries) -> None:
+    with watching(broker, deliveries):
+        broker.publish("plant/pump-7/vibration", block(3))
+        wait_for(lambda: deliveries.items)
+    assert deliveries.items[0][0].machine == "pump-7"
+    assert names(deliveries) == [3]
+
+
+def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(broker, deliveries) -> None:
+    with watching(broker, deliveries):
+        pass
+    for number in range(5):
+        broker.publish("plant/pump-1/vibration", block(number))
+    with watching(broker, deliveries):
+        wait_for(lambda: len(deliveries.items) == 5)
+    assert names(deliveries) == [0, 1, 2, 3, 4]
+
+
+def test_a_broker_that_stops_and_starts_loses_nothing(broker, deliveries) -> None:
+    with watching(broker, deliveries) as watch:
+        broker.publish("plant/pump-1/vibration", block(1))
+        wait_for(lambda: deliveries.items)
+        broker.stop()
+        wait_for(lambda: watch.standing.problem is not None)
+        broker.start()
+        broker.publish("plant/pump-1/vibration", block(2))
+        wait_for(lambda: len(deliveries.items) == 2)
+        wait_for(lambda: watch.standing.problem is None)
+    assert names(deliveries) == [1, 2]
+
+
+def test_a_message_is_acknowledged_only_once_it_is_on_the_disk(broker, deliveries) -> None:
+    with watching(broker, deliveries):
+        pass
+    broker.publish("plant/pump-1/vibration", block(5))
+    deliveries.failures = 2
+    with watching(broker, deliveries) as watch:
+        wait_for(lambda: watch.standing.received)
+    with watching(broker, deliveries):
+        time.sleep(0.3)
+    assert names(deliveries) == [5]
+
+
+def test_watches_of_one_group_share_the_messages(broker, deliveries) -> None:
+    with (
+        watching(broker, deliveries, group="plant", client="one") as first,
+        watching(broker, deliveries, group="plant", client="two") as second,
+    ):
+        for number in range(20):
+            broker.publish("plant/pump-1/vibration", block(number))
+        wait_for(lambda: len(deliveries.items) == 20)
+        time.sleep(0.2)
+        assert first.standing.received
+        assert second.standing.received
+    assert sorted(names(deliveries)) == list(range(20))
+
+
+def test_a_retained_message_is_taken_once(broker, deliveries) -> None:
+    broker.publish("plant/pump-1/vibration", block(1), retain=True)
+    with watching(broker, deliveries) as watch:
+        wait_for(lambda: watch.standing.received)
+    with watching(broker, deliveries):
+        time.sleep(0.3)
+    assert names(deliveries) == [1]

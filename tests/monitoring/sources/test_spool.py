@@ -1,0 +1,126 @@
+"""What arrived is on the disk, whole, until it was judged."""
+
+import hashlib
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from swashtwin.foundation import InputError
+from swashtwin.monitoring.sources import Delivery, Spool, check_facts, lock_folder, spool
+
+NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
+
+
+def delivery(file: str = "a.wav") -> Delivery:
+    return Delivery("inbox", file, NOW, "pump-1", {"speed": "1500 rpm"})
+
+
+def test_a_recording_waits_with_what_is_known_of_it_also_after_a_restart(tmp_path: Path) -> None:
+    digest = Spool(tmp_path).add(delivery(), b"samples")
+    file = Spool(tmp_path).next(0.0)
+    assert digest == hashlib.sha256(b"samples").hexdigest()
+    assert file is not None
+    assert (file.delivery, file.path.read_bytes(), file.path.suffix) == (delivery(), b"samples", ".wav")
+
+
+def test_recordings_are_taken_in_the_order_of_their_arrival(tmp_path: Path) -> None:
+    first = Spool(tmp_path)
+    for name in ("a.wav", "b.csv", "c.json"):
+        first.add(delivery(name), name.encode())
+    again, names = Spool(tmp_path), []
+    while (file := again.next(0.0)) is not None:
+        names.append((file.delivery.file, file.path.read_bytes().decode()))
+        again.remove(file)
+    assert names == [(name, name) for name in ("a.wav", "b.csv", "c.json")]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_kill_left_half_written_is_removed_at_the_start(tmp_path: Path) -> None:
+    Spool(tmp_path).add(delivery(), b"whole")
+    (tmp_path / "00001-aa.wav").write_bytes(b"half")
+    (tmp_path / ".00001-aa.json").write_bytes(b"{")
+    assert len(Spool(tmp_path)) == 1
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_file_is_moved_into_the_spool(tmp_path: Path) -> None:
+    upload = tmp_path / "upload"
+    upload.write_bytes(b"samples")
+    waiting = Spool(tmp_path / "spool")
+    waiting.add(delivery(), upload)
+    file = waiting.next(0.0)
+    assert file is not None
+    assert file.path.read_bytes() == b"samples"
+    assert not upload.exists()
+
+
+def test_a_full_spool_takes_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spool, "LIMIT", 1)
+    waiting = Spool(tmp_path)
+    waiting.add(delivery(), b"1")
+    with pytest.raises(OSError, match="wait to be judged"):
+        waiting.add(delivery(), b"2")
+
+
+def test_a_folder_is_held_by_one_watch(tmp_path: Path) -> None:
+    with lock_folder(tmp_path), pytest.raises(InputError, match="in use by another watch"), lock_folder(tmp_path):
+        pass
+    with lock_folder(tmp_path):
+        pass
+
+
+@pytest.mark.parametrize(
+    "file", ["../../etc/passwd", "/etc/shadow", "..", "a\0b.wav", "x" * 5000 + ".wav", "\\\\a\\b.csv"]
+)
+def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
+    waiting = Spool(tmp_path / "spool")
+    waiting.add(delivery(file), b"content")
+    assert len(list((tmp_path / "spool").iterdir())) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["spool"]
+
+
+@pytest.mark.parametrize(
+    ("facts", "message"),
+    [
+        ({"color": "red"}, "is no fact"),
+        ({"speed": "1500"}, "unit"),
+        ({"speed": "-5 rpm"}, "above zero"),
+        ({"unit": "furlong"}, "none of"),
+        ({"time": "yesterday"}, "ISO 8601"),
+        ({"time": "1970-01-01T00:00:00Z"}, "before 1990"),
+        ({"pressure": 15}, "must be text"),
+        ({"unit": ""}, "must be text"),
+    ],
+)
+def test_facts_that_cannot_be_are_refused_with_the_reason(facts: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        check_facts(facts)
+
+
+def test_a_damaged_card_is_a_problem_of_its_recording(tmp_path: Path) -> None:
+    Spool(tmp_path).add(delivery(), b"samples")
+    next(tmp_path.glob("*.json")).write_text("{", encoding="utf-8")
+    file = Spool(tmp_path).next(0.0)
+    assert file is not None
+    assert (file.path.read_bytes(), file.delivery.problem) == (b"samples", "its card is damaged.")
+
+
+def test_a_card_that_cannot_be_read_for_a_moment_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting = Spool(tmp_path)
+    waiting.add(delivery(), b"samples")
+
+    def fail(*_: object, **__: object) -> str:
+        raise OSError(24, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_text", fail)
+        assert waiting.next(0.0) is None
+    file = waiting.next(0.0)
+    assert file is not None
+    assert file.delivery == delivery()
+
+
+def test_a_name_that_is_no_text_is_written_in_a_form_that_every_database_takes() -> None:
+    name = delivery("a\x00\udcff.wav").file
+    assert name == "a\\x00\\udcff.wav"

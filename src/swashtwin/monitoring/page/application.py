@@ -1,0 +1,103 @@
+"""The application behind the page: what is refused, what is shown, and what other programs ask."""
+
+import asyncio
+from collections.abc import Callable
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.responses import JSONResponse, Response
+
+from swashtwin.foundation import VERSION
+from swashtwin.monitoring.config import WatchConfig
+from swashtwin.monitoring.history import History, HistoryError
+from swashtwin.monitoring.page.access import Access, required_users
+from swashtwin.monitoring.page.actions import action_routes, visit_routes
+from swashtwin.monitoring.page.api import change_routes, machine_answers, record_answers
+from swashtwin.monitoring.page.chart_routes import chart_routes
+from swashtwin.monitoring.page.guard import Guard
+from swashtwin.monitoring.page.live import live_routes
+from swashtwin.monitoring.page.metrics import metric_routes
+from swashtwin.monitoring.page.page_routes import page_routes
+from swashtwin.monitoring.page.site import Site, Upload
+from swashtwin.monitoring.page.static_files import static_routes
+from swashtwin.monitoring.page.uploads import upload_routes
+from swashtwin.monitoring.service import WatchStatus
+
+_LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+_ANY = ("0.0.0.0", "::", "")
+
+
+def build_app(
+    config: WatchConfig,
+    history: History,
+    upload: Upload | None = None,
+    status: Callable[[], WatchStatus] | None = None,
+) -> FastAPI:
+    """The page of a watch, to be served by `serve_page`.
+
+    Parameters
+    ----------
+    upload : takes recordings that are sent to ``POST /api/recordings``; without it they are refused.
+    status : how the watch is doing, for ``/health``, ``/metrics`` and the log page.
+
+    Raises
+    ------
+    InputError
+        The page can be reached by other computers, but its files of users and tokens name nobody.
+    DataError
+        Such a file is absent or damaged.
+    """
+    settings = config.page
+    access = Access(required_users(settings.host, (settings.users, settings.tokens)), settings.secure, settings.proxy)
+    site = Site(config, history, access, upload, status)
+    hosts = (*_LOCAL_NAMES, *settings.hosts, *(() if settings.host in _ANY else (settings.host,)))
+    application = FastAPI(
+        title="swashtwin watch",
+        version=VERSION,
+        description="Machines, recordings, alarms and trends of a watch. Send a token: `Authorization: Bearer TOKEN`.",
+        openapi_url="/api/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        middleware=[Middleware(Guard, hosts=hosts, access=access)],
+    )
+    for routes in (
+        page_routes(site),
+        action_routes(site),
+        visit_routes(site),
+        chart_routes(site),
+        live_routes(site),
+        static_routes(),
+        metric_routes(site),
+        upload_routes(site),
+        machine_answers(site),
+        record_answers(site),
+        change_routes(site),
+    ):
+        application.include_router(routes)
+    _answer_errors(application, site)
+    return application
+
+
+def _answer_errors(application: FastAPI, site: Site) -> None:
+    """Errors as a page for people and as JSON for programs; none shows a traceback."""
+
+    def answer(request: Request, code: int, title: str, text: str) -> Response:
+        if request.url.path.startswith(("/api/", "/charts/", "/metrics", "/health")):
+            return JSONResponse({"detail": text}, code)
+        return site.render(request, "problem.html.jinja", code, title=title, text=text)
+
+    @application.exception_handler(HTTPException)
+    async def refuse(request: Request, error: HTTPException) -> Response:
+        return await asyncio.to_thread(answer, request, error.status_code, "This did not work", str(error.detail))
+
+    @application.exception_handler(RequestValidationError)
+    async def refuse_values(request: Request, error: RequestValidationError) -> Response:
+        values = ", ".join(".".join(map(str, problem["loc"][1:])) + f": {problem['msg']}" for problem in error.errors())
+        return await asyncio.to_thread(answer, request, 422, "This did not work", values)
+
+    @application.exception_handler(HistoryError)
+    async def report_history(request: Request, error: HistoryError) -> Response:
+        text = "The history cannot be reached at the moment; the watch tries again."
+        return await asyncio.to_thread(answer, request, 503, "No history", text)

@@ -1,0 +1,124 @@
+"""``/metrics`` for Prometheus and ``/health`` for whatever restarts or watches the watch."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from fastapi import APIRouter, Request
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+from starlette.responses import JSONResponse, Response
+
+from swashtwin.foundation import VERSION, SwashTwinError
+from swashtwin.monitoring.page.machine_states import STATES, state_of
+from swashtwin.monitoring.page.records import all_machines
+from swashtwin.monitoring.page.site import Site
+
+if TYPE_CHECKING:
+    from swashtwin.monitoring.service import WatchStatus
+
+_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+
+class WatchCollector(Collector):
+    """Reads the history and the watch's status whenever Prometheus asks."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+
+    def collect(self) -> Iterable[Metric]:
+        """All metrics of the watch; those of the history are absent while it cannot be reached."""
+        yield _gauge("build_info", "Version of swashtwin.", ("version",), [((VERSION,), 1)])
+        reachable = True
+        try:
+            yield from self._history_metrics()
+        except SwashTwinError:
+            reachable = False
+        yield _gauge("history_up", "1 while the history can be reached.", (), [((), reachable)])
+        if self._site.status is not None:
+            yield from _status_metrics(self._site.status())
+
+    def _history_metrics(self) -> Iterator[Metric]:
+        machines = all_machines(self._site)
+        newest = [(machine.name, machine.last.judgment) for machine in machines if machine.last is not None]
+        for name, text, field in (
+            ("alarm_capital", "Evidence against luck of the newest recording.", "capital"),
+            ("verdict_probability", "Probability of the newest recording's verdict.", "probability"),
+            ("verdict_confidence", "Confidence of the newest recording's verdict.", "confidence"),
+        ):
+            values = [((machine,), getattr(judgment, field)) for machine, judgment in newest]
+            yield _gauge(name, text, ("machine",), [(labels, value) for labels, value in values if value is not None])
+        times = [((machine,), judgment.time.timestamp()) for machine, judgment in newest]
+        yield _gauge("last_recording_timestamp_seconds", "Time of the newest recording.", ("machine",), times)
+        yield _gauge(
+            "machine_state",
+            "1 for the state that a machine is in.",
+            ("machine", "state"),
+            [((machine.name, state.code), state_of(machine) == state) for machine in machines for state in STATES],
+        )
+        alarms = Counter((alarm.machine, alarm.kind, alarm.state) for machine in machines for alarm in machine.alarms)
+        yield _gauge("alarms", "Alarms that are not closed.", ("machine", "kind", "state"), alarms.items())
+        yield _gauge("alarm_threshold", "Evidence at which an alarm is raised.", (), [((), self._site.alarm_capital)])
+        counts = self._site.history.read.counts()
+        yield _counter("recordings", "Recordings judged, by state.", ("machine", "state"), counts.recordings.items())
+        rejections = [((reason,), count) for reason, count in counts.rejections.items()]
+        yield _counter("rejections", "Recordings that were not judged, by reason.", ("reason",), rejections)
+
+
+def _status_metrics(status: "WatchStatus") -> Iterator[Metric]:
+    yield _gauge("start_time_seconds", "When the watch started.", (), [((), status.started.timestamp())])
+    yield _gauge("recordings_waiting", "Recordings that are not judged yet.", (), [((), status.waiting)])
+    yield _gauge("messages_waiting", "Messages that are not sent yet.", (), [((), status.outbox)])
+    yield _gauge("free_bytes", "Free space of the watch's folder.", (), [((), status.free_bytes)])
+    yield _gauge("problems", "Problems of the watch.", (), [((), len(status.problems))])
+    labels = ("source", "kind")
+    sources = status.sources
+    connected = [((source.name, source.kind), source.connected) for source in sources]
+    yield _gauge("source_connected", "1 while a source is connected.", labels, connected)
+    received = [((source.name, source.kind), source.received) for source in sources]
+    yield _counter("source_received", "Recordings received by a source.", labels, received)
+    for name, value in status.counters.items():
+        yield _counter(f"watch_{name}", f"Counted by the watch: {name.replace('_', ' ')}.", (), [((), value)])
+
+
+def metric_routes(site: Site) -> APIRouter:
+    """Addresses for Prometheus and for health checks."""
+    routes = APIRouter(tags=["watch"])
+    registry = CollectorRegistry()
+    registry.register(WatchCollector(site))
+    ProcessCollector(namespace="swashtwin", registry=registry)
+
+    @routes.get("/metrics", response_class=Response)
+    def metrics() -> Response:
+        """Metrics in Prometheus' text form."""
+        return Response(generate_latest(registry), media_type=_CONTENT_TYPE)
+
+    @routes.get("/health")
+    def health(request: Request) -> JSONResponse:
+        """200 while the watch works, else 503; what is wrong is told to those who may use the page."""
+        problems = list(site.status().problems) if site.status is not None else []
+        try:
+            site.history.read.sequence()
+        except SwashTwinError:
+            problems.append("the history cannot be reached")
+        answer: dict[str, object] = {"status": "problem" if problems else "ok"}
+        if request.state.visitor is not None:
+            answer["problems"] = problems
+        return JSONResponse(answer, 503 if problems else 200)
+
+    return routes
+
+
+def _gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+    return _filled(GaugeMetricFamily(f"swashtwin_{name}", text, labels=labels), values)
+
+
+def _counter(name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+    return _filled(CounterMetricFamily(f"swashtwin_{name}", text, labels=labels), values)
+
+
+def _filled(family: GaugeMetricFamily | CounterMetricFamily, values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+    for labels, value in values:
+        family.add_metric(labels, float(value))
+    return family

@@ -1,0 +1,89 @@
+"""The server under the page, with limits for what stays outside the application's reach."""
+
+import asyncio
+
+import h11
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+HEADER_SECONDS = 15.0
+"""Time a client has to send the head of a request, and to take the rest of a small answer [s]."""
+ANSWER_SECONDS = 120.0
+"""Time a client has to take what is ready of an answer [s]."""
+_MOST_CONNECTIONS = 300
+
+
+class ImpatientProtocol(H11Protocol):
+    """HTTP/1.1 that hangs up on who sends no request, and on who does not take the answer."""
+
+    _patience: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Start the clock with the connection."""
+        super().connection_made(transport)  # type: ignore[arg-type]
+        self._start(HEADER_SECONDS)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection at once."""
+        if self._patience is not None:
+            self._patience.cancel()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        """Start the clock for the next request."""
+        if not self.flow.write_paused:
+            self._start(HEADER_SECONDS)
+        super().on_response_complete()
+
+    def pause_writing(self) -> None:
+        """Start the clock of an answer that waits for the client."""
+        super().pause_writing()
+        self._start(ANSWER_SECONDS)
+
+    def resume_writing(self) -> None:
+        """Start the clock for what remains, and for the next request."""
+        super().resume_writing()
+        self._start(HEADER_SECONDS)
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no HTTP; the application's own answer to the same request is then dropped."""
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+        self._start(HEADER_SECONDS)
+        try:
+            super().send_400_response(msg)
+        except h11.LocalProtocolError:
+            self.transport.close()  # an answer has begun, or the request was HEAD
+
+    def _start(self, seconds: float) -> None:
+        if self._patience is not None:
+            self._patience.cancel()
+        self._patience = self.loop.call_later(seconds, self._hang_up)
+
+    def _hang_up(self) -> None:
+        is_working = self.cycle is not None and not self.cycle.response_complete and not self.transport.is_closing()
+        if self.flow.write_paused or not is_working:
+            self.transport.abort()  # drops what the client did not take; close() would wait for it
+
+
+def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
+    """A server for the page: ``run()`` serves until ``should_exit`` is set. It logs no addresses and no headers."""
+    configuration = uvicorn.Config(
+        application,
+        host=host,
+        port=port,
+        http=ImpatientProtocol,
+        ws="none",
+        lifespan="off",
+        log_config=None,
+        log_level="error",  # no line for each request that is no HTTP
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        limit_concurrency=_MOST_CONNECTIONS,
+        timeout_keep_alive=15,
+        timeout_graceful_shutdown=2,
+        h11_max_incomplete_event_size=32 * 1024,
+    )
+    return uvicorn.Server(configuration)

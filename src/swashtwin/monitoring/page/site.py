@@ -1,0 +1,132 @@
+"""What all addresses of the page share: configuration, history, who may ask, and how a template becomes an answer."""
+
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+from urllib.parse import quote, urlencode
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+
+from swashtwin.foundation import VERSION
+from swashtwin.monitoring.config import WatchConfig
+from swashtwin.monitoring.history import History
+from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
+from swashtwin.monitoring.page.languages import LANGUAGES, Language, language_of
+from swashtwin.monitoring.page.wording import (
+    RECORDING_STATES,
+    REJECTION_REASONS,
+    label_words,
+    level_name,
+    stored_name,
+)
+from swashtwin.monitoring.service import WatchStatus
+
+LANGUAGE_COOKIE = "swashtwin_language"
+
+
+@runtime_checkable
+class Upload(Protocol):
+    """Takes a recording that was sent by HTTP."""
+
+    def __call__(self, path: Path, name: str, machine: str | None, facts: Mapping[str, str]) -> str:
+        """Id of the recording, once it cannot be lost any more.
+
+        Raises
+        ------
+        SwashTwinError
+            It can not be taken; one line says why.
+        OSError
+            There is no space for it.
+        """
+
+
+@dataclass
+class Site:
+    """One page of one watch."""
+
+    config: WatchConfig
+    """Machines, language and settings of the page."""
+    history: History
+    """What the page shows."""
+    access: Access
+    """Who may use it."""
+    upload: Upload | None = None
+    """Where recordings that are sent by HTTP go; None where there is no such source."""
+    status: Callable[[], WatchStatus] | None = None
+    """How the watch is doing; None where the page runs without one."""
+    clock: Callable[[], datetime] = field(default=lambda: datetime.now(UTC))
+    """Time of day."""
+
+    def language(self, request: Request) -> Language:
+        """Language of an answer: the visitor's choice, else the configuration's."""
+        return language_of(request.cookies.get(LANGUAGE_COOKIE), self.config.language)
+
+    def render(self, request: Request, template: str, code: int = 200, **values: Any) -> HTMLResponse:
+        """The page that `template` makes of `values`; its forms carry the visit's token."""
+        visit = request.cookies.get(COOKIE) or secrets.token_urlsafe(32)
+        visitor: Visitor | None = request.state.visitor
+        language = self.language(request)
+        text = (
+            _templates()
+            .get_template(template)
+            .render(
+                t=language,
+                language=language.code,
+                visitor=visitor,
+                form_token=self.access.form_token(visit),
+                here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
+                now=self.clock(),
+                **values,
+            )
+        )
+        answer = HTMLResponse(text, code)
+        if COOKIE not in request.cookies:
+            self.access.set_cookie(answer, visit)
+        return answer
+
+    @property
+    def alarm_capital(self) -> float:
+        """Evidence at which an alarm is raised."""
+        return 1 / self.config.alarms.false_alarm_rate
+
+
+@cache
+def _templates() -> Environment:
+    """The pages' templates; what they are given is escaped."""
+    environment = Environment(
+        loader=PackageLoader("swashtwin.monitoring.page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["segment"] = lambda text: quote(str(text), safe="")
+    environment.globals.update(
+        version=VERSION,
+        languages=LANGUAGES,
+        query=urlencode,
+        recording_states=RECORDING_STATES,
+        rejection_reasons=REJECTION_REASONS,
+        label_words=label_words,
+        level_name=level_name,
+        stored_name=stored_name,
+    )
+    return environment
+
+
+def visitor_name(request: Request, stated: str = "") -> str:
+    """Who acts: the person or program that is logged in; where there are no logins, the name stated in the form."""
+    visitor: Visitor = request.state.visitor
+    return visitor.name if visitor.kind != "local" else stated.strip()[:64] or "local"
+
+
+def local_path(address: str) -> str:
+    """`address` if it is a path of this page, else the start page: no form sends a visitor elsewhere."""
+    is_local = address.startswith("/") and not address.startswith(("//", "/\\")) and address.isprintable()
+    return address if is_local and len(address) < 2000 else "/"

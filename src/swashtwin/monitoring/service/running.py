@@ -1,0 +1,248 @@
+"""The process: sources, one thread that judges, one that sends messages, and the page, until it is told to stop."""
+
+import hashlib
+import logging
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swashtwin.foundation import InputError, SwashTwinError, return_memory
+from swashtwin.monitoring.config import FolderSource, HttpSource, MqttSource, WatchConfig
+from swashtwin.monitoring.history import History, HistoryError
+from swashtwin.monitoring.service.addresses import page_address
+from swashtwin.monitoring.service.outbox import Sender
+from swashtwin.monitoring.service.status import SourceStatus, WatchStatus
+from swashtwin.monitoring.service.twins import TwinKeeper
+from swashtwin.monitoring.sources import Delivery, FolderWatch, MqttWatch, Spool, Standing, check_facts, lock_folder
+
+if TYPE_CHECKING:
+    from swashtwin.monitoring.service.pipeline import Outcome, Pipeline
+
+_PATIENCE = 0.5
+"""Seconds between looks at whether to stop."""
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.2, 15.0
+"""Seconds before a recording is tried again that the history did not take; each is twice the one before."""
+_END = 20.0
+"""Seconds that threads have to come to their end."""
+_SWEEP = 600.0
+"""Seconds between two looks for waveforms that retention gave up, and between giving back memory."""
+_log = logging.getLogger("swashtwin.watch")
+
+
+class Watch:
+    """A watch that runs in this process."""
+
+    def __init__(self, config: WatchConfig, history: History, progress: "Callable[[Outcome], None]") -> None:
+        self.config = config
+        self.history = history
+        self._progress = progress
+        self._started = datetime.now(UTC)
+        self._stop = threading.Event()
+        self._spool = Spool(config.folder / "spool")
+        self._sender = Sender(config, history)
+        self._twins = TwinKeeper(config, history)
+        name = hashlib.sha256(f"{socket.gethostname()} {config.folder.resolve()}".encode()).hexdigest()[:16]
+        self._folders = [
+            FolderWatch(source, self._spool.add, config.folder)
+            for source in config.sources
+            if isinstance(source, FolderSource)
+        ]
+        self._brokers = [
+            MqttWatch(source, self._spool.add, f"swashtwin-{name}")
+            for source in config.sources
+            if isinstance(source, MqttSource)
+        ]
+        self._sources: tuple[FolderWatch | MqttWatch, ...] = (*self._folders, *self._brokers)
+        self._uploads = next(
+            (Standing(source.name, source.kind) for source in config.sources if isinstance(source, HttpSource)), None
+        )
+        self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
+        self._model_problems: list[str] = []
+        self._history_problem: str | None = None
+        self._swept = -_SWEEP
+
+    def run(self, stop: threading.Event, started: Callable[[str | None], None]) -> None:
+        """Watch until `stop` is set."""
+        with ExitStack() as stack:
+            address = self._serve(stack)
+            sources = [
+                threading.Thread(target=source.run, args=(self._stop,), name=f"source {source.standing.name}")
+                for source in self._sources
+            ]
+            threads = [
+                *sources,
+                threading.Thread(target=self._judge_all, name="judge"),
+                threading.Thread(target=self._sender.run, args=(self._stop, self._sweep), name="outbox"),
+                threading.Thread(target=self._twins.run, args=(self._stop,), name="twins"),
+            ]
+            for thread in threads:
+                thread.daemon = True
+                thread.start()
+            started(address)
+            try:
+                while not stop.wait(_PATIENCE):
+                    if dead := [thread.name for thread in threads if not thread.is_alive()]:
+                        raise SwashTwinError(f"the thread {dead[0]!r} ended; see the log.")
+            finally:
+                self._stop.set()
+                for thread in threads:
+                    thread.join(_END)
+
+    def run_once(self, stop: threading.Event) -> None:
+        """Take and judge what the folders hold now and what waits in the spool, and send its messages."""
+        pipeline = self._open_pipeline()
+        threads = [threading.Thread(target=source.drain, args=(stop,)) for source in self._folders]
+        for thread in threads:
+            thread.start()
+        while not stop.is_set() and (self._spool or any(thread.is_alive() for thread in threads)):
+            self._judge_next(pipeline, stop)
+        for thread in threads:
+            thread.join()
+        self._sender.send_all()
+        self._sweep()
+
+    def upload(self, path: Path, name: str, machine: str | None, facts: Mapping[str, str]) -> str:
+        """SHA-256 of an uploaded file, which now waits in the spool.
+
+        Raises
+        ------
+        InputError
+            No source takes uploads, or a fact cannot be read.
+        OSError
+            The disk or the spool is full.
+        """
+        if self._uploads is None:
+            raise InputError('this watch takes no uploads; add [[source]] with kind = "http".')
+        try:
+            digest = self._spool.add(
+                Delivery(self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)), path
+            )
+        except OSError as cause:
+            self._uploads.fail(cause.strerror or str(cause))
+            raise
+        self._uploads.succeed(1)
+        return digest
+
+    def status(self) -> WatchStatus:
+        """How the watch is doing; without any look at the disk but for its free space."""
+        uploads = [] if self._uploads is None else [self._uploads]
+        standings = [source.standing for source in self._sources] + uploads
+        problems = [f"source {item.name}: {item.problem}" for item in standings if item.problem is not None]
+        problems += [problem for problem in (self._history_problem, self._sender.problem) if problem is not None]
+        return WatchStatus(
+            started=self._started,
+            waiting=len(self._spool),
+            outbox=self._sender.waiting,
+            sources=tuple(
+                SourceStatus(item.name, item.kind, item.problem is None, item.problem or "", item.received)
+                for item in standings
+            ),
+            free_bytes=shutil.disk_usage(self.config.folder).free,
+            counters=dict(self._counters),
+            problems=(*problems, *self._model_problems),
+        )
+
+    def _judge_all(self) -> None:
+        pipeline = self._open_pipeline()
+        while not self._stop.is_set():
+            self._judge_next(pipeline, self._stop)
+
+    def _open_pipeline(self) -> "Pipeline":
+        """What judges, with its models; importing it takes a second, in which the page answers already."""
+        from swashtwin.monitoring.service.pipeline import Pipeline
+
+        pipeline = Pipeline(self.config, self.history)
+        self._model_problems = pipeline.load_models()
+        return pipeline
+
+    def _judge_next(self, pipeline: "Pipeline", stop: threading.Event) -> None:
+        """Judge the recording that waits longest, as often as it takes until the history has it."""
+        file = self._spool.next(_PATIENCE)
+        pause = _FIRST_PAUSE
+        while file is not None and not stop.is_set():
+            began = time.thread_time()
+            try:
+                outcome = pipeline.judge(file)
+                self._spool.remove(file)
+            except (HistoryError, OSError) as cause:
+                self._history_problem = f"waiting for the history: {cause}"
+                _log.warning("%s", self._history_problem)
+                if not file.path.is_file():  # somebody removed it, and no attempt will bring it back
+                    self._spool.remove(file)
+                    return
+                stop.wait(pause)
+                pause = min(2 * pause, _LONGEST_PAUSE)
+                continue
+            self._history_problem = None
+            self._counters["seconds_judging"] += time.thread_time() - began
+            self._counters["rejected" if outcome.state == "rejected" else "judged"] += 1
+            self._counters["failures"] += outcome.has_failed
+            self._progress(outcome)
+            return
+
+    def _sweep(self) -> None:
+        if time.monotonic() - self._swept >= _SWEEP:
+            self._swept = time.monotonic()
+            return_memory()
+            with suppress(HistoryError, OSError):
+                self.history.waveforms.sweep()
+
+    def _serve(self, stack: ExitStack) -> str | None:
+        """Address of the page, which is served until the stack is closed."""
+        from swashtwin.monitoring.page.application import build_app
+        from swashtwin.monitoring.page.serving import serve_page
+
+        host, port = self.config.page.host, self.config.page.port
+        server: Any = serve_page(build_app(self.config, self.history, self.upload, self.status), host, port)
+        thread = threading.Thread(target=server.run, name="page", daemon=True)
+        thread.start()
+        stack.callback(thread.join, _END)
+        stack.callback(setattr, server, "should_exit", True)
+        while thread.is_alive() and not server.started:
+            time.sleep(0.01)
+        if not thread.is_alive():
+            raise InputError(f"the page cannot be served at {host}:{port}; is another program there?")
+        return page_address(self.config.page)
+
+
+def run_watch(
+    config: WatchConfig,
+    *,
+    once: bool = False,
+    stop: threading.Event | None = None,
+    started: Callable[[str | None], None] = lambda address: None,
+    progress: "Callable[[Outcome], None]" = lambda outcome: None,
+) -> WatchStatus:
+    """How a watch ended that ran until `stop` was set, or once through what is there.
+
+    Parameters
+    ----------
+    once : judge what the folders hold and return, without the page.
+    started : called with the page's address once everything runs.
+    progress : called with what became of each recording, in the thread that judges.
+
+    Raises
+    ------
+    InputError
+        Another watch uses the same folder, or the page's port is taken.
+    HistoryError
+        The history cannot be opened.
+    """
+    stop = threading.Event() if stop is None else stop
+    with lock_folder(config.folder):
+        history = History.open(config.history.reveal(), config.folder, config.retention)
+        try:
+            watch = Watch(config, history, progress)
+            if once:
+                watch.run_once(stop)
+            else:
+                watch.run(stop, started)
+            return watch.status()
+        finally:
+            history.close()

@@ -1,0 +1,98 @@
+"""Fixtures of the room: a PostgreSQL server, and an empty history in each of both databases."""
+
+import os
+import shutil
+import socket
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+_NUMBERS = count()
+
+
+def _free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+class PostgresServer:
+    """A PostgreSQL server of its own in a temporary folder, as user postgres where the tests run as root."""
+
+    def __init__(self, programs: Path) -> None:
+        self._programs = programs
+        self._user = "postgres" if os.getuid() == 0 else None
+        self.folder = Path(tempfile.mkdtemp(prefix="swashtwin-postgres-"))
+        self.port = _free_port()
+        if self._user:
+            shutil.chown(self.folder, self._user)
+        self._run("initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "--no-sync", "-E", "UTF8")
+
+    @property
+    def url(self) -> str:
+        """URL of its first database."""
+        return f"postgresql://swashtwin@127.0.0.1:{self.port}/postgres"
+
+    def start(self) -> None:
+        """Start it, and wait until it answers."""
+        settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off"
+        self._run("pg_ctl", "-D", "data", "-w", "-t", "60", "-l", "log", "-o", settings, "start")
+
+    def stop(self) -> None:
+        """Stop it at once, as a power failure does."""
+        self._run("pg_ctl", "-D", "data", "-w", "-m", "immediate", "stop")
+
+    def remove(self) -> None:
+        """Stop it and remove its folder."""
+        self.stop()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def new_database(self) -> str:
+        """URL of a new, empty database."""
+        import psycopg
+
+        name = f"test_{next(_NUMBERS)}"
+        with psycopg.connect(self.url, autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name}")
+        return self.url.rpartition("/")[0] + f"/{name}"
+
+    def _run(self, program: str, *arguments: str) -> None:
+        command = [str(self._programs / program), *arguments]
+        with (self.folder / f"{program}.txt").open("w+", encoding="utf-8") as output:
+            process = subprocess.run(
+                command, cwd=self.folder, user=self._user, stdout=output, stderr=output, timeout=120, check=False
+            )
+            output.seek(0)
+            assert process.returncode == 0, output.read()
+
+
+@pytest.fixture(scope="session")
+def postgres_server() -> Iterator[PostgresServer]:
+    """A running PostgreSQL server, or a skip where it is not installed."""
+    pytest.importorskip("psycopg", reason="psycopg is not installed")
+    installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
+    on_path = shutil.which("initdb")
+    if not installed and not on_path:
+        pytest.skip("PostgreSQL is not installed")
+    server = PostgresServer(installed[-1].parent if installed else Path(on_path or "").parent)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.remove()
+
+
+@pytest.fixture
+def postgresql_url(postgres_server: PostgresServer) -> str:
+    """URL of an empty PostgreSQL database."""
+    return postgres_server.new_database()
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def history_url(request: pytest.FixtureRequest) -> str:
+    """URL of an empty database: SQLite (an empty URL), then PostgreSQL."""
+    return "" if request.param == "sqlite" else str(request.getfixturevalue("postgresql_url"))

@@ -1,0 +1,230 @@
+"""What other programs ask, and recordings that they send."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from swashtwin.foundation import InputError
+from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.sources import check_facts
+
+HOST = "http://127.0.0.1:8642"
+
+
+class Spool:
+    """Takes uploads as the service does."""
+
+    def __init__(self) -> None:
+        self.deliveries: list[tuple[bytes, str, str | None, dict[str, str]]] = []
+        self.error: Exception | None = None
+
+    def __call__(self, path: Path, name: str, machine: str | None, facts: Mapping[str, str]) -> str:
+        if self.error is not None:
+            raise self.error
+        self.deliveries.append((path.read_bytes(), name, machine, check_facts(facts)))
+        return "c0ffee"
+
+
+@pytest.fixture
+def spool() -> Spool:
+    """Where uploads go."""
+    return Spool()
+
+
+@pytest.fixture
+def sender(plant, spool: Spool) -> TestClient:
+    """A program that sends recordings."""
+    return TestClient(build_app(plant.config, plant.history, upload=spool), base_url=HOST)
+
+
+def test_the_openapi_description_names_every_address_for_programs(reader: TestClient) -> None:
+    paths = reader.get("/api/openapi.json").json()["paths"]
+    assert {"/api/machines", "/api/machines/{name}/trend", "/api/recordings", "/api/alarms/{identity}/acknowledge",
+            "/metrics", "/health"} <= set(paths)  # fmt: skip
+    assert "post" in paths["/api/recordings"]
+    assert not any(path.startswith(("/charts", "/static", "/login")) for path in paths)
+
+
+def test_machines_come_with_state_newest_recording_and_alarms(reader: TestClient) -> None:
+    machines = {machine["name"]: machine for machine in reader.get("/api/machines").json()}
+    assert {name: machine["state"] for name, machine in machines.items()} == {
+        "pump-1": "alarm", "presse-4": "sensor", "pump-2": "normal", "pump-3": "learning"
+    }  # fmt: skip
+    assert machines["pump-1"]["last"]["label"] == "swash_plate"
+    assert machines["pump-1"]["alarms"][0]["evidence"]["moved"]
+    assert reader.get("/api/machines/pump-1").json() == machines["pump-1"]
+
+
+def test_a_trend_comes_oldest_first_with_nulls_for_no_number(reader: TestClient) -> None:
+    trend = reader.get("/api/machines/pump-1/trend", params={"level": "capital"}).json()
+    assert len(trend["times"]) == len(trend["values"]) == len(trend["recordings"])
+    assert trend["times"] == sorted(trend["times"])
+    assert trend["times"][0].endswith("Z")
+    assert trend["values"][-1] > 100
+    level = {"channel": "x", "level": "shaft order 7", "limit": 5}
+    assert len(reader.get("/api/machines/pump-1/trend", params=level).json()["values"]) == 5
+
+
+def test_levels_recordings_events_and_rejections_are_listed(reader: TestClient) -> None:
+    assert {"channel": "x", "name": "shaft order 7"} in reader.get("/api/machines/pump-1/levels").json()
+    recordings = reader.get("/api/recordings", params={"machine": "pump-1", "state": "alarm", "limit": 3}).json()
+    assert [recording["state"] for recording in recordings] == ["alarm"] * 3
+    assert reader.get(f"/api/recordings/{recordings[0]['id']}").json() == recordings[0]
+    assert reader.get("/api/machines/pump-2/events").json()[0]["who"] == "Ada"
+    assert reader.get("/api/rejections").json()[0]["reason"] == "machine"
+    assert isinstance(reader.get("/api/sequence").json(), int)
+
+
+def test_the_sequence_changes_with_a_change(client: TestClient) -> None:
+    before = client.get("/api/sequence").json()
+    assert client.get("/api/sequence").json() == before
+    assert client.post("/api/machines/pump-1/events", json={"note": "oil"}).status_code == 204
+    assert client.get("/api/sequence").json() != before
+
+
+def test_a_program_acknowledges_and_silences(client: TestClient, plant) -> None:
+    assert client.post("/api/alarms/1/acknowledge", json={"note": "seen"}).json()["state"] == "acknowledged"
+    assert client.post("/api/alarms/1/acknowledge", json={}).status_code == 409
+    assert client.post("/api/machines/pump-1/silence", json={"hours": 2}).status_code == 204
+    assert client.get("/api/machines/pump-1").json()["silenced_until"]
+    assert client.delete("/api/machines/pump-1/silence").status_code == 204
+    assert client.get("/api/machines/pump-1").json()["silenced_until"] is None
+
+
+@pytest.mark.parametrize(
+    ("method", "address", "body"),
+    [
+        ("GET", "/api/machines/x", None),
+        ("GET", "/api/recordings?limit=0", None),
+        ("GET", "/api/recordings?before=99999999999999999999", None),
+        ("GET", "/api/recordings?since=yesterday", None),
+        ("GET", "/api/alarms?state=x", None),
+        ("GET", "/api/machines/pump-1/trend", None),
+        ("POST", "/api/machines/pump-1/silence", {"hours": -1}),
+        ("POST", "/api/machines/pump-1/events", {"kind": "x"}),
+        ("POST", "/api/machines/x/events", {"kind": "note"}),
+        ("POST", "/api/alarms/99/acknowledge", {}),
+    ],
+)
+def test_a_wrong_request_is_refused_in_json(
+    reader: TestClient, method: str, address: str, body: dict[str, object] | None
+) -> None:
+    answer = reader.request(method, address, json=body)
+    assert answer.status_code in (404, 422)
+    assert isinstance(answer.json()["detail"], str)
+
+
+def test_a_form_with_a_file_is_handed_on_with_its_facts(sender: TestClient, spool: Spool, plant) -> None:
+    facts = {"machine": "pump-1", "speed": "1500 rpm", "temperature": "313 K"}
+    answer = sender.post("/api/recordings", data=facts, files={"file": ("../../evil/a b.csv", b"1,2\n")})
+    assert answer.status_code == 202
+    assert answer.json() == {"id": "c0ffee", "state": "accepted"}
+    assert spool.deliveries == [(b"1,2\n", "a_b.csv", "pump-1", {"speed": "1500 rpm", "temperature": "313 K"})]
+    assert list((plant.config.folder / "uploads").iterdir()) == []
+
+
+@pytest.mark.parametrize("part", ["data", "params"])
+def test_a_fact_of_an_unknown_name_is_refused(sender: TestClient, spool: Spool, part: str) -> None:
+    answer = sender.post("/api/recordings", files={"file": ("a.csv", b"1")}, **{part: {"sped": "1500 rpm"}})
+    assert answer.status_code == 422
+    assert "'sped' is no fact of a recording" in answer.json()["detail"]
+    assert spool.deliveries == []
+
+
+def test_what_a_kill_left_of_an_upload_is_gone_at_the_next_start(plant) -> None:
+    left = plant.config.folder / "uploads" / "c0ffee"
+    left.parent.mkdir(parents=True, exist_ok=True)
+    left.write_bytes(b"half")
+    build_app(plant.config, plant.history)
+    assert not left.exists()
+
+
+def test_a_body_is_handed_on_with_its_name_and_facts(sender: TestClient, spool: Spool) -> None:
+    answer = sender.post(
+        "/api/recordings", params={"machine": "pump-1", "rate": "6400 Hz"}, content=b"\0\1",
+        headers={"x-file-name": "a.h5"},
+    )  # fmt: skip
+    assert answer.status_code == 202
+    assert spool.deliveries == [(b"\0\1", "a.h5", "pump-1", {"rate": "6400 Hz"})]
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(InputError("speed (x) has no unit"), 422), (OSError(28, "No space left on device"), 507)]
+)
+def test_what_the_spool_refuses_is_told_in_one_line(
+    sender: TestClient, spool: Spool, plant, error: Exception, code: int
+) -> None:
+    spool.error = error
+    answer = sender.post("/api/recordings", content=b"x")
+    assert answer.status_code == code
+    assert list((plant.config.folder / "uploads").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "send",
+    [
+        lambda sender: sender.post("/api/recordings", content=b""),
+        lambda sender: sender.post("/api/recordings", data={"machine": "a"}, files={"other": ("a", b"x")}),
+        lambda sender: sender.post("/api/recordings", content=b"x", params={"speed": "9" * 300}),
+        lambda sender: sender.post("/api/recordings", content=b"x", headers={"content-type": "multipart/form-data"}),
+        lambda sender: sender.post(
+            "/api/recordings", content=b"x", headers={"content-type": "multipart/form-data; boundary=a"}
+        ),
+        lambda sender: sender.post("/api/recordings", data={f"f{i}": "x" for i in range(50)}, files={"file": b"x"}),
+    ],
+)
+def test_a_request_without_a_recording_is_refused(
+    sender: TestClient, spool: Spool, plant, send: Callable[[TestClient], object]
+) -> None:
+    assert send(sender).status_code in (400, 422)
+    assert spool.deliveries == []
+    assert list((plant.config.folder / "uploads").iterdir()) == []
+
+
+def test_a_recording_that_is_too_large_is_refused_before_it_fills_the_disk(sender: TestClient, spool: Spool, plant):
+    def pieces():
+        for _ in range(MOST_UPLOAD_BYTES // (1 << 20) + 2):
+            yield bytes(1 << 20)
+
+    assert sender.post("/api/recordings", content=pieces()).status_code == 413
+    assert spool.deliveries == []
+    assert list((plant.config.folder / "uploads").iterdir()) == []
+
+
+def test_a_watch_without_a_source_of_this_kind_takes_no_recordings(reader: TestClient) -> None:
+    assert reader.post("/api/recordings", content=b"x").status_code == 404
+
+
+def test_metrics_tell_state_evidence_counts_and_health(reader: TestClient) -> None:
+    text = reader.get("/metrics").text
+    assert 'swashtwin_machine_state{machine="pump-1",state="alarm"} 1.0' in text
+    assert 'swashtwin_alarms{kind="sensor",machine="presse-4",state="open"} 1.0' in text
+    assert 'swashtwin_recordings_total{machine="pump-2",state="learning"}' in text
+    assert 'swashtwin_rejections_total{reason="machine"} 1.0' in text
+    assert 'swashtwin_source_connected{kind="http",source="http"} 1.0' in text
+    assert "swashtwin_watch_judged_total 90.0" in text
+    assert "swashtwin_process_resident_memory_bytes" in text
+    assert "swashtwin_history_up 1.0" in text
+
+
+def test_two_pages_have_metrics_of_their_own(plant, client: TestClient) -> None:
+    other = TestClient(build_app(plant.config, plant.history), base_url=HOST)
+    assert other.get("/metrics").status_code == client.get("/metrics").status_code == 200
+
+
+def test_health_fails_with_a_problem_of_the_watch(plant) -> None:
+    from dataclasses import replace
+    from datetime import UTC, datetime
+
+    from swashtwin.monitoring.service import SourceStatus, WatchStatus
+
+    status = WatchStatus(datetime.now(UTC), 0, 0, (SourceStatus("m", "mqtt", False, "", 0),), 1, {})
+    app = build_app(plant.config, plant.history, status=lambda: replace(status, problems=("m is not reached",)))
+    client = TestClient(app, base_url=HOST)
+    answer = client.get("/health")
+    assert answer.status_code == 503
+    assert answer.json()["problems"] == ["m is not reached"]
+    assert "m is not reached" in client.get("/").text

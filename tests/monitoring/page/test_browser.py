@@ -1,0 +1,264 @@
+"""The page in a real Chromium: scripts, live changes, phone, dark mode, keyboard and accessibility."""
+
+import os
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from swashtwin.monitoring.config import load_watch_config
+from swashtwin.monitoring.history import History
+from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page.serving import serve_page
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = "/usr/bin/chromium"
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-component-update",
+]
+WAITING = "[data-figure]:not([data-ready]):not([hidden])"
+"""Figures that are not drawn yet."""
+PATIENCE = 60_000
+"""Time [ms] that a slow machine may take."""
+PLOTLYS_OWN = "Applying inline style violates"
+"""Maps, which the page has none of, bring a style that the content security policy refuses."""
+
+pytestmark = pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}")
+
+
+@pytest.fixture(scope="module")
+def served(filled_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, History]]:
+    """Address of a page that is served, and its history."""
+    folder = tmp_path_factory.mktemp("served") / "plant"
+    shutil.copytree(filled_folder, folder)
+    config = load_watch_config(folder / "watch.toml")
+    history = History.open("", config.folder)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = serve_page(build_app(config, history), "127.0.0.1", port)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.05)
+    yield f"http://127.0.0.1:{port}", history
+    server.should_exit = True
+    thread.join(20)
+    history.close()
+    assert not thread.is_alive()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    """A Chromium."""
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def tab(browser, served) -> Iterator[object]:
+    """A tab of a wide screen that collects errors of scripts."""
+    yield from _tab(browser, served)
+
+
+@pytest.fixture
+def phone(browser, served) -> Iterator[object]:
+    """A tab 390 pixels wide."""
+    yield from _tab(browser, served, viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True)
+
+
+@pytest.fixture
+def dark(browser, served) -> Iterator[object]:
+    """A tab in dark mode."""
+    yield from _tab(browser, served, color_scheme="dark")
+
+
+def _tab(browser, served, **settings) -> Iterator[object]:
+    context = browser.new_context(
+        base_url=served[0], locale="en-US", **{"viewport": {"width": 1280, "height": 900}, **settings}
+    )
+    context.set_default_timeout(PATIENCE)
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    yield page
+    context.close()
+    assert [error for error in errors if not error.startswith(PLOTLYS_OWN)] == []
+
+
+def _newest(served, machine: str) -> int:
+    return served[1].read.recordings(machine, limit=1)[0].id
+
+
+def _addresses(served) -> list[str]:
+    return ["/", "/machines/pump-1", "/machines/pump-2", f"/recordings/{_newest(served, 'pump-1')}", "/alarms",
+            "/alarms/1", "/log", "/login"]  # fmt: skip
+
+
+def _open(tab, address: str) -> None:
+    tab.goto(address)
+    _wait(tab)
+
+
+def _wait(tab) -> None:
+    playwright.expect(tab.locator(WAITING)).to_have_count(0, timeout=PATIENCE)
+
+
+def test_the_overview_leads_to_a_machine_and_its_newest_recording(tab) -> None:
+    _open(tab, "/")
+    tab.get_by_role("link", name="pump-1").click()
+    _wait(tab)
+    assert tab.locator("[data-figure] .main-svg").count() >= 2
+    tab.get_by_role("region", name="Recordings", exact=True).first.get_by_role("link").first.click()
+    _wait(tab)
+    assert tab.get_by_role("heading", name="What to check next").is_visible()
+    assert tab.locator("[data-figure] .scatterlayer .trace").count() == 9
+
+
+def test_times_are_shown_in_the_readers_zone(browser, served) -> None:
+    for tab in _tab(browser, served, timezone_id="Asia/Tokyo"):
+        _open(tab, "/log")
+        utc = datetime.now(UTC)
+        shown = tab.locator("time").first.inner_text()
+        days = {(utc + timedelta(hours=9, days=back)).strftime("%b %-d, %Y") for back in (0, -1)}
+        assert any(shown.startswith(day) for day in days)
+
+
+def test_another_level_is_chosen_and_drawn_with_its_band(tab) -> None:
+    _open(tab, "/machines/pump-1")
+    tab.get_by_label("Channel").select_option("y")
+    tab.get_by_label("Indicator or order").select_option("shaft order 14")
+    tab.get_by_role("button", name="Show").click()
+    _wait(tab)
+    assert "y: shaft order 14" in tab.locator("#levels figcaption").inner_text()
+    assert tab.locator("#levels .legendtext").first.text_content() == "Healthy baseline ± 3 spreads"
+
+
+def test_a_click_on_a_point_opens_its_recording(tab) -> None:
+    _open(tab, "/machines/pump-1")
+    tab.locator("#levels .points path").last.click(force=True)
+    tab.wait_for_url("**/recordings/*")
+
+
+def test_an_alarm_is_acknowledged_and_other_open_pages_show_it_without_a_reload(browser, served, tab) -> None:
+    for other in _tab(browser, served):
+        _open(other, "/alarms")
+        other.locator("#live.on").wait_for()
+        other.evaluate("window.isSame = true")
+        _open(tab, "/machines/presse-4")
+        tab.get_by_label("Your name").first.fill("Ada")
+        tab.get_by_label("Note", exact=True).first.fill("cable replaced")
+        tab.get_by_role("button", name="Acknowledge").click()
+        tab.get_by_text("Acknowledged by Ada").wait_for()
+        other.get_by_text("Acknowledged by Ada").wait_for()
+        assert other.evaluate("window.isSame")
+
+
+def test_what_somebody_types_survives_a_change_of_the_history(served, tab) -> None:
+    _open(tab, "/machines/pump-1")
+    tab.locator("#live.on").wait_for()
+    note = tab.get_by_label("Note", exact=True).first
+    note.fill("half a sentence")
+    with served[1].machine("pump-1") as machine:
+        machine.add_event("note", "Bob", "something happened")
+    tab.get_by_text("something happened").wait_for()
+    assert note.input_value() == "half a sentence"
+
+
+def test_german_is_one_click_away_and_stays(tab) -> None:
+    _open(tab, "/")
+    tab.get_by_role("button", name="Deutsch").click()
+    tab.get_by_role("heading", name="Maschinen").wait_for()
+    tab.goto("/alarms")
+    assert tab.locator("html").get_attribute("lang") == "de"
+    assert tab.get_by_role("heading", name="Alarme").is_visible()
+
+
+def test_no_page_scrolls_sideways_on_a_phone(phone, served) -> None:
+    for address in _addresses(served):
+        _open(phone, address)
+        assert phone.evaluate("document.documentElement.scrollWidth") <= 390, address
+
+
+def test_everything_to_be_pressed_on_a_phone_is_large_enough_for_a_finger(phone) -> None:
+    _open(phone, "/machines/pump-1")
+    sizes = phone.evaluate("[...document.querySelectorAll('main button, select, input:not([type=hidden])')]"
+                           ".map((field) => field.getBoundingClientRect().height)")  # fmt: skip
+    assert min(sizes) >= 36
+
+
+def test_dark_mode_darkens_the_page_and_its_figures(dark) -> None:
+    _open(dark, "/machines/pump-2")
+    background = dark.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert max(int(part) for part in background[4:-1].split(",")) < 60
+    ink = dark.evaluate("getComputedStyle(document.querySelector('.xtick text')).fill")
+    assert min(int(part) for part in ink[4:-1].split(",")) > 180
+
+
+def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
+    _open(tab, "/machines/pump-1")
+    focused = "document.activeElement.textContent.trim() || document.activeElement.name || ''"
+    names = []
+    for _ in range(14):
+        tab.keyboard.press("Tab")
+        names.append(tab.evaluate(focused))
+    assert names[0] == "Skip to content"
+    assert names[1:5] == ["swashtwin", "Machines", "Alarms", "Log"]
+    assert "note" in names
+    assert "Acknowledge" in names
+    assert tab.evaluate("getComputedStyle(document.activeElement).outlineStyle") != "none"
+
+
+def test_the_skip_link_leads_to_the_content(tab) -> None:
+    _open(tab, "/")
+    tab.keyboard.press("Tab")
+    tab.keyboard.press("Enter")
+    assert tab.evaluate("document.activeElement.id") == "main"
+
+
+def test_nothing_is_fetched_from_elsewhere(tab, served) -> None:
+    hosts: set[str] = set()
+    tab.on("request", lambda request: hosts.add("/".join(request.url.split("/")[:3])))
+    for address in _addresses(served):
+        _open(tab, address)
+    assert hosts == {served[0]}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_serious_fault_on_any_page(browser, served, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
+    for tab in _tab(browser, served, color_scheme=scheme):
+        for address in _addresses(served):
+            _open(tab, address)
+            violations = axe.run(tab).response["violations"]
+            serious = {
+                violation["id"]: [node["html"][:200] for node in violation["nodes"]]
+                for violation in violations
+                if violation["impact"] in ("serious", "critical")
+            }
+            assert serious == {}, address
+
+
+@pytest.mark.skipif("SWASHTWIN_PICTURES" not in os.environ, reason="SWASHTWIN_PICTURES names no folder for pictures")
+def test_a_picture_of_each_page_is_taken(browser, served) -> None:
+    folder = Path(os.environ["SWASHTWIN_PICTURES"])
+    folder.mkdir(parents=True, exist_ok=True)
+    looks = {"wide": {}, "phone": {"viewport": {"width": 390, "height": 844}}, "dark": {"color_scheme": "dark"}}
+    for look, settings in looks.items():
+        for tab in _tab(browser, served, **settings):
+            for address in _addresses(served):
+                _open(tab, address)
+                name = address.strip("/").replace("/", "-") or "overview"
+                tab.screenshot(path=folder / f"{name}-{look}.png", full_page=True)

@@ -1,0 +1,84 @@
+"""The files in deploy/ name commands, options and metrics that there are."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+DEPLOY = Path(__file__).parents[3] / "deploy"
+UNIT, DOCKERFILE, DASHBOARD = (DEPLOY / name for name in ("swashtwin-watch.service", "Dockerfile", "grafana.json"))
+
+
+def _metric_names(text: str) -> set[str]:
+    return set(re.findall(r"^(swashtwin_\w+)(?:\{|\s)", text, re.MULTILINE))
+
+
+def _is_command(words: list[str]) -> bool:
+    """Whether `swashtwin` knows these words, the last of which is a file."""
+    import typer
+
+    from swashtwin.cli.app import app
+
+    command = typer.main.get_command(app)
+    for word in words[:-1]:
+        if word not in getattr(command, "commands", {}):
+            return False
+        command = command.commands[word]
+    return any(parameter.param_type_name == "argument" for parameter in command.params)
+
+
+def test_every_metric_of_the_dashboard_is_one_of_the_page(reader: TestClient) -> None:
+    dashboard = json.loads(DASHBOARD.read_text())
+    queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+    queries += [variable["query"] for variable in dashboard["templating"]["list"] if variable["type"] == "query"]
+    names = {name for query in queries for name in re.findall(r"swashtwin_\w+", query)}
+    assert len(names) > 10
+    assert names <= _metric_names(reader.get("/metrics").text)
+
+
+def test_panels_of_the_dashboard_do_not_overlap() -> None:
+    cells = set()
+    for panel in json.loads(DASHBOARD.read_text())["panels"]:
+        box = panel["gridPos"]
+        covered = {(x, y) for x in range(box["x"], box["x"] + box["w"])
+                   for y in range(box["y"], box["y"] + box["h"])}  # fmt: skip
+        assert not covered & cells, panel["title"]
+        assert max(x for x, _ in covered) < 24
+        cells |= covered
+
+
+def test_the_unit_starts_a_command_that_there_is_and_is_no_root() -> None:
+    unit = dict(line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] != "#")
+    program, *words = shlex.split(unit["ExecStart"])
+    assert program.endswith("/bin/swashtwin")
+    assert _is_command(words)
+    assert unit["User"] == "swashtwin"
+    assert unit["NoNewPrivileges"] == "yes"
+
+
+def test_the_image_starts_a_command_that_there_is_and_is_no_root() -> None:
+    text = DOCKERFILE.read_text()
+    command = json.loads(re.search(r"^CMD (\[.*\])$", text, re.MULTILINE)[1])
+    assert json.loads(re.search(r"^ENTRYPOINT (\[.*\])$", text, re.MULTILINE)[1]) == ["swashtwin"]
+    assert _is_command(command)
+    assert re.search(r"^USER 10001", text, re.MULTILINE)
+    assert text.index("USER") < text.index("ENTRYPOINT")
+    for source in re.findall(r"^COPY (.*) /\S+$", text, re.MULTILINE):
+        assert all((DEPLOY.parent / name).exists() for name in source.split())
+
+
+def test_the_image_installs_extras_that_there_are() -> None:
+    import tomllib
+
+    project = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())["project"]
+    extras = re.search(r"/source\[([\w,]+)\]", DOCKERFILE.read_text())
+    assert extras
+    assert set(extras[1].split(",")) <= set(project["optional-dependencies"])
+
+
+@pytest.mark.parametrize("path", [UNIT, DOCKERFILE])
+def test_files_of_deployment_hold_no_secret(path: Path) -> None:
+    assert not re.search(r"(?i)(password|token|secret)\s*=\s*\S", path.read_text())

@@ -1,0 +1,283 @@
+"""The pages as a browser without scripts sees them."""
+
+import re
+import tomllib
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from swashtwin.diagnosis import next_checks
+from swashtwin.monitoring.history import HistoryError
+from swashtwin.monitoring.page.charts import sparkline
+from swashtwin.monitoring.page.languages import Language
+from swashtwin.monitoring.page.machine_states import STATES
+from swashtwin.monitoring.page.wording import RECORDING_STATES, REJECTION_REASONS, VERDICT_NAMES, level_name
+from swashtwin.pump import CLASSES
+
+PACKAGE = Path(str(resources.files("swashtwin.monitoring.page")))
+ENGLISH, GERMAN = Language("en"), Language("de")
+
+
+def send(client: TestClient, address: str, **values: object):
+    token = re.search(r'name="form_token" value="([0-9a-f]+)"', client.get("/log").text)
+    assert token
+    return client.post(address, data={"form_token": token[1], **values})
+
+
+def newest(plant, machine: str) -> int:
+    return plant.history.read.recordings(machine, limit=1)[0].id
+
+
+def silence_of_pump_1(plant) -> datetime | None:
+    return next(machine.silenced for machine in plant.history.read.machines() if machine.name == "pump-1")
+
+
+def test_the_overview_shows_the_most_urgent_machine_first(reader: TestClient) -> None:
+    text = reader.get("/").text
+    positions = [text.index(f"/machines/{name}") for name in ("pump-1", "presse-4", "pump-2", "pump-3")]
+    assert positions == sorted(positions)
+    assert "Swash plate" in text
+    assert "1 Sensor alarm" in text
+
+
+def test_the_overview_shows_machines_of_one_state_or_name(reader: TestClient) -> None:
+    assert "pump-1" not in reader.get("/?state=normal").text
+    assert "pump-2" in reader.get("/?state=normal").text
+    assert "presse-4" in reader.get("/?text=PRESSE").text
+    assert "No machine fits." in reader.get("/?text=nothing").text
+
+
+def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
+    machine = replace(plant.config.machines[0], name="pump-8")
+    config = replace(plant.config, machines=(*plant.config.machines, machine))
+    from swashtwin.monitoring.page.application import build_app
+
+    client = TestClient(build_app(config, plant.history), base_url="http://127.0.0.1")
+    assert "No recording yet" in client.get("/machines/pump-8").text
+    assert "pump-8" in client.get("/?state=empty").text
+
+
+def test_a_machine_shows_its_alarm_its_trend_and_its_recordings(client: TestClient, plant) -> None:
+    text = client.get("/machines/pump-1").text
+    assert "/alarms/1/acknowledge" in text
+    assert 'data-figure="/charts/machines/pump-1/trend?channel=&amp;level=capital' in text
+    assert f"/recordings/{newest(plant, 'pump-1')}" in text
+    assert "shaft order 7" in text
+
+
+def test_the_level_that_moved_most_is_the_first_trend(reader: TestClient) -> None:
+    text = reader.get("/machines/pump-1").text
+    assert re.search(r'<option value="(shaft order (7|14|21|28)|\d+ to \d+ Hz)" selected>', text)
+
+
+def test_older_recordings_follow_page_by_page(reader: TestClient) -> None:
+    first = reader.get("/machines/pump-1").text
+    older = re.search(r'href="(\?before=\d+)#', first)
+    assert older
+    second = reader.get("/machines/pump-1" + older[1]).text
+    rows = [set(re.findall(r'<td><a href="/recordings/(\d+)"', text)) for text in (first, second)]
+    assert len(rows[0]) == 25
+    assert len(rows[1]) == 15
+    assert not rows[0] & rows[1]
+
+
+def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient, plant) -> None:
+    text = client.get(f"/recordings/{newest(plant, 'pump-1')}").text
+    assert "Swash plate 93 %" in text
+    assert "shaft order" in text
+    assert next_checks("swash_plate")[-1].what in text
+    assert f'data-figure="/charts/recordings/{newest(plant, "pump-1")}"' in text
+    assert "1500 rpm" in text
+
+
+def test_the_later_recording_of_an_old_one_is_the_next(reader: TestClient) -> None:
+    ids = [recording["id"] for recording in reader.get("/api/recordings?machine=pump-1").json()]
+    oldest = reader.get(f"/recordings/{ids[-1]}").text
+    assert f'href="/recordings/{ids[-2]}"' in oldest
+    assert f'href="/recordings/{ids[-3]}"' not in oldest
+    assert "Later recording" not in reader.get(f"/recordings/{ids[0]}").text
+
+
+@pytest.mark.parametrize("before", ["99999999999999999999", "0", "x"])
+def test_a_number_that_no_recording_has_is_refused(reader: TestClient, before: str) -> None:
+    assert reader.get(f"/machines/pump-1?before={before}").status_code == 422
+
+
+def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestClient, plant) -> None:
+    alarm = plant.history.read.alarm(1)
+    with plant.history.machine("pump-2") as machine:
+        for _ in range(210):
+            other = machine.open_alarm(alarm.kind, alarm.point, alarm.opened, alarm.evidence, None)
+            machine.acknowledge(other, "Ada")
+            machine.clear_alarm(other, alarm.opened)
+    for address in ("/alarms", "/alarms?state=open"):
+        text = client.get(address).text
+        assert "/alarms/1/acknowledge" in text
+        assert text.count("<article") == 2
+    assert "/alarms/1/" not in client.get("/alarms?state=closed").text
+
+
+def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(client: TestClient, plant) -> None:
+    identity = newest(plant, "presse-4")
+    text = client.get(f"/recordings/{identity}").text
+    assert "channel y does not move" in text
+    assert client.get(f"/charts/recordings/{identity}").status_code == 404
+
+
+def test_a_recording_whose_samples_are_gone_says_so(client: TestClient, plant) -> None:
+    identity = newest(plant, "pump-2")
+    for path in plant.config.folder.rglob("*.h5"):
+        path.unlink()
+    assert client.get(f"/recordings/{identity}").status_code == 200
+    assert client.get(f"/charts/recordings/{identity}").status_code == 404
+
+
+def test_a_form_acknowledges_an_alarm_once(client: TestClient, plant) -> None:
+    assert send(client, "/alarms/1/acknowledge", who="Ada", note="on it", next="/machines/pump-1").status_code == 303
+    alarm = plant.history.read.alarm(1)
+    assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "Ada", "on it")
+    assert send(client, "/alarms/1/acknowledge", who="Bob").status_code == 409
+    assert "Acknowledged by Ada" in client.get("/machines/pump-1").text
+
+
+def test_a_silence_has_an_end_and_can_be_ended(client: TestClient, plant) -> None:
+    send(client, "/machines/pump-1/silence", who="Ada", hours=8, note="test run")
+    until = silence_of_pump_1(plant)
+    assert timedelta(hours=7.9) < until - datetime.now(UTC) < timedelta(hours=8.1)
+    assert "Messages are silenced until" in client.get("/machines/pump-1").text
+    assert "Silenced" in client.get("/").text
+    send(client, "/machines/pump-1/silence/end", who="Ada")
+    assert "Messages are silenced until" not in client.get("/machines/pump-1").text
+
+
+@pytest.mark.parametrize("hours", ["0", "-1", "nan", "inf", "1e9", "x", ""])
+def test_a_silence_without_an_end_is_refused(client: TestClient, plant, hours: str) -> None:
+    assert send(client, "/machines/pump-1/silence", hours=hours).status_code == 422
+    assert silence_of_pump_1(plant) is None
+
+
+def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(client: TestClient, plant) -> None:
+    send(client, "/machines/pump-1/events", kind="maintenance", who="Ada", note="new slippers")
+    assert plant.history.read.alarm(1).state == "closed"
+    assert not any(point.baseline for point in plant.history.read.points("pump-1"))
+    assert "new slippers" in client.get("/machines/pump-1").text
+    assert "Earlier alarms" in client.get("/machines/pump-1").text
+
+
+@pytest.mark.parametrize("address", ["/machines/x", "/recordings/99999", "/recordings/0", "/recordings/9" + "9" * 40,
+                                     "/alarms/77", "/nothing", "/recordings/x"])  # fmt: skip
+def test_what_there_is_not_is_answered_by_a_page(reader: TestClient, address: str) -> None:
+    answer = reader.get(address)
+    assert answer.status_code in (404, 422)
+    assert "<h1>" in answer.text
+    assert "Traceback" not in answer.text
+
+
+def test_a_history_that_cannot_be_reached_is_answered_by_a_page(client: TestClient, plant, monkeypatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise HistoryError("postgresql://user:secret@host is gone")
+
+    for name in ("machines", "sequence", "counts"):
+        monkeypatch.setattr(type(plant.history.read), name, fail)
+    answer = client.get("/")
+    assert answer.status_code == 503
+    assert "secret" not in answer.text
+    assert client.get("/api/machines").status_code == 503
+    assert client.get("/health").status_code == 503
+    assert "swashtwin_history_up 0.0" in client.get("/metrics").text
+
+
+def test_german_is_chosen_by_a_form_and_stays(client: TestClient) -> None:
+    answer = send(client, "/language", code="de", next="/alarms")
+    assert answer.headers["location"] == "/alarms"
+    text = client.get("/").text
+    assert '<html lang="de">' in text
+    assert "Maschinen" in text
+    assert "Sensoralarm" in text
+
+
+def test_the_configuration_states_the_language_of_the_first_visit(plant) -> None:
+    from swashtwin.monitoring.page.application import build_app
+
+    client = TestClient(build_app(replace(plant.config, language="de"), plant.history), base_url="http://127.0.0.1")
+    assert '<html lang="de">' in client.get("/").text
+
+
+def _texts() -> set[str]:
+    """Every English text of templates and code that is translated."""
+    texts = set()
+    for path in (*PACKAGE.glob("templates/*.jinja"), *PACKAGE.glob("*.py")):
+        text = path.read_text()
+        texts |= set(re.findall(r'\bt\("([^"]+)"', text)) | set(re.findall(r"\bt\('([^']+)'", text))
+        texts |= set(re.findall(r'\blanguage\(\s*"([^"]+)"', text))
+    return texts
+
+
+def test_every_text_is_translated() -> None:
+    german = tomllib.loads((PACKAGE / "german.toml").read_text())
+    texts = _texts() | {state.word for state in STATES} | set(RECORDING_STATES.values())
+    texts |= {name for name, _ in VERDICT_NAMES.values()} | set(REJECTION_REASONS.values())
+    for label in (*CLASSES, "loose_slipper"):
+        texts.add(label.replace("_", " ").capitalize())
+        texts |= {text for check in next_checks(label) for text in (check.what, check.why)}
+    texts |= {text for check in next_checks(unknown=True) for text in (check.what, check.why)}
+    assert not texts - set(german)
+    for english, translation in german.items():
+        assert set(re.findall(r"\{\w+\}", english)) == set(re.findall(r"\{\w+\}", translation)), english
+
+
+def test_numbers_and_levels_follow_the_language() -> None:
+    assert (ENGLISH.number(1234.5), GERMAN.number(0.01234), ENGLISH.number(None)) == ("1234", "0,0123", "—")
+    assert ENGLISH.number(float("nan")) == "—"
+    assert GERMAN.change(-6.25) == "−6,2"
+    assert (ENGLISH.percent(0.9999), ENGLISH.percent(1.0), ENGLISH.percent(0.0001)) == ("> 99 %", "100 %", "< 1 %")
+    assert level_name("shaft order 9 of the envelope (129.5 Hz)", GERMAN) == "Wellenordnung 9 der Hüllkurve (129,5 Hz)"
+    assert level_name("14.1 to 26.6 Hz", ENGLISH) == "14.1 to 26.6 Hz"
+
+
+def test_a_small_line_needs_two_values_and_stays_within_its_box() -> None:
+    assert sparkline([1.0, float("nan")], 100) is None
+    line = sparkline([1e-30, 1.0, 1e12], 100)
+    assert line is not None
+    heights = [float(point.split(",")[1]) for point in line["points"].split()]
+    assert all(0 <= height <= 28 for height in heights)
+
+
+def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) -> None:
+    query = {"channel": "x", "level": "shaft order 7", "point": "1500 rpm, 15 MPa"}
+    figure = reader.get("/charts/machines/pump-1/trend", params=query).json()
+    assert [trace["meta"]["role"] for trace in figure["data"]] == ["edge", "band", "main"]
+    assert {shape["name"] for shape in figure["layout"]["shapes"]} == {"alarm", "median"}
+    assert len(figure["data"][2]["x"]) == 40
+
+
+def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pistons(client: TestClient, plant) -> None:
+    figure = client.get(f"/charts/recordings/{newest(plant, 'pump-1')}").json()
+    roles = [trace["meta"]["role"] for trace in figure["data"]]
+    assert roles == ["edge", "band", "main"] * 3
+    assert [mark["text"] for mark in figure["layout"]["annotations"]][:2] == ["1×", "7×"]
+    x = figure["data"][0]["x"]
+    line = min(range(len(x)), key=lambda index: abs(x[index] - 175))
+    assert max(figure["data"][2]["y"][line - 1 : line + 2]) > 2 * max(figure["data"][1]["y"][line - 1 : line + 2])
+
+
+def test_the_figure_of_the_twins_value_has_its_interval(reader: TestClient) -> None:
+    figure = reader.get("/charts/machines/pump-2/twin", params={"estimate": "K_v"}).json()
+    assert figure["data"][0]["y"] == [1.1e8, 1.2e8]
+    assert figure["layout"]["yaxis"]["title"]["text"] == "K_v [N/m]"
+
+
+def test_plotly_comes_out_of_its_wheel(reader: TestClient) -> None:
+    answer = reader.get("/static/plotly.min.js")
+    assert answer.status_code == 200
+    assert len(answer.content) > 1_000_000
+    assert reader.get("/static/plotly.min.js", headers={"accept-encoding": "identity"}).content == answer.content
+
+
+@pytest.mark.parametrize("name", ["..%2fpage.py", "page.py", "%2e%2e/users.py", "nothing"])
+def test_no_other_file_is_served(reader: TestClient, name: str) -> None:
+    assert reader.get(f"/static/{name}").status_code == 404

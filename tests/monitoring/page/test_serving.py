@@ -1,0 +1,98 @@
+"""The server under the page, over real connections."""
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from fastapi import FastAPI
+
+from swashtwin.monitoring.page import serving
+
+
+@pytest.fixture
+def port(plant, application: FastAPI, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Port of a page that hangs up on silent clients after half a second."""
+    monkeypatch.setattr(serving, "HEADER_SECONDS", 0.5)
+    monkeypatch.setattr(serving, "ANSWER_SECONDS", 1.0)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        number = probe.getsockname()[1]
+    server = serving.serve_page(application, "127.0.0.1", number)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.02)
+    yield number
+    server.should_exit = True
+    thread.join(20)
+    assert not thread.is_alive()
+
+
+def _answer(connection: socket.socket) -> bytes:
+    content = b""
+    connection.settimeout(20)
+    while piece := connection.recv(65536):
+        content += piece
+    return content
+
+
+def test_who_connects_and_says_nothing_is_hung_up_on(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as silent, socket.create_connection(("127.0.0.1", port)) as slow:
+        slow.sendall(b"GET / HTTP/1.1\r\nHost: 127")
+        assert _answer(silent) == b""
+        assert _answer(slow) == b""
+
+
+def test_who_begins_a_second_request_and_does_not_end_it_is_hung_up_on(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as slow:
+        slow.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        slow.sendall(b"GET / HT")
+        before = time.monotonic()
+        answer = _answer(slow)
+        assert b" 200 " in answer[:20]
+        assert answer.count(b"HTTP/1.1") == 1
+        assert time.monotonic() - before < 10  # half a second where nothing else runs
+
+
+def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
+    with socket.socket() as lazy:
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        lazy.connect(("127.0.0.1", port))
+        lazy.sendall(b"GET /static/plotly.min.js HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        start = lazy.recv(1024)
+        length = int(start.split(b"content-length: ")[1].split(b"\r\n")[0])
+        time.sleep(3)
+        assert len(_answer(lazy)) < length - 10**6  # the system holds some of it
+
+
+def test_an_open_page_hears_of_a_change_soon_and_does_not_keep_the_server_from_ending(port: int, plant) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as listener:
+        listener.sendall(b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        listener.settimeout(20)
+        content = b""
+        while b"event: change" not in content:
+            content += listener.recv(65536)
+        with plant.history.machine("pump-1") as machine:
+            machine.add_event("note", "Ada")
+        before, content = time.monotonic(), b""
+        while b"event: change" not in content:
+            content += listener.recv(65536)
+        assert time.monotonic() - before < 10  # half a second where nothing else runs
+
+
+def test_what_is_no_http_is_refused_and_the_next_request_answered(port: int) -> None:
+    for content in (
+        b"\0\1\2\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n",
+        b"GET / HTTP/1.1\r\n a: b\r\n\r\n",
+    ):
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.sendall(content)
+            assert b" 400 " in _answer(connection)[:20]
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        answer = _answer(connection)
+        assert b" 200 " in answer[:20]
+        assert b"server:" not in answer.lower()

@@ -1,0 +1,159 @@
+"""A watch that runs: its sources, its page and its end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+from mqtt_broker import Broker, free_port
+from watched_pumps import RATE, hum, watch_config, write_hum
+
+from swashtwin.monitoring import History, Outcome, run_watch
+from swashtwin.monitoring.config import WatchConfig
+from swashtwin.recordings import write_recording
+
+
+def page() -> str:
+    return f"[page]\nport = {free_port()}\n"
+
+
+def mqtt(broker: Broker, group: str = "") -> str:
+    shared = f'group = "{group}"\n' if group else ""
+    return f'[[source]]\nkind = "mqtt"\nhost = "{broker.host}"\nport = {broker.port}\ntopic = "plant/+/raw"\n{shared}'
+
+
+def block(seed: int) -> bytes:
+    header = {"rate": f"{RATE} Hz", "unit": "m/s^2", "channels": ["x", "y"]}
+    return json.dumps(header).encode() + b"\n" + hum(seed).signal.T.astype("<f4").tobytes()
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.02)
+
+
+@contextmanager
+def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
+    """(address of the page, what was judged) of a watch that runs."""
+    stop, started, errors = threading.Event(), threading.Event(), []
+    outcomes: list[Outcome] = []
+    addresses: list[str | None] = []
+
+    def start(address: str | None) -> None:
+        addresses.append(address)
+        started.set()
+
+    def work() -> None:
+        try:
+            run_watch(config, stop=stop, started=start, progress=outcomes.append)
+        except BaseException as cause:
+            errors.append(cause)
+            started.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        assert started.wait(60)
+        assert not errors, errors
+        yield str(addresses[0]), outcomes
+    finally:
+        stop.set()
+        thread.join(60)
+    assert not thread.is_alive()
+    assert not errors, errors
+
+
+def contents(configs: Sequence[WatchConfig]) -> list[str]:
+    history = History.open(configs[0].history.reveal(), configs[0].folder)
+    try:
+        return [item.judgment.content for item in history.read.recordings(limit=10_000)]
+    finally:
+        history.close()
+
+
+def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broker) -> None:
+    config = watch_config(tmp_path, f'{mqtt(broker)}\n[[source]]\nkind = "http"\n{page()}')
+    with watching(config) as (address, outcomes):
+        write_hum(tmp_path / "incoming" / "a.h5", 1)
+        wait_for(lambda: outcomes)
+        broker.publish("plant/pump-1/raw", block(2))
+        wait_for(lambda: len(outcomes) == 2)
+        content = write_recording(hum(3), tmp_path / "c.h5").read_bytes()
+        answer = httpx.post(f"{address}/api/recordings", files={"file": ("c.h5", content)}, data={"machine": "pump-1"})
+        assert answer.status_code == 202, answer.text
+        wait_for(lambda: len(outcomes) == 3)
+        health = httpx.get(f"{address}/health")
+        assert health.status_code == 200, health.text
+    assert [outcome.state for outcome in outcomes] == ["learning"] * 3
+
+
+def test_an_upload_with_facts_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    config = watch_config(tmp_path, f'[[source]]\nkind = "http"\n{page()}')
+    with watching(config) as (address, outcomes):
+        data = {"machine": "pump-1", "speed": "fast"}
+        answer = httpx.post(f"{address}/api/recordings", files={"file": ("c.h5", b"content")}, data=data)
+        assert answer.status_code == 422
+        assert "speed" in answer.text
+    assert outcomes == []
+
+
+def test_a_broker_that_stops_and_starts_loses_and_doubles_nothing(tmp_path: Path, broker: Broker) -> None:
+    config = watch_config(tmp_path, mqtt(broker) + page())
+    with watching(config) as (_, outcomes):
+        broker.publish("plant/pump-1/raw", block(1))
+        wait_for(lambda: outcomes)
+        broker.stop()
+        time.sleep(0.2)
+        broker.start()
+        for seed in range(2, 5):
+            broker.publish("plant/pump-1/raw", block(seed))
+        wait_for(lambda: len(outcomes) == 4)
+    assert len(set(contents([config]))) == len(contents([config])) == 4
+
+
+def test_watches_of_one_history_and_one_broker_share_the_work(
+    tmp_path: Path, broker: Broker, postgresql_url: str
+) -> None:
+    configs = [
+        watch_config(tmp_path / name, mqtt(broker, "plant") + page(), history=postgresql_url) for name in ("a", "b")
+    ]
+    with watching(configs[0]) as (_, first), watching(configs[1]) as (_, second):
+        for seed in range(12):
+            broker.publish("plant/pump-1/raw", block(seed))
+        wait_for(lambda: len(first) + len(second) == 12)
+        time.sleep(0.3)
+    assert first
+    assert second
+    assert {outcome.state for outcome in (*first, *second)} == {"learning"}
+    assert len(set(contents(configs))) == len(contents(configs)) == 12
+
+
+def test_the_command_ends_well_when_the_system_asks_for_it(tmp_path: Path) -> None:
+    watch_config(tmp_path, page())
+    write_hum(tmp_path / "incoming" / "a.h5", 1)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "swashtwin", "watch", str(tmp_path / "watch.toml")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONUNBUFFERED": "1"},
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert "learning 1/20" in process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        out, error = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, error
+    assert "judged 1, filed with a reason 0, waiting 0." in out
+    assert "the page is at http://127.0.0.1:" in error

@@ -19,7 +19,8 @@ ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.pyi"))
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 
 
-def test_imports_go_one_way_down() -> None:
+def test_imports_go_one_way_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlinter.cli._configure_logging", lambda verbose: None)  # it turns off all other logs
     assert lint_imports(config_filename=str(ROOT / ".importlinter"), no_cache=True) == EXIT_STATUS_SUCCESS
 
 

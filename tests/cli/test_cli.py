@@ -250,7 +250,8 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
 
 
 def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) -> None:
-    path = run_json("twin", "pump", "new", "mine", "--out", tmp_path)["pump"]
+    path = run_json("twin", "pump", "new", "mine.toml", "--out", tmp_path)["pump"]
+    assert path == str(tmp_path / "mine.toml")
     answer = run_json("twin", "pump", "show", path)
     assert answer["name"] == "mine"
     assert all(parameter["source"] for parameter in answer["parameters"])

@@ -12,6 +12,7 @@ from swashtwin.cli import (
     data,
     diagnosing,
     fleet,
+    history,
     recordings,
     signal,
     simulating,
@@ -19,6 +20,8 @@ from swashtwin.cli import (
     testing,
     training,
     twin,
+    watch_demo,
+    watching,
 )
 from swashtwin.cli.bench import plans, questions, rig
 from swashtwin.cli.console import safe_streams
@@ -56,6 +59,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "severity": twin.severity,
         },
     ),
+    "history": ("Use the history of watched machines in other programs.", {"export": history.export}),
     "model": ("Use a trained model in other programs.", {"export": testing.export}),
     "bench": (
         "Ask whether the methods work: virtual rig, fillers, studies.",
@@ -63,6 +67,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "rig": rig.rig,
             "augment": rig.augment,
             **{name: plans.plan_command(name) for name in plans.STUDIES},
+            "alarms": questions.alarms,
             "calibration": questions.calibration,
             "conditions": questions.conditions,
             "confidence": questions.confidence,
@@ -77,11 +82,22 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "scarce": questions.scarce,
             "severity": questions.severity,
             "tune": plans.tune,
+            "wrong-twins": questions.wrong_twins,
             "zero-shot": questions.zero_shot,
         },
     ),
 }
 """Help and commands of each group."""
+
+WATCH: Mapping[str, Callable[..., None]] = {
+    "run": watching.run,
+    "init": watching.init,
+    "demo": watch_demo.demo,
+    "event": watching.event,
+    "recalibrate": watching.recalibrate,
+    "user": watching.user,
+}
+"""Commands of ``swashtwin watch``."""
 
 PUMPS: Mapping[str, Callable[..., None]] = {"list": twin.list_pumps, "show": twin.show_pump, "new": twin.new_pump}
 """Commands of ``swashtwin twin pump``."""
@@ -111,6 +127,12 @@ def _group(words: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typ
 
 for _name, _function in FIRST.items():
     app.command(_name, rich_help_panel="Commands")(_function)
+_watch = typer.Typer(
+    cls=watching.WatchGroup, no_args_is_help=True, help="Watch pumps at a plant: swashtwin watch CONFIG starts it."
+)
+for _name, _function in WATCH.items():
+    _watch.command(_name)(_function)
+app.add_typer(_watch, name="watch", rich_help_panel="Commands")
 for _name, (_words, _commands) in GROUPS.items():
     _members = _group(_words, _commands)
     if _name == "twin":

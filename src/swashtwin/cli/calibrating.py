@@ -36,11 +36,12 @@ from swashtwin.cli.options import (
     fault_from,
     present,
     read_list,
+    read_pairs,
     read_settings,
     solver_from,
 )
 from swashtwin.cli.sources import is_collection, load_sources
-from swashtwin.foundation import plural
+from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:
     from swashtwin.calibration import (
@@ -80,6 +81,7 @@ class Freed(StrEnum):
     none = "none"
     usual = "usual"
     housing = "housing"
+    by_axis = "by-axis"
 
 
 FreedName = Annotated[
@@ -87,10 +89,17 @@ FreedName = Annotated[
     typer.Option(
         "--nuisances",
         help="Unmeasured constants, searched as well: usual (mounting, bearings, excitation, sensors), housing (those, "
-        "each channel's gain, and two modes of the housing), or none (the paper's).",
+        "each channel's gain, and two modes of the housing), by-axis (those, each direction of the mounting, each "
+        "bearing, and cross-talk), or none (the paper's).",
     ),
 ]
-Bounds = Annotated[float | None, typer.Option(help="Search each value within this factor of the nominal.")]
+Bounds = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Search each value within this factor of the nominal, such as 10, or one between limits, by letter or "
+        'parameter: "C_sw=1e4..1e8 N*s/m"; repeatable, or with commas. Bounds that nobody states widen by themselves.'
+    ),
+]
 
 
 def calibrate(
@@ -172,7 +181,7 @@ def calibrate(
         recordings=recordings,
         options={
             "fault": None if points.is_complete else defect,
-            "bounds": bounds,
+            "bounds": bounds_from(bounds),
             "band": edges,
             "lines": lines.value,
             "prior": None if prior is None else load_population(prior),
@@ -241,11 +250,12 @@ class _Job:
         self.checkpoint.unlink(missing_ok=True)
         self.study.unlink(missing_ok=True)
 
-    def objective(self) -> "Objective":
-        """The objective of the search."""
+    def objective(self, result: "Calibration | None" = None) -> "Objective":
+        """The objective of the search, within the bounds that it ended with where there is a `result`."""
         from swashtwin.calibration import build_objective
 
-        return build_objective(self.start, self.recordings, **self.options)
+        bounds = {} if result is None else {"bounds": {each.letter: each.bounds for each in result.estimates}}
+        return build_objective(self.start, self.recordings, **{**self.options, **bounds})
 
     def try_rates(self, method: Any, rates: Sequence[float]) -> "LearningRates":
         """Loss that each learning rate leads to."""
@@ -288,7 +298,7 @@ class _Job:
         from swashtwin.calibration import identifiability
         from swashtwin.report import write_report
 
-        return write_report(result, identifiability(self.objective(), result.posterior.point), folder=folder)
+        return write_report(result, identifiability(self.objective(result), result.posterior.point), folder=folder)
 
 
 def _kinds() -> dict[Method, Any]:
@@ -326,10 +336,33 @@ def _rates(text: str | None) -> Sequence[float] | None:
     return PAPER_RATES if text == "paper" else read_list(text, float, "--learning-rates")
 
 
+def bounds_from(texts: Sequence[str] | None) -> dict[str, tuple[float, float]] | float | None:
+    """Bounds of the search: one factor, or limits by letter or parameter name; units may be left out."""
+    parts = [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
+    if len(parts) == 1 and "=" not in parts[0]:
+        return (read_list(parts[0], float, "--bounds") or [0.0])[0]
+    return {name: _limits(name, text) for name, text in read_pairs(parts, "--bounds").items()} or None
+
+
+def _limits(name: str, text: str) -> tuple[float, float]:
+    """Least and greatest value of ``1e4..1e8 N*s/m``."""
+    least, dots, rest = (part.strip() for part in text.partition(".."))
+    greatest, _, unit = rest.partition(" ")
+    wanted = "N*s/m" if name.startswith("C") or name.endswith("damping") else "N/m"
+    if not dots:
+        reason = f'{name}={text} must be two limits, such as "{name}=1e4..1e8 {wanted}".'
+        raise typer.BadParameter(reason, param_hint="--bounds")
+    limits = (least if " " in least else f"{least} {unit or wanted}", f"{greatest} {unit or wanted}")
+    low, high = (parse(limit, wanted, name=f"--bounds {name}") for limit in limits)
+    return low, high
+
+
 def nuisances_from(name: Freed) -> "Nuisances":
     """Constants to be searched, with their priors."""
     from swashtwin.calibration import Nuisances
 
+    if name is Freed.by_axis:
+        return Nuisances.by_axis()
     return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
 
 

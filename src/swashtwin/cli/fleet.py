@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.calibrating import Bounds, FreedName, nuisances_from
+from swashtwin.cli.calibrating import Bounds, FreedName, bounds_from, nuisances_from
 from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
@@ -48,7 +48,7 @@ def calibrate_fleet(
             points.select(load_recordings(source)),
             fault=None if points.is_complete else defect,
             seed=seed,
-            bounds=bounds,
+            bounds=bounds_from(bounds),
             **present(nuisances=nuisances and nuisances_from(nuisances)),
         )
     files = fleet.save(out)

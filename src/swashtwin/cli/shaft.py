@@ -36,12 +36,16 @@ class Shaft:
 
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
         """The shaft's angle, or None where no option says how to find it."""
-        from swashtwin.signals import tachometer_speed, tracked_speed
-
         if self.tachometer is not None:
+            from swashtwin.signals import tachometer_speed
+
             return tachometer_speed(recording, self.tachometer, self.pulses or 1)
         orders = read_list(self.track, int, "--track")
-        return None if orders is None else tracked_speed(recording, order=orders)
+        if orders is None:
+            return None
+        from swashtwin.signals import tracked_speed
+
+        return tracked_speed(recording, order=orders)
 
     def vibration_of(self, recording: "Recording") -> "Recording":
         """The recording without the tachometer."""

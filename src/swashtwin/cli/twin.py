@@ -199,7 +199,7 @@ def new_pump(
     import swashtwin.pump as pump
 
     plate = _nameplate(displacement, pistons, speed, pressure, swash_angle)
-    path = pump.new_pump(name, like=original, nameplate=plate, folder=out)
+    path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
     result: dict[str, Any] = {"pump": path}
     if plate is not None:
         result["effects"] = _effects(pump.load_pump(path))

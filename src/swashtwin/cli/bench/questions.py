@@ -25,6 +25,14 @@ TrainingsFolder = Annotated[
         callback=as_folder,
     ),
 ]
+CoursesFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="Folder of finished courses, which a re-run continues, and of STUDY/report.html.",
+        callback=as_folder,
+    ),
+]
 PublicData = Annotated[Path, typer.Option(help="Folder that holds the public sets, each in a folder of its own name.")]
 
 
@@ -136,6 +144,17 @@ def listening(
     tell_study(study, out, as_json)
 
 
+def alarms(seeds: FleetSeeds = "100,101", out: CoursesFolder = None, jobs: Jobs = 1, as_json: Json = False) -> None:
+    """The alarm of a watch: false alarms on healthy pumps that drift, severity and delay where faults grow."""
+    from swashtwin.bench import run_alarms
+
+    numbers = read_seeds(seeds)
+    hint = "finished courses are kept; the same command resumes" if out else "with --out, they would be kept"
+    with resumable(hint), progress("watching pumps of the virtual rig") as bar:
+        study = run_alarms(seeds=numbers, jobs=jobs, out=out, progress=bar, command=typed_command())
+    tell_study(study, None if out is None else out / "alarms", as_json)
+
+
 def healthy(
     seeds: FleetSeeds = "100,101", specimens: Specimens = 3, out: ReportFolder = None, jobs: Jobs = 1,
     as_json: Json = False,
@@ -184,6 +203,23 @@ def misspecification(
             command=typed_command(),
         )
     tell_study(study, out, as_json)
+
+
+def wrong_twins(
+    seeds: FleetSeeds = "100,101,102,103",
+    rounds: Annotated[int, typer.Option(help="How often each case is tried, with another seed each time.", min=1)] = 1,
+    out: ReportFolder = None,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """A matrix of wrong twins and odd truths: do values called identified hold, and is a wrong twin warned of?"""
+    from swashtwin.bench import run_wrong_twins
+
+    numbers = read_seeds(seeds)
+    hint = "finished cases are kept; the same command resumes" if out else "with --out, they would be kept"
+    with resumable(hint), progress("wrong twins") as bar:
+        study = run_wrong_twins(seeds=numbers, rounds=rounds, jobs=jobs, out=out, progress=bar, command=typed_command())
+    tell_study(study, None if out is None else out / "wrong-twins-report", as_json)
 
 
 def severity(seeds: FleetSeeds = "2,3", out: ReportFolder = None, jobs: Jobs = 1, as_json: Json = False) -> None:

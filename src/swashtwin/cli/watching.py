@@ -1,0 +1,214 @@
+"""Commands of a watch: run it, write its configuration, tell it of events, and let people see its page."""
+
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.options import Json, Seed
+from swashtwin.foundation import plural
+
+if TYPE_CHECKING:
+    from swashtwin.monitoring import Estimate, Outcome, WatchConfig, WatchStatus
+
+_CONFIG = typer.Argument(metavar="CONFIG", help="Configuration that watch init wrote.")
+ConfigFile = Annotated[Path, _CONFIG]
+
+
+class WatchGroup(TyperGroup):
+    """Commands of ``watch``, of which ``run`` may be left out."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """What is left of the words; those that name no command belong to ``run``."""
+        if args and args[0] not in self.commands and args[0] != "--help":
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+def run(
+    config: ConfigFile,
+    once: Annotated[bool, typer.Option("--once", help="Judge what is there now, and end.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Watch the machines of a configuration until Ctrl-C: judge what arrives, raise alarms, show the page."""
+    require_extra()
+    from swashtwin.monitoring import run_watch
+
+    def show(outcome: "Outcome") -> None:
+        machine = f"{outcome.machine}: " if outcome.machine else ""
+        (note if as_json else say)(f"{machine}{outcome.file}: {outcome.sentence}")
+
+    def tell_start(address: str | None) -> None:
+        where = "" if address is None else f"; the page is at {address}"
+        note(f"watching {watch.path}{where}. Ctrl-C ends it.")
+
+    watch = _config(config)
+    with stop_signals() as stop:
+        status = run_watch(watch, once=once, stop=stop, started=tell_start, progress=show)
+    _tell_end(status, as_json)
+
+
+def init(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="File to write.")] = Path("watch.toml"),
+    as_json: Json = False,
+) -> None:
+    """Write a configuration with an explanation of each line, to be edited."""
+    from swashtwin.monitoring import write_example
+
+    path = write_example(config)
+    tell({"config": path}, as_json, lambda: say(f"{path} is written; edit it, then: swashtwin watch {path}"))
+
+
+def event(
+    config: ConfigFile,
+    machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Name of the machine.")],
+    maintenance: Annotated[
+        bool,
+        typer.Option("--maintenance", help="The machine was repaired: learn its healthy state anew, close alarms."),
+    ] = False,
+    text: Annotated[str, typer.Option("--note", help="What was done.")] = "",
+    who: Annotated[str, typer.Option(help="Who says so.")] = "",
+    as_json: Json = False,
+) -> None:
+    """Keep in the history what was done to a machine; after maintenance its baseline is learned anew."""
+    require_extra()
+    from swashtwin.monitoring import History, record_event
+
+    watch = _config(config)
+    history = History.open(watch.history.reveal(), watch.folder, watch.retention)
+    try:
+        number = record_event(watch, history, machine, who=who or _user(), note=text, maintenance=maintenance)
+    finally:
+        history.close()
+    after = "its baseline is learned anew, and its alarms are closed" if maintenance else "kept in the history"
+    tell({"event": number, "machine": machine}, as_json, lambda: say(f"{machine}: {after}."))
+
+
+def recalibrate(
+    config: ConfigFile,
+    machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Name of the machine.")],
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Calibrate a machine's twin on its newest healthy recordings, and keep the values in the history.
+
+    A running watch does so by itself, once after each maintenance, for machines with a twin.
+    """
+    require_extra()
+    from swashtwin.monitoring import History, update_twin
+
+    watch = _config(config)
+    history = History.open(watch.history.reveal(), watch.folder, watch.retention)
+    try:
+        with progress(f"calibrating the twin of {machine}"):
+            update = update_twin(watch, history, machine, seed=seed)
+    finally:
+        history.close()
+
+    def show() -> None:
+        title = f"Twin of {machine}, from {plural(update.recordings, 'healthy recording')}"
+        rows = [(item.name, f"{item.value:.4g}", _interval(item), item.unit) for item in update.estimates]
+        table(title, ["value of", "estimate", "interval of 90 %", "unit"], rows)
+        for change in update.changes:
+            note(f"note: {change}; the intervals do not meet.")
+        note(f"{update.calibration} is written.")
+
+    tell(asdict(update) | {"calibration": str(update.calibration)}, as_json, show)
+
+
+def _interval(estimate: "Estimate") -> str:
+    ends = (estimate.low, estimate.high)
+    return "" if None in ends else " to ".join(f"{end:.4g}" for end in ends)
+
+
+def user(
+    config: ConfigFile,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the person or the program.")],
+    token: Annotated[bool, typer.Option("--token", help="Print a token for a program, ask for no password.")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="Take the entry out.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Let a person see and acknowledge on the page, or a program read and upload; needed beyond this computer."""
+    require_extra()
+    from swashtwin.foundation import InputError
+    from swashtwin.monitoring import add_token, add_user, remove_entry
+
+    page = _config(config).page
+    path, key = (page.tokens or page.users, "tokens") if token else (page.users or page.tokens, "users")
+    if path is None:
+        raise InputError(f'{config} names no file for this; add {key} = "users.json" under [page].')
+    secret = ""
+    if remove:
+        remove_entry(path, name)
+    elif token:
+        secret = add_token(path, name)
+    else:
+        add_user(path, name, typer.prompt("Password", hide_input=True, confirmation_prompt=True))
+    words = "was removed from" if remove else "is in"
+    lines = [f"{name} {words} {path}.", *([f"Token, shown this once: {secret}"] if secret else [])]
+    result = {"name": name, "file": path, "token": secret or None}
+    tell(result, as_json, lambda: say("\n".join(lines)))
+
+
+_EXTRA = ("argon2", "fastapi", "plotly", "prometheus_client", "python_multipart", "sqlalchemy", "uvicorn")
+"""Packages of the extra that every watch needs."""
+
+
+def require_extra() -> None:
+    """Refuse a watch whose packages are not installed."""
+    from importlib.util import find_spec
+
+    from swashtwin.foundation import MissingExtraError
+
+    if missing := [name for name in _EXTRA if find_spec(name) is None]:
+        raise MissingExtraError(
+            f"a watch needs {missing[0]}, which is not installed: pip install 'swashtwin[monitor]'."
+        )
+
+
+def _config(path: Path) -> "WatchConfig":
+    from swashtwin.monitoring import load_watch_config
+
+    return load_watch_config(path)
+
+
+def _user() -> str:
+    """Name of the person at this computer."""
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return "unknown"
+
+
+@contextmanager
+def stop_signals() -> Iterator[threading.Event]:
+    """Event that Ctrl-C and a system's request to end set."""
+    stop = threading.Event()
+    signals: Sequence[signal.Signals] = (signal.SIGINT, signal.SIGTERM)
+    handlers = {number: signal.signal(number, lambda *_: stop.set()) for number in signals}
+    try:
+        yield stop
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+def _tell_end(status: "WatchStatus", as_json: bool) -> None:
+    counters = {name: round(value, 3) for name, value in status.counters.items()}
+
+    def show() -> None:
+        judged, rejected = int(counters["judged"]), int(counters["rejected"])
+        say(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
+        for problem in status.problems:
+            note(f"note: {problem}")
+
+    tell({**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show)

@@ -6,6 +6,8 @@ from .public.default_training import run_public_default as run_public_default
 from .public.readers.registry import read_public_set as read_public_set
 from .public.scarce import run_scarce as run_scarce
 from .public.study import run_public as run_public
+from .questions.alarms import AlarmStudySettings as AlarmStudySettings
+from .questions.alarms import run_alarms as run_alarms
 from .questions.calibration import CalibrationStudySettings as CalibrationStudySettings
 from .questions.calibration import run_calibration_study as run_calibration_study
 from .questions.conditions import run_conditions as run_conditions
@@ -22,10 +24,13 @@ from .questions.misspecification import BACKGROUNDS as BACKGROUNDS
 from .questions.misspecification import run_misspecification as run_misspecification
 from .questions.severity import run_severity as run_severity
 from .questions.tuning import run_tuning as run_tuning
+from .questions.wrong_twin_study import run_wrong_twins as run_wrong_twins
 from .questions.zero_shot import run_zero_shot as run_zero_shot
 from .results.result import StudyResult as StudyResult
 from .results.study_report import write_study_report as write_study_report
 from .results.table import StudyTable as StudyTable
+from .rigs.courses import PlantCourse as PlantCourse
+from .rigs.courses import plant_course as plant_course
 from .rigs.writing import RIG_VERSION as RIG_VERSION
 from .rigs.writing import SIZES as SIZES
 from .rigs.writing import build_rig as build_rig
@@ -47,12 +52,14 @@ __all__ = [
     "FILLERS",
     "RIG_VERSION",
     "SIZES",
+    "AlarmStudySettings",
     "CalibrationStudySettings",
     "ConfidenceStudySettings",
     "Fleets",
     "HealthyStudySettings",
     "ListeningStudySettings",
     "Plan",
+    "PlantCourse",
     "SameRecordings",
     "StudyResult",
     "StudyTable",
@@ -61,9 +68,11 @@ __all__ = [
     "collect_studies",
     "models_of",
     "plan_of",
+    "plant_course",
     "read_public_set",
     "require_rig",
     "rig_recordings",
+    "run_alarms",
     "run_bearing_life",
     "run_calibration_study",
     "run_conditions",
@@ -80,6 +89,7 @@ __all__ = [
     "run_severity",
     "run_study",
     "run_tuning",
+    "run_wrong_twins",
     "run_zero_shot",
     "write_study_report",
 ]

@@ -46,14 +46,14 @@ def wrong_twins() -> tuple[Wrong, ...]:
         Wrong("ports open 1° later", _on_pump(_later_ports)),
         Wrong("oil 20 % softer", _on_pump(lambda pump: replace(pump, oil=_softer(pump)))),
         Wrong("oil half as viscous", _on_pump(lambda pump: replace(pump, oil=_thinner(pump)))),
-        Wrong("9 pistons", _on_pump(_nine_pistons), clue="piston count"),
+        Wrong("9 pistons", _on_pump(nine_pistons), clue="piston count"),
         Wrong("cover_z sensor 40 mm off", _on_pump(_moved_sensor)),
         Wrong("body_x and body_y swapped", recording=_swap, clue="have each other's name"),
-        Wrong("cover_z in g", recording=lambda recording: _in_g(recording, ("cover_z",)), clue="in g?"),
-        Wrong("all channels in g", recording=lambda recording: _in_g(recording, recording.channels), clue="in g?"),
+        Wrong("cover_z in g", recording=with_unit_error(("cover_z",)), clue="in g?"),
+        Wrong("all channels in g", recording=with_unit_error(), clue="in g?"),
         Wrong("unit stated as g", recording=lambda recording: replace(recording, unit="g"), clue="needs m/s^2"),
-        Wrong("pressure stated 10 % high", _at_pressure(1.1), _stated_pressure(1.1)),
-        Wrong("pressure stated 10 % low", _at_pressure(0.9), _stated_pressure(0.9)),
+        Wrong("pressure stated 10 % high", twin_at_pressure(1.1), scale_stated_pressure(1.1)),
+        Wrong("pressure stated 10 % low", twin_at_pressure(0.9), scale_stated_pressure(0.9)),
         Wrong("speed stated 3 % high", _at_speed(1.03), _scale_stated_speed(1.03), clue="rev/min"),
     )
 
@@ -110,11 +110,11 @@ def _thinner(pump: Pump) -> Any:
     return replace(pump.oil, viscosity=0.5 * pump.oil.viscosity)
 
 
-def _nine_pistons(pump: Pump) -> Pump:
-    """Nine smaller pistons of the same displacement."""
+def nine_pistons(pump: Pump, count: int = 9) -> Pump:
+    """Nine smaller pistons, or another count, of the same displacement."""
     group = pump.rotating_group
-    smaller = group.piston_diameter * (group.piston_count / 9) ** 0.5
-    return replace(pump, rotating_group=replace(group, piston_count=9, piston_diameter=smaller))
+    diameter = group.piston_diameter * (group.piston_count / count) ** 0.5
+    return replace(pump, rotating_group=replace(group, piston_count=count, piston_diameter=diameter))
 
 
 def _moved_sensor(pump: Pump) -> Pump:
@@ -133,17 +133,24 @@ def _swap(recording: Recording) -> Recording:
     return recording.replace(signal=recording.signal[rows])
 
 
-def _in_g(recording: Recording, channels: tuple[str, ...]) -> Recording:
-    signal = recording.signal.copy()
-    signal[[recording.channels.index(name) for name in channels]] /= GRAVITY
-    return recording.replace(signal=signal)
+def with_unit_error(channels: tuple[str, ...] = ()) -> Callable[[Recording], Recording]:
+    """Recordings of which `channels`, or all, are in g although m/s^2 is stated."""
+
+    def in_g(recording: Recording) -> Recording:
+        signal = recording.signal.copy()
+        signal[[recording.channels.index(name) for name in channels or recording.channels]] /= GRAVITY
+        return recording.replace(signal=signal)
+
+    return in_g
 
 
-def _at_pressure(factor: float) -> Callable[[Twin], Twin]:
+def twin_at_pressure(factor: float) -> Callable[[Twin], Twin]:
+    """The twin at `factor` times its discharge pressure."""
     return lambda twin: twin.at(_scale_pressure(twin.condition, factor))
 
 
-def _stated_pressure(factor: float) -> Callable[[Recording], Recording]:
+def scale_stated_pressure(factor: float) -> Callable[[Recording], Recording]:
+    """Recordings that state `factor` times their discharge pressure."""
     return lambda recording: replace(recording, condition=_scale_pressure(_condition(recording), factor))
 
 

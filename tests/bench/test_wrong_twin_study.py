@@ -1,0 +1,53 @@
+"""The matrix of wrong twins and odd truths counts coverage of what is called identified, and warnings."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+from commandline import run_json
+
+import swashtwin.bench.questions.wrong_twin_study as study
+from swashtwin.bench.questions.twin_matrix import RIGHT, matrix_cases, with_mount
+from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.foundation import InputError
+from swashtwin.pump import Pump
+
+CASES = {case.name: case for case in matrix_cases()}
+
+
+def test_the_matrix_has_at_least_sixty_cases_of_each_kind_of_mistake() -> None:
+    assert len({(case.family, case.name) for case in matrix_cases()}) == len(matrix_cases()) >= 60
+    families = {case.family for case in matrix_cases()}
+    wanted = {RIGHT, "mount", "bearing", "gain", "cross-talk", "odd truth", "piston count", "pressure", "unit"}
+    assert wanted <= families
+
+
+def test_a_factor_along_one_axis_changes_that_stiffness_alone(pump: Pump) -> None:
+    changed = with_mount(pump, 1.2, 1.0, 1.0)
+    assert changed.mount.stiffness_x == pytest.approx(1.2 * pump.mount.stiffness_x)
+    assert changed.mount.stiffness_y == pump.mount.stiffness_y
+
+
+def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    chosen = (CASES["nothing, truth 1"], CASES["9 pistons"])
+    monkeypatch.setattr(study, "matrix_cases", lambda: chosen)
+    words = ("bench", "wrong-twins", "--seeds", "100", "--jobs", 1, "--out", tmp_path)
+    table = run_json(*words)
+    right, pistons = table["rows"]
+    assert right["family"] == RIGHT
+    assert right["identified"]["mean"] == right["covered"]["mean"] >= 2
+    assert right["warned"]["mean"] == 0
+    assert pistons["warned"]["mean"] == 1
+
+    def refuse(*_: object) -> None:
+        raise InputError("calibrated again")
+
+    monkeypatch.setattr(study, "calibrate", refuse)
+    assert run_json(*words)["rows"] == table["rows"]
+
+
+def test_a_pump_of_the_rig_is_measured_twice_at_the_study_s_pressure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "RigSize", partial(RigSize, duration=1.3))
+    recordings, truth = study._rig_pump(100)
+    assert [recording.condition.discharge_pressure for recording in recordings if recording.condition] == [1e7, 1e7]
+    assert (truth > 0).all()

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
@@ -183,12 +184,13 @@ def test_a_session_ends_with_its_time(guarded: TestClient, monkeypatch: pytest.M
 def test_a_session_ends_at_its_latest_however_often_it_is_used(
     guarded: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = 1000
-    monkeypatch.setattr(access_module.time, "monotonic", lambda: now)
+    start, longest = 1000.0, access_module.LONGEST_SESSION_SECONDS
+    monkeypatch.setattr(access_module.time, "monotonic", lambda: start)
     log_in(guarded)
-    for now in range(1000, 1000 + int(access_module.LONGEST_SESSION_SECONDS), int(access_module.SESSION_SECONDS / 2)):
+    for age in np.arange(0.0, longest, access_module.SESSION_SECONDS / 2):
+        monkeypatch.setattr(access_module.time, "monotonic", lambda age=age: start + age)
         assert guarded.get("/log").status_code == 200
-    now = 1000 + int(access_module.LONGEST_SESSION_SECONDS) + 1
+    monkeypatch.setattr(access_module.time, "monotonic", lambda: start + longest + 1)
     assert guarded.get("/log").status_code == 303
 
 

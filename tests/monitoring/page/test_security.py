@@ -5,6 +5,7 @@ import logging
 import os
 import stat
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from starlette.testclient import TestClient
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.page import access as access_module
+from swashtwin.monitoring.page import live
 from swashtwin.monitoring.page.access import COOKIE, is_loopback, required_users
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.throttle import FREE_ATTEMPTS, Throttle
@@ -200,6 +202,18 @@ def test_a_changed_password_ends_the_sessions_of_the_one_before(guarded: TestCli
     assert guarded.get("/log").status_code == 200
     add_user(users, "ada", PASSWORD)
     assert guarded.get("/log").status_code == 303
+
+
+def test_a_changed_password_ends_the_open_page_of_the_one_before(
+    guarded: TestClient, users: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "_BEAT_SECONDS", 0.05)
+    log_in(guarded)
+    with ThreadPoolExecutor(1) as pool:
+        page = pool.submit(guarded.get, "/live")
+        assert wait([page], 0.5).not_done
+        add_user(users, "ada", PASSWORD)
+        assert "event: change" in page.result(20).text
 
 
 @pytest.mark.skipif(not hasattr(os, "chown"), reason="files have no owner here")

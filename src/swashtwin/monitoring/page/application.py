@@ -67,7 +67,7 @@ def build_app(
         action_routes(site),
         visit_routes(site),
         chart_routes(site),
-        live_routes(site),
+        live_routes(site, access),
         static_routes(),
         metric_routes(site),
         upload_routes(site),

@@ -6,12 +6,14 @@ only while there are any.
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 
 from fastapi import APIRouter, HTTPException
+from starlette.requests import Request
 from starlette.responses import StreamingResponse
 
 from swashtwin.foundation import SwashTwinError
+from swashtwin.monitoring.page.access import Access
 from swashtwin.monitoring.page.site import Site
 
 POLL_SECONDS = 0.5
@@ -30,14 +32,16 @@ class ChangeSignal:
         self._task: asyncio.Task[None] | None = None
         self.streams = 0
 
-    async def follow(self) -> AsyncIterator[str]:
-        """The number now and whenever it changes, and a comment now and then that finds lost connections."""
+    async def follow(self, is_welcome: Callable[[], bool]) -> AsyncIterator[str]:
+        """The number now and whenever it changes, and a comment now and then that finds lost connections; it ends
+        where the reader `is_welcome` no longer.
+        """
         self.streams += 1
         if self._task is None:
             self._task = asyncio.create_task(self._poll())
         try:
             last = -2
-            while True:
+            while is_welcome():
                 event = self._changed
                 if self._sequence != last and self._sequence >= 0:
                     last = self._sequence
@@ -63,16 +67,22 @@ class ChangeSignal:
             await asyncio.sleep(POLL_SECONDS)
 
 
-def live_routes(site: Site) -> APIRouter:
+def live_routes(site: Site, access: Access) -> APIRouter:
     """The address that open pages listen to."""
     routes = APIRouter(include_in_schema=False)
     signal = ChangeSignal(site)
 
     @routes.get("/live")
-    async def live() -> StreamingResponse:
+    async def live(request: Request) -> StreamingResponse:
         if signal.streams >= _MOST_STREAMS:
             raise HTTPException(503, "Too many pages are open.")
+
+        def is_welcome() -> bool:
+            with contextlib.suppress(SwashTwinError, OSError):  # no file of users is a no
+                return access.visitor(request) is not None
+            return False
+
         headers = {"x-accel-buffering": "no"}  # a proxy passes each event on at once
-        return StreamingResponse(signal.follow(), media_type="text/event-stream", headers=headers)
+        return StreamingResponse(signal.follow(is_welcome), media_type="text/event-stream", headers=headers)
 
     return routes

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from errno import EMFILE
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from swashtwin.monitoring.sources import Delivery, Spool, SpoolFile, Tags, Unfit
 from swashtwin.monitoring.sources.message import read_message
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
+from swashtwin.recordings.formats import subprocess_reader
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 PUMP = Machine(name="pump-1")
@@ -51,6 +53,22 @@ def test_a_file_is_the_recording_that_it_holds(deliver: Deliver) -> None:
     contents = read_contents(deliver(recording()), PUMP, None)
     assert np.array_equal(contents.recording.signal, recording().signal)
     assert contents.time == NOW
+
+
+def test_a_file_is_not_broken_where_the_computer_has_too_many_open_files(
+    deliver: Deliver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = deliver(b"x,y\n" + b"1,2\n" * 400, "a.csv", rate="1 kHz", unit="g")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(EMFILE, "Too many open files")
+
+    monkeypatch.setattr(subprocess_reader.subprocess, "Popen", full)
+    subprocess_reader._process.stop()
+    with pytest.raises(OSError, match="Too many open files"):
+        read_contents(file, PUMP, None)
+    monkeypatch.undo()
+    assert read_contents(file, PUMP, None).recording.signal.shape == (2, 400)
 
 
 def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from errno import EDQUOT, ENOSPC
+from errno import EDQUOT, EMFILE, ENFILE, ENOSPC
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from swashtwin.recordings import Recording, load_recording, stem_of
 _AHEAD = timedelta(minutes=5)
 """How far a recording's time may lie ahead of our clock."""
 _RATE_TOLERANCE = 1e-3
+_PASSING = (ENOSPC, EDQUOT, EMFILE, ENFILE)
+"""Errors of the computer and not of a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     UnfitError
         It cannot be read, or has other channels, another rate or another unit than the machine's.
     OSError
-        The disk is full; it may be read later.
+        The disk is full, or too many files are open: it may be read later.
     """
     delivery = file.delivery
     if delivery.problem is not None:
@@ -61,7 +63,7 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     except UnfitError:
         raise
     except OSError as cause:
-        if cause.errno in (ENOSPC, EDQUOT):
+        if cause.errno in _PASSING:
             raise
         raise UnfitError("broken", _named(str(cause), file)) from cause
     except (SwashTwinError, MemoryError) as cause:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterable
+from errno import EMFILE, ENFILE, ENOSPC
 from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -100,6 +101,8 @@ def open_raw(path: Path, options: Options) -> RawFile:
         No such file.
     DataError
         The file is empty, of an unknown format, damaged or cut off.
+    OSError
+        The computer has too many open files or no space.
     """
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
@@ -118,6 +121,8 @@ def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options
     except (SwashTwinError, PermissionError):
         raise
     except Exception as cause:  # what a damaged file makes a parser raise has no bounds
+        if isinstance(cause, OSError) and cause.errno in (EMFILE, ENFILE, ENOSPC):
+            raise  # of the computer and not of the file
         reason = (str(cause).splitlines() or [""])[0][:160]
         raise DataError(
             f"{path} is damaged, cut off, or no {suffix_of(path)} file ({type(cause).__name__}: {reason})."

@@ -44,7 +44,9 @@ def start() -> Any:
 def _is_consistent(history: History, machine: str, count: int) -> None:
     stored = history.read.recordings(machine, limit=10_000)
     assert sorted(item.judgment.content for item in stored) == sorted(judgment(n).content for n in range(count))
-    assert history.read.points(machine)[0].test == {"filed": count}
+    point = history.read.point(machine, "a")
+    assert point is not None
+    assert point.test == {"filed": count}
     overview = next(overview for overview in history.read.machines() if overview.name == machine)
     assert overview.recordings == count
     assert overview.last == stored[0]
@@ -309,5 +311,7 @@ def test_writers_that_are_threads_wait_for_each_other(history: History) -> None:
 
     with ThreadPoolExecutor(6) as pool:
         list(pool.map(add, range(60)))
-    assert history.read.points("pump-1")[0].test == {"count": 60}
+    point = history.read.point("pump-1", "a")
+    assert point is not None
+    assert point.test == {"count": 60}
     assert history.read.machines()[0].recordings == 60

@@ -163,7 +163,8 @@ def test_a_silence_without_an_end_is_refused(client: TestClient, plant, hours: s
 def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(client: TestClient, plant) -> None:
     send(client, "/machines/pump-1/events", kind="maintenance", who="Ada", note="new slippers")
     assert plant.history.read.alarm(1).state == "closed"
-    assert not any(point.baseline for point in plant.history.read.points("pump-1"))
+    read = plant.history.read
+    assert not any(read.point("pump-1", key.name).baseline for key in read.points("pump-1"))
     assert "new slippers" in client.get("/machines/pump-1").text
     assert "Earlier alarms" in client.get("/machines/pump-1").text
 

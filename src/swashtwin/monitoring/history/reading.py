@@ -21,6 +21,7 @@ from swashtwin.monitoring.history.records import (
     MachineOverview,
     Names,
     Point,
+    PointKey,
     Recalibration,
     Rejection,
     Silence,
@@ -196,10 +197,16 @@ class Reads:
             np.array([_value(row.number, row.packed) for row in results], np.float64),
         )
 
-    def points(self, machine: str) -> tuple[Point, ...]:
-        """Operating points of a machine, with what the alarm learned there."""
+    def points(self, machine: str) -> tuple[PointKey, ...]:
+        """Operating points of a machine by name, without what was learned there, which is large."""
+        query = rows.of_machine(schema.points, machine).order_by(schema.points.c.name)
         with read_transaction(self._engine) as connection:
-            return rows.points(connection, machine)
+            return rows.records(PointKey, connection, query)
+
+    def point(self, machine: str, name: str) -> Point | None:
+        """Operating point of a machine with what the alarm learned there, or None."""
+        with read_transaction(self._engine) as connection:
+            return rows.point(connection, machine, name)
 
     def alarms(self, machine: str | None = None, *, state: str | None = None, limit: int = 100) -> tuple[Alarm, ...]:
         """Alarms of a machine or of all, latest first."""

@@ -29,11 +29,6 @@ def records(kind: type[Record], connection: Connection, query: Select[Any], **va
     return tuple(record(kind, row) for row in connection.execute(query, values).mappings())
 
 
-def points(connection: Connection, machine: str) -> tuple[Point, ...]:
-    """Operating points of a machine, by name."""
-    return records(Point, connection, _POINTS.order_by(schema.points.c.name), of=machine)
-
-
 def point(connection: Connection, machine: str, name: str) -> Point | None:
     """Operating point of that name, or None."""
     return next(iter(records(Point, connection, _POINT, of=machine, point_name=name)), None)
@@ -53,7 +48,7 @@ def last_event(connection: Connection, machine: str, kind: str) -> Event | None:
 
 # What is asked at every recording is built once: building a query costs as much as executing it.
 _OF: BindParameter[Any] = bindparam("of")
-_POINTS = (
+_POINT = (
     of_machine(schema.points, _OF)
     .outerjoin(
         schema.baselines,
@@ -63,8 +58,8 @@ _POINTS = (
         ),
     )
     .add_columns(schema.baselines.c.baseline)
+    .where(schema.points.c.name == bindparam("point_name"))
 )
-_POINT = _POINTS.where(schema.points.c.name == bindparam("point_name"))
 _OPEN_ALARMS = of_machine(schema.alarms).where(schema.alarms.c.closed.is_(None)).order_by(schema.alarms.c.id)
 _OPEN_ALARMS_OF = _OPEN_ALARMS.where(schema.machines.c.name == _OF)
 _LAST_EVENT = (

@@ -78,7 +78,7 @@ def chosen_level(
     for name_of_channel, name in names:
         by_channel.setdefault(name_of_channel, []).append(name)
     by_channel[""] = list(VERDICT_NAMES)
-    points = tuple(stored.name for stored in site.history.read.points(machine.name))
+    points = tuple(key.name for key in site.history.read.points(machine.name))
     if point is None:
         point = (machine.last.judgment.point if machine.last is not None else None) or ""
     if channel is None:
@@ -100,10 +100,10 @@ def chosen_level(
 
 def baseline_band(site: Site, machine: str, point: str, channel: str, level: str) -> tuple[float, float] | None:
     """(median, spread) of a level's healthy baseline [dB]; None where there is none yet."""
-    for stored in site.history.read.points(machine):
-        if stored.name == point and stored.baseline:
-            return baseline_levels(stored.baseline).get((channel, level))
-    return None
+    stored = site.history.read.point(machine, point)
+    if stored is None or not stored.baseline:
+        return None
+    return baseline_levels(stored.baseline).get((channel, level))
 
 
 def _most_moved(machine: MachineOverview) -> tuple[str, str] | None:

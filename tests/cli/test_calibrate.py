@@ -2,7 +2,6 @@
 
 import json
 import math
-import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -152,7 +151,7 @@ def test_an_interrupted_calibration_says_how_to_go_on_and_ends_at_the_same_value
 
     def save_and_interrupt(*arguments: Any) -> None:
         save(*arguments)
-        signal.raise_signal(signal.SIGINT)
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(Checkpoint, "save", save_and_interrupt)

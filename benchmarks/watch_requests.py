@@ -125,7 +125,7 @@ def main() -> None:
 
 def run(folder: Path, port: int, chance: random.Random, count: int) -> None:
     """Start a page in `folder`, send `count` requests to it, and print what came of them."""
-    from swashtwin.monitoring.page.users import add_user
+    from swashtwin.monitoring.page.security.users import add_user
 
     add_user(folder / "users.json", "ada", "a long password")
     page = f'[page]\nport = {port}\nusers = "users.json"\n'

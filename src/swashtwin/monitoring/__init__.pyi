@@ -10,9 +10,9 @@ from .config import write_example as write_example
 from .history import Estimate as Estimate
 from .history import History as History
 from .history import HistoryError as HistoryError
-from .page.users import add_token as add_token
-from .page.users import add_user as add_user
-from .page.users import remove_entry as remove_entry
+from .page.security.users import add_token as add_token
+from .page.security.users import add_user as add_user
+from .page.security.users import remove_entry as remove_entry
 from .service import Outcome as Outcome
 from .service import TwinUpdate as TwinUpdate
 from .service import WatchStatus as WatchStatus

@@ -12,10 +12,10 @@ from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history import HistoryError
-from swashtwin.monitoring.page.charts import sparkline
-from swashtwin.monitoring.page.languages import Language
-from swashtwin.monitoring.page.machine_states import STATES
-from swashtwin.monitoring.page.wording import RECORDING_STATES, REJECTION_REASONS, VERDICT_NAMES, level_name
+from swashtwin.monitoring.page.content.charts import sparkline
+from swashtwin.monitoring.page.content.languages import Language
+from swashtwin.monitoring.page.content.machine_states import STATES
+from swashtwin.monitoring.page.content.wording import RECORDING_STATES, REJECTION_REASONS, VERDICT_NAMES, level_name
 from swashtwin.pump import CLASSES
 
 PACKAGE = Path(str(resources.files("swashtwin.monitoring.page")))
@@ -211,7 +211,7 @@ def test_the_configuration_states_the_language_of_the_first_visit(plant) -> None
 def _texts() -> set[str]:
     """Every English text of templates and code that is translated."""
     texts = set()
-    for path in (*PACKAGE.glob("templates/*.jinja"), *PACKAGE.glob("*.py")):
+    for path in (*PACKAGE.glob("templates/*.jinja"), *PACKAGE.rglob("*.py")):
         text = path.read_text()
         texts |= set(re.findall(r'\bt\("([^"]+)"', text)) | set(re.findall(r"\bt\('([^']+)'", text))
         texts |= set(re.findall(r'\blanguage\(\s*"([^"]+)"', text))
@@ -219,7 +219,7 @@ def _texts() -> set[str]:
 
 
 def test_every_text_is_translated() -> None:
-    german = tomllib.loads((PACKAGE / "german.toml").read_text())
+    german = tomllib.loads((PACKAGE / "content/german.toml").read_text())
     texts = _texts() | {state.word for state in STATES} | set(RECORDING_STATES.values())
     texts |= {name for name, _ in VERDICT_NAMES.values()} | set(REJECTION_REASONS.values())
     for label in (*CLASSES, "loose_slipper"):

@@ -16,15 +16,15 @@ from starlette.responses import HTMLResponse
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History
-from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
-from swashtwin.monitoring.page.languages import LANGUAGES, Language, language_of
-from swashtwin.monitoring.page.wording import (
+from swashtwin.monitoring.page.content.languages import LANGUAGES, Language, language_of
+from swashtwin.monitoring.page.content.wording import (
     RECORDING_STATES,
     REJECTION_REASONS,
     label_words,
     level_name,
     stored_name,
 )
+from swashtwin.monitoring.page.security.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service import WatchStatus
 
 LANGUAGE_COOKIE = "swashtwin_language"

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from swashtwin.monitoring.page.languages import Language
+from swashtwin.monitoring.page.content.languages import Language
 
 RECORDING_STATES: Mapping[str, str] = MappingProxyType(
     {"learning": "Learning", "normal": "Normal", "unusual": "Unusual", "alarm": "Alarm", "sensor": "Sensor alarm"}

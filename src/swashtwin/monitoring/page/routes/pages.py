@@ -10,11 +10,11 @@ from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.history import Alarm, MachineOverview, StoredRecording
-from swashtwin.monitoring.page.charts import sparkline
-from swashtwin.monitoring.page.languages import Language
-from swashtwin.monitoring.page.levels import chosen_level
-from swashtwin.monitoring.page.machine_states import STATES, alarm_state, by_urgency, state_of
-from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
+from swashtwin.monitoring.page.content.charts import sparkline
+from swashtwin.monitoring.page.content.languages import Language
+from swashtwin.monitoring.page.content.levels import chosen_level
+from swashtwin.monitoring.page.content.machine_states import STATES, alarm_state, by_urgency, state_of
+from swashtwin.monitoring.page.routes.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
 
 CARDS = 60

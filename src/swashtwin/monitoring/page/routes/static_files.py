@@ -27,7 +27,7 @@ def static_routes() -> APIRouter:
             return Response(_plotly_path().read_bytes(), media_type="text/javascript", headers=_HOUR)
         if name not in _TYPES:
             raise HTTPException(404, "There is no such file.")
-        content = resources.files(__package__).joinpath("static", name).read_bytes()
+        content = resources.files("swashtwin.monitoring.page").joinpath("static", name).read_bytes()
         return Response(content, media_type=_TYPES[name], headers=_HOUR)
 
     return routes

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from swashtwin.monitoring.history import Alarm, Event, MachineOverview, Rejection, StoredRecording
-from swashtwin.monitoring.page.machine_states import state_of
+from swashtwin.monitoring.page.content.machine_states import state_of
 
 
 class AlarmAnswer(BaseModel):

@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import StreamingResponse
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.page.access import Access
+from swashtwin.monitoring.page.security.access import Access
 from swashtwin.monitoring.page.site import Site
 
 POLL_SECONDS = 0.5

@@ -16,8 +16,8 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.page.throttle import Throttle
-from swashtwin.monitoring.page.users import UserFile
+from swashtwin.monitoring.page.security.throttle import Throttle
+from swashtwin.monitoring.page.security.users import UserFile
 
 COOKIE = "swashtwin_visit"
 SESSION_SECONDS = 12 * 3600.0

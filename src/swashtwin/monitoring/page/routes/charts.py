@@ -4,12 +4,12 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query, Request
 
-from swashtwin.monitoring.page.charts import Figure, interval_figure, spectrum_figure, trend_figure
-from swashtwin.monitoring.page.levels import baseline_band
-from swashtwin.monitoring.page.records import find_machine, find_recording
+from swashtwin.monitoring.page.content.charts import Figure, interval_figure, spectrum_figure, trend_figure
+from swashtwin.monitoring.page.content.levels import baseline_band
+from swashtwin.monitoring.page.content.spectra import compared_spectrum
+from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, level_name
+from swashtwin.monitoring.page.routes.records import find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.page.spectra import compared_spectrum
-from swashtwin.monitoring.page.wording import VERDICT_NAMES, level_name
 
 MOST_POINTS = 2000
 """Points of a trend; the newest."""

@@ -6,8 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Query, Request
 
-from swashtwin.monitoring.page.access import Visitor
-from swashtwin.monitoring.page.answers import (
+from swashtwin.monitoring.page.routes.answers import (
     AlarmAnswer,
     EventAnswer,
     EventRequest,
@@ -24,7 +23,7 @@ from swashtwin.monitoring.page.answers import (
     recording_answer,
     rejection_answer,
 )
-from swashtwin.monitoring.page.records import (
+from swashtwin.monitoring.page.routes.records import (
     acknowledge,
     add_event,
     all_machines,
@@ -34,6 +33,7 @@ from swashtwin.monitoring.page.records import (
     find_recording,
     silence,
 )
+from swashtwin.monitoring.page.security.access import Visitor
 from swashtwin.monitoring.page.site import Site, visitor_name
 
 Limit = Annotated[int, Query(ge=1, le=5000)]

@@ -6,9 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, HTTPException, Query, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from swashtwin.monitoring.page.access import COOKIE
-from swashtwin.monitoring.page.languages import LANGUAGES
-from swashtwin.monitoring.page.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
+from swashtwin.monitoring.page.content.languages import LANGUAGES
+from swashtwin.monitoring.page.routes.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
+from swashtwin.monitoring.page.security.access import COOKIE
 from swashtwin.monitoring.page.site import LANGUAGE_COOKIE, Site, local_path, visitor_name
 
 _YEAR = 365 * 24 * 3600

@@ -1,0 +1,1 @@
+"""What the pages show: figures, levels, states and texts."""

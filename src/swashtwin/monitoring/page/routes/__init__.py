@@ -1,0 +1,1 @@
+"""The addresses of the page: pages, forms, figures, programs, files, live changes."""

@@ -26,6 +26,7 @@ from swashtwin.cli import (
 from swashtwin.cli.bench import plans, questions, rig
 from swashtwin.cli.console import safe_streams
 from swashtwin.cli.exits import GuardedGroup
+from swashtwin.foundation import keep_freed_memory
 
 FIRST: Mapping[str, Callable[..., None]] = {
     "demo": rig.demo,
@@ -102,9 +103,6 @@ WATCH: Mapping[str, Callable[..., None]] = {
 PUMPS: Mapping[str, Callable[..., None]] = {"list": twin.list_pumps, "show": twin.show_pump, "new": twin.new_pump}
 """Commands of ``swashtwin twin pump``."""
 
-_FREED_BLOCK = (1 << 25) - (1 << 16)
-"""Bytes, a little less than the most that malloc learns from."""
-
 app = typer.Typer(
     name="swashtwin",
     cls=GuardedGroup,
@@ -168,9 +166,7 @@ def main() -> None:
     # Importing torch makes about a million objects that stay. Looking through them for cycles, while they are imported
     # and again when the process ends, took a quarter of a diagnosis.
     gc.set_threshold(100_000, 50, 100)
-    # Linux's malloc gives a freed array back to the system and asks for its pages anew, a sixth of the time of signal
-    # features. A freed block of up to 32 MB teaches it to keep as much (mallopt(3), M_MMAP_THRESHOLD).
-    bytes(_FREED_BLOCK)
+    keep_freed_memory()  # a sixth of the time of signal features
     safe_streams()
     try:
         app()

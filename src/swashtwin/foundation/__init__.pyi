@@ -32,6 +32,7 @@ from .files import require_disk_space as require_disk_space
 from .files import sha256_of as sha256_of
 from .files import write_text as write_text
 from .memory import MEMORY_VARIABLE as MEMORY_VARIABLE
+from .memory import keep_freed_memory as keep_freed_memory
 from .memory import memory_limit as memory_limit
 from .memory import require_memory as require_memory
 from .memory import return_memory as return_memory
@@ -90,6 +91,7 @@ __all__ = [
     "hertz",
     "holm_correction",
     "is_unit",
+    "keep_freed_memory",
     "memory_limit",
     "mm",
     "one_thread",

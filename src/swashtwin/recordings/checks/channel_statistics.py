@@ -1,6 +1,7 @@
 """Range, level, equal samples and extremes of each channel, block by block: a recording need not fit into memory."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -210,14 +211,23 @@ def channel_extremes(recording: Recording, statistics: list[ChannelStatistics]) 
     return extremes
 
 
-def converter_values(recording: Recording, channel: int) -> Float[np.ndarray, " value"] | None:
-    """Every value of a channel, ascending, where all are steps of a converter; None where they are not."""
-    values = np.array([])
-    for start in range(0, recording.n_samples, BLOCK):
-        values = np.union1d(values, recording.slice(start, start + BLOCK).signal[channel])
-        if not 3 <= len(values) <= _MOST_VALUES or not np.isfinite(values).all():
-            return None
-        step = float(np.diff(values).min())
-        if max(-values[0], values[-1]) > _MOST_STEPS * step:
-            return None
-    return values if np.abs(values / step - np.round(values / step)).max() <= 0.01 else None
+def converter_steps(recording: Recording, channels: Iterable[int]) -> dict[int, float]:
+    """Step of the converter of each of these channels whose samples are all multiples of one."""
+    values = {channel: np.array([]) for channel in channels}
+    for block in recording.blocks():
+        for channel in list(values):
+            merged = values[channel] = np.union1d(values[channel], block.signal[channel])
+            if (
+                not 3 <= len(merged) <= _MOST_VALUES
+                or not np.isfinite(merged).all()
+                or max(-merged[0], merged[-1]) > _MOST_STEPS * np.diff(merged).min()
+            ):
+                del values[channel]
+        if not values:
+            break
+    steps = {channel: float(np.diff(merged).min()) for channel, merged in values.items()}
+    return {
+        channel: step
+        for channel, step in steps.items()
+        if np.abs(values[channel] / step - np.round(values[channel] / step)).max() <= 0.01
+    }

@@ -9,7 +9,7 @@ from swashtwin.recordings.checks.channel_statistics import (
     ChannelStatistics,
     Extreme,
     channel_extremes,
-    converter_values,
+    converter_steps,
 )
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.recording import Recording
@@ -32,16 +32,23 @@ def least_flat(sample_rate: float) -> float:
 def channel_findings(recording: Recording, statistics: list[ChannelStatistics]) -> Iterator[Finding]:
     """Findings of each channel; `statistics` keep runs of `least_flat` samples."""
     pairs = channel_extremes(recording, statistics)
+    crowds = [[extreme.crowded(_CLIP_RUN) for extreme in extremes] for extremes in pairs]
+    suspects = [
+        number
+        for number, channel in enumerate(statistics)
+        if not (channel.is_constant or any(crowds[number])) and _may_touch_full_scale(channel, pairs[number])
+    ]
+    steps = converter_steps(recording, suspects) if suspects else {}
     for number, (channel, extremes) in enumerate(zip(statistics, pairs, strict=True)):
         if not channel.is_constant:
-            yield from _findings(recording, number, channel, extremes)
+            is_cut = number in steps and _touches_full_scale(channel, extremes, steps[number])
+            yield from _findings(recording, number, channel, crowds[number], is_cut)
 
 
 def _findings(
-    recording: Recording, number: int, channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]
+    recording: Recording, number: int, channel: ChannelStatistics, crowds: list[int], is_cut: bool
 ) -> Iterator[Finding]:
     name = recording.channels[number]
-    crowds = [extreme.crowded(_CLIP_RUN) for extreme in extremes]
     clipped = sum(crowds)
     if max(crowds) > recording.n_samples / 2:
         message = (
@@ -53,7 +60,7 @@ def _findings(
         share = clipped / recording.n_samples
         message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
         yield Finding("clipping", "warning", name, message)
-    elif _touches_full_scale(recording, number, channel, extremes):
+    elif is_cut:
         message = (
             f"samples touch the converter's full scale ({channel.least:.4g} to {channel.most:.4g}): peaks may be cut "
             "off."
@@ -89,17 +96,15 @@ def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     return sum(extreme.crowded(_CLIP_RUN) for extreme in extremes)
 
 
-def _touches_full_scale(
-    recording: Recording, number: int, channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]
-) -> bool:
+def _may_touch_full_scale(channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]) -> bool:
+    lower, upper = extremes
+    is_single = lower.touching == upper.touching == 1
+    return not channel.bad and (not is_single or _spans_a_converter(channel.least, channel.most))
+
+
+def _touches_full_scale(channel: ChannelStatistics, extremes: tuple[Extreme, Extreme], step: float) -> bool:
     """Whether several samples are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
     lower, upper = extremes
-    if channel.bad or (lower.touching == upper.touching == 1 and not _spans_a_converter(channel.least, channel.most)):
-        return False
-    values = converter_values(recording, number)
-    if values is None:
-        return False
-    step = float(np.diff(values).min())
     touching = lower.touching * (round(-channel.least / step) in _FULL_SCALES)
     touching += upper.touching * (round(channel.most / step) + 1 in _FULL_SCALES)
     return touching >= 2

@@ -39,6 +39,8 @@ _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
 _TOGETHER = 1 << 24
 """Samples of all columns of a file that are read together."""
+_PIPE = 1 << 20
+"""Bytes that a pipe holds, where the system lets a program say so: fewer switches between the two processes."""
 _MANY = 64
 """Columns from which on neighbors are read together: a table of thousands of short columns takes a few answers."""
 _NEIGHBORS = 1 << 16
@@ -261,6 +263,7 @@ class _Process:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
+                pipesize=_PIPE,
                 env={
                     **os.environ,
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),

@@ -12,6 +12,8 @@ from swashtwin.recordings.recording import Recording
 
 _UNPACKED = (1, 3, 0xFFFE)
 """Kinds of coding whose frames all have one size: integers, floats, and either with more said of them."""
+_SINGLE = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT")
+"""Codings whose samples single precision holds to the last bit."""
 _UNKNOWN_SIZE = 0x7FFFF000
 """A header that was written before the length was known says this or more [bytes]."""
 
@@ -27,14 +29,16 @@ def read(path: Path, options: Options) -> RawFile:
     sound = load_extra("soundfile").SoundFile(str(path))
     require_plausible_size(path, 2 * sound.frames * sound.channels, f"{sound.frames} samples")
 
+    kind = "float32" if sound.subtype in _SINGLE else "float64"
+
     def frames(start: int, stop: int) -> np.ndarray:
         sound.seek(start)
-        signal = sound.read(stop - start, dtype="float64", always_2d=True)
+        signal = sound.read(stop - start, dtype=kind, always_2d=True)
         if len(signal) != stop - start:
             raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} samples are there.")
         return np.ascontiguousarray(signal.T)
 
-    columns = SideBySide(frames, (sound.channels, sound.frames)).columns()
+    columns = SideBySide(frames, (sound.channels, sound.frames), np.dtype(kind)).columns()
     named = {f"channel_{number}": column for number, column in enumerate(columns)}
     return RawFile(named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE"))
 

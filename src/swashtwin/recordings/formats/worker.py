@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, memory_limit
+from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, keep_freed_memory, memory_limit
 from swashtwin.recordings.columns import Column, number_type, require_unchanged
 from swashtwin.recordings.formats.raw import Options, RawFile
 
@@ -151,6 +151,7 @@ def _failure(cause: Exception) -> dict[str, str]:
 
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     warnings.simplefilter("ignore")
+    keep_freed_memory()
     files = _Files()
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         for line in requests:

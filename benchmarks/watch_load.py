@@ -137,6 +137,8 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     sizes = {"plant": {"machines": options.machines, "minutes": options.minutes}, "soak": {"count": options.count}}
+    if options.folder is not None:
+        options.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for question in options.questions:
             given = {name: value for name, value in sizes.get(question, {}).items() if value is not None}

@@ -262,6 +262,20 @@ def test_behind_the_proxy_a_stranger_locks_out_nobody_else(plant, users: Path) -
     assert log_in(client).status_code == 303
 
 
+def test_who_guesses_a_password_does_not_lock_its_owner_out(plant, users: Path) -> None:
+    config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
+    client = TestClient(build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000))
+    client.headers["x-forwarded-for"] = "192.0.2.7"
+    assert log_in(client).status_code == 303
+    client.cookies.clear()
+    for index in range(FREE_ATTEMPTS + 1):
+        client.headers["x-forwarded-for"] = f"192.0.2.{100 + index}"
+        answer = log_in(client, "wrong password")
+    assert answer.status_code == 429
+    client.headers["x-forwarded-for"] = "192.0.2.7"
+    assert log_in(client).status_code == 303
+
+
 def test_only_the_proxys_word_on_an_address_is_taken(guarded: TestClient) -> None:
     for index in range(FREE_ATTEMPTS + 1):
         guarded.headers["x-forwarded-for"] = f"192.0.2.{index}"

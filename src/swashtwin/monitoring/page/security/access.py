@@ -63,6 +63,8 @@ class Access:
     """Failed logins."""
     _key: bytes = field(default_factory=lambda: secrets.token_bytes(32), init=False)
     _sessions: OrderedDict[str, _Session] = field(default_factory=OrderedDict, init=False)
+    _familiar: OrderedDict[tuple[str, str], None] = field(default_factory=OrderedDict, init=False)
+    """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:
@@ -78,7 +80,10 @@ class Access:
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
         """A session's id for the cookie; or, where the login failed, the seconds to wait before the next attempt."""
-        keys = (f"address {self._address(request)}", f"name {hashlib.sha256(name.encode()).hexdigest()}")
+        address, person = self._address(request), hashlib.sha256(name.encode()).hexdigest()
+        keys = [f"address {address}"]
+        if (address, person) not in self._familiar:  # else strangers who guess could lock a person out
+            keys.append(f"name {person}")
         wait = self.throttle.wait(*keys)
         if wait or not self.users:
             return wait
@@ -91,6 +96,9 @@ class Access:
         session = secrets.token_urlsafe(32)
         now = time.monotonic()
         with self._lock:
+            self._familiar[address, person] = None
+            while len(self._familiar) > _MOST_SESSIONS:
+                self._familiar.popitem(last=False)
             self._sessions[_fingerprint(session)] = _Session(
                 name, mark, now + SESSION_SECONDS, now + LONGEST_SESSION_SECONDS
             )

@@ -7,7 +7,7 @@ one recording of one pump trains; at 10 MPa (``full``) nothing is scarce. 150 wi
 compared with third recordings of the same four pumps, which no filler and no calibration saw; ``copied`` looks at the
 training windows. The row ``measured`` compares the training windows of the full cell themselves. ``tstr`` is the
 balanced accuracy, on the third recordings of all classes at all pressures, of extra trees that saw 60 windows made of
-every cell and no measured one. Figures on the virtual rig say nothing about a real pump (docs/rig.md).
+every cell and no measured one. Figures on the virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

@@ -1,4 +1,5 @@
-"""The tables of docs/physics.md, section 6b: where slippers would have to pull, a loose slipper, and what oil does.
+"""The tables of docs/explanation/physics.md, section 6b: where slippers would have to pull, a loose slipper, and what
+oil does.
 
 python benchmarks/contacts.py
 """
@@ -87,7 +88,8 @@ def film_table() -> None:
 
 
 def deviations(twin: Twin) -> np.ndarray:
-    """Standard deviations of the logarithms of the six values, as in docs/physics.md, section 6, without nuisances."""
+    """Standard deviations of the logarithms of the six values, as in docs/explanation/physics.md, section 6, without
+    nuisances."""
     indices = torch.as_tensor(np.flatnonzero(twin.orders % 7 == 0))
     logs = twin.values.log()
 

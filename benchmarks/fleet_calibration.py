@@ -5,7 +5,7 @@
 Each of the six pumps of a fleet is calibrated on one healthy recording at 10 MPa and compared with another one there
 (and with what really held in the recording used, the films at its temperature included). `alone` is `calibrate`,
 `fleet` is `calibrate_fleet`, `sister` calibrates a pump on nothing: the type's mean as five other pumps give it. The
-figures say nothing about a real pump (docs/rig.md).
+figures say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

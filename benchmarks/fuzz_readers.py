@@ -1,6 +1,6 @@
 """Attack the readers and the models, and make one table of what comes of it.
 
-    python benchmarks/fuzz_readers.py --jobs 2 --out docs/robustness.md
+    python benchmarks/fuzz_readers.py --jobs 2 --out docs/reference/robustness.md
 
 Parts of it replace their rows of the table only: `--format csv,models,kills`.
 

@@ -6,7 +6,8 @@ Each recording is calibrated alone, for the rig takes a pump apart between two o
 really held in it: the pump's, as it was put together for this recording, times what its oil's temperature and its
 pressure did to the films. A slipper's stiffness turns with the shaft there; its mean counts. `rule` is `discrepancy`
 for the intervals that `calibrate` gives, `misfit` for the information divided by the mean square misfit instead, and
-`noise` for the bare noise model. Nothing is tuned to these figures, which say nothing about a real pump (docs/rig.md).
+`noise` for the bare noise model. Nothing is tuned to these figures, which say nothing about a real pump
+(docs/bench/rig.md).
 """
 
 import argparse

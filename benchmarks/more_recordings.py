@@ -6,7 +6,7 @@ The study's default network learns from Case I's measured windows at paper size,
 recordings at 15 MPa beside them, all classes alike: of the training pumps, or of other pumps of the same fleet.
 The tests are the study's, and no test recording is among what is added. The rows with more stand for nothing that
 anybody has; they tell errors that come from few recordings from errors that no number of them would mend. Figures on
-the virtual rig say nothing about a real pump (docs/rig.md).
+the virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Tables and intervals of docs/results.md, from the finished runs that its commands leave.
+"""Tables and intervals of docs/bench/results.md, from the finished runs that its commands leave.
 
     python benchmarks/results_tables.py studies
 

@@ -4,7 +4,7 @@
 
 Each pump of each fleet is calibrated on its swash plate recordings at 10 MPa. Errors are those on these recordings
 (``calibration``) and on its recordings at 15 MPa, which the calibration never saw (``held_out``). Figures on the
-virtual rig say nothing about a real pump (docs/rig.md).
+virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

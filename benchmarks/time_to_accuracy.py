@@ -5,7 +5,7 @@
 Both learn from Case I's measured windows at paper size, one thread each, one after the other. The paper's recipe (full
 rate, Adam 1e-3, batches of 30, 200 epochs) keeps its rate, so what it has after its first epochs is what it would have
 then in the whole training; it is given as many whole epochs as fill the default's processor time `--times` over, and
-two at least. Figures on the virtual rig say nothing about a real pump (docs/rig.md).
+two at least. Figures on the virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

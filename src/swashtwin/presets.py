@@ -44,5 +44,5 @@ paper = Preset(
 """The recipe of the paper (DOI 10.1177/00202940261419020)."""
 
 recommended = Preset("recommended", MappingProxyType({}), RECOMMENDED_TRAINING, MappingProxyType({}))
-"""Ours (docs/networks.md): the defaults of `calibrate` and `FaultClassifier`, which chooses by trials; a network that
-is named is trained by `training`."""
+"""Ours (docs/explanation/networks.md): the defaults of `calibrate` and `FaultClassifier`, which chooses by trials; a
+network that is named is trained by `training`."""

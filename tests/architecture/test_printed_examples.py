@@ -1,4 +1,4 @@
-"""README's example and those of docs/extending.md run as printed."""
+"""README's example and those of docs/how-to/extending.md run as printed."""
 
 import re
 import shlex
@@ -10,6 +10,7 @@ from commandline import run
 from typer.core import TyperGroup
 from typer.main import get_command
 
+import swashtwin
 from swashtwin.cli import app
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
@@ -59,14 +60,17 @@ def test_readmes_example_runs_as_printed(
 def test_each_example_of_extending_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    for example in blocks("docs/extending.md", "python"):
+    for example in blocks("docs/how-to/extending.md", "python"):
         exec(example, names)
     assert names["twin"].label == "cracked_plate"
     assert names["more"].synthetic.all()
     assert names["recording"].unit == "m/s^2"
 
 
-@pytest.mark.parametrize("document", ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+DOCUMENTS = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
 def test_every_printed_command_is_one_that_the_shell_takes(document: str) -> None:
     for block in blocks(document, "(?:sh)?"):
         for name, value in re.findall(r'^(\w+)="?([^"\n]*)"?$', block, flags=re.MULTILINE):
@@ -80,3 +84,8 @@ def test_every_printed_command_is_one_that_the_shell_takes(document: str) -> Non
                 command.make_context("swashtwin", words)
             except Exception as error:
                 pytest.fail(f"{line}: {error}")
+
+
+def test_the_page_of_python_lists_every_public_name() -> None:
+    listed = re.findall(r"^   (\w+)$", (ROOT / "docs/reference/api.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(listed) == sorted(set(swashtwin.__all__) - {"__version__"})

@@ -87,7 +87,7 @@ def test_the_losses_vanish_only_at_the_twin_itself(twin: Twin, objective: Object
 
 
 def test_doubling_a_value_changes_the_spectrum_as_the_physics_notes_say(pump: Pump, at_15: OperatingCondition) -> None:
-    """docs/physics.md, section 6: relative change of the linear spectrum, 3 axes, 5 kHz."""
+    """docs/explanation/physics.md, section 6: relative change of the linear spectrum, 3 axes, 5 kHz."""
     twin = Twin(pump, at_15, DEFECT, bandwidth=5000)
     objective = ideal_objective(twin)
     changes = []
@@ -110,7 +110,7 @@ def test_doubling_a_value_changes_the_spectrum_as_the_physics_notes_say(pump: Pu
 def test_the_deviations_are_those_of_the_physics_notes(
     pump: Pump, at_15: OperatingCondition, film: float, nuisances: Nuisances, expected: list[float]
 ) -> None:
-    """docs/physics.md, section 6, rows T1 P0 and thick film: no prior on the values, 3 axes, 5 kHz."""
+    """docs/explanation/physics.md, section 6, rows T1 P0 and thick film: no prior on the values, 3 axes, 5 kHz."""
     values = np.array(pump.interfaces.values())
     values[0] = film
     twin = Twin(pump, at_15, DEFECT, Interfaces.from_values(values), bandwidth=5000)

@@ -92,7 +92,7 @@ def test_the_kidneys_open_where_the_oil_has_reached_the_stated_pressure(pump: Pu
     turn = np.linspace(0, angle, 20001)
     volume = group.dead_volume + group.piston_area * stroke_of(group) / 2 * (1 + np.cos(turn))
     assert oil.bulk_modulus * (volume[0] - volume[-1]) / volume[0] == pytest.approx(MPa(15), rel=1e-9)
-    assert math.degrees(angle) == pytest.approx(17, abs=0.3)  # docs/physics.md, section 5
+    assert math.degrees(angle) == pytest.approx(17, abs=0.3)  # docs/explanation/physics.md, section 5
     assert math.degrees(decompression_angle(group, oil, MPa(15))) == pytest.approx(11, abs=0.4)
     higher = scaled_pump(pump, Nameplate(group.displacement, 7, rpm(860), MPa(30)), "higher").valve_plate
     shift = compression_angle(group, oil, MPa(30)) - angle

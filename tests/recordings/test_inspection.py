@@ -291,3 +291,10 @@ def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
     path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
     report = inspect_recording(load_recording(path, unit="1", channels=["ch 0"], speed=stated))
     assert kinds(report) == (["speed"] if contradicted else [])
+
+
+def test_the_report_in_short_says_how_many_recordings_and_what_was_found() -> None:
+    pair = [good(), good(1)]
+    assert repr(inspect_recordings(pair)) == "<InspectionReport of 2 recordings; sound>"
+    damaged = repr(inspect_recordings([changed(good(), 100, 200, np.nan)]))
+    assert damaged.startswith("<InspectionReport of 1 recording; error: ")

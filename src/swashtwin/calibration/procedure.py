@@ -76,7 +76,8 @@ def calibrate(
     nuisances : constants searched beside the six values, with their priors; by default mounting by axis, each bearing,
         excitation, sensors with cross-talk, and two modes of the housing. ``Nuisances()`` is none, as in the paper.
     prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
-    phases : compare the lines' phases too, which makes the values more certain (docs/calibration.md). The shaft's angle
+    phases : compare the lines' phases too, which makes the values more certain (docs/explanation/calibration.md). The
+    shaft's angle
         is then followed on the recording itself. The paper compares amplitudes only.
     explain_misfit : where the calibrated lines miss the measured ones, calibrate again as if each of a few simple
         mistakes (two channels swapped, another unit) had been made, and note those that explain it. These notes take

@@ -272,7 +272,7 @@ def trend(
             note(f"{count} no baseline: it takes 5 other healthy ones of the machine at that point.")
         if counts and min(counts) < 12:
             note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
-                 "(docs/indicators.md).")  # fmt: skip
+                 "(docs/how-to/indicators.md).")  # fmt: skip
         say(f"{len(result.flagged)} of {len(result.points)} flagged beyond {threshold:g} spreads. {_NO_ZONE}")
         if out is not None:
             say(f"{out}\n{csv_file}")

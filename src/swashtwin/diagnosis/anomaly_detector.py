@@ -190,7 +190,8 @@ def fit_healthy(
     """Detector of deviations from healthy recordings, with a stated false-alarm rate.
 
     Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
-    operating point; how much they scatter is learned from all points together. docs/diagnosis.md has the method.
+    operating point; how much they scatter is learned from all points together. docs/explanation/diagnosis.md has the
+    method.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """What to check on the machine before acting on a diagnosis, and why that would show it.
 
-The reasons are the physics of the parts (docs/physics.md), not a statistic: none of these checks was measured together
-with our recordings. Oil is sampled from the running line (ISO 4021) and counted as ISO 4406 codes.
+The reasons are the physics of the parts (docs/explanation/physics.md), not a statistic: none of these checks was
+measured together with our recordings. Oil is sampled from the running line (ISO 4021) and counted as ISO 4406 codes.
 """
 
 from dataclasses import dataclass

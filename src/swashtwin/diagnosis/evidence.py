@@ -176,7 +176,8 @@ def explain(
 ) -> Evidence:
     """What the verdict on a recording rests on, by integrated gradients over the windows that speak most for it.
 
-    It says what the network looks at, which is not yet why the pump vibrates so: docs/diagnosis.md has the limits.
+    It says what the network looks at, which is not yet why the pump vibrates so: docs/explanation/diagnosis.md has the
+    limits.
 
     Parameters
     ----------

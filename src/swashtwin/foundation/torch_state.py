@@ -83,7 +83,8 @@ def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Ge
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within it this thread computes alone, since kernels this small only wait for each other (docs/protocol.md).
+    """Within it this thread computes alone, since kernels this small only wait for each other
+    (docs/explanation/protocol.md).
 
     Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
     """

@@ -1,9 +1,9 @@
 """Pressure of every chamber of a pump over the shaft angle.
 
 Each chamber follows dp/dtheta = B / (omega V) [Q_suction - Q_discharge - G (p - p_case)] - B / V dV/dtheta, and the
-outlet line follows the sum of the flows into it less that of its relief valve (docs/physics.md, section 5). Backward
-Euler over a uniform grid of the shaft angle; each step is solved by Newton's method, whose matrix is an arrow (chambers
-meet only in the line), with a step halved wherever it changes sign. The loop over the angles is compiled.
+outlet line follows the sum of the flows into it less that of its relief valve (docs/explanation/physics.md, section 5).
+Backward Euler over a uniform grid of the shaft angle; each step is solved by Newton's method, whose matrix is an arrow
+(chambers meet only in the line), with a step halved wherever it changes sign. The loop over the angles is compiled.
 """
 
 import math

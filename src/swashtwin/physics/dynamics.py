@@ -1,7 +1,7 @@
 """The 13 degrees of freedom: M, C and K, affine in the six interface values.
 
 Three rigid bodies, after the paper (DOI 10.1177/00202940261419020); the equations are our own derivation
-(docs/physics.md, section 2), for the paper's are not public as text. Degrees of freedom, in this order::
+(docs/explanation/physics.md, section 2), for the paper's are not public as text. Degrees of freedom, in this order::
 
     x_F y_F z_F a_F b_F | x_C y_C z_C a_C b_C | x_P y_P z_P
 

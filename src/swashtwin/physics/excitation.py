@@ -1,10 +1,10 @@
 """What faults add to the chamber pressures: displacements and impacts.
 
-Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020), docs/physics.md, sections 3
-and 5, for the others. Lines are exact Fourier coefficients, not transforms of samples: a half-sine entry has jumps of
-velocity, so its lines fall slowly and would fold. Their clock is the shaft angle theta, 0 at top dead center of piston
-0, and piston j stands at theta + 2 pi j / n; line k - 1 is X_k of x(t) = Re sum_k X_k exp(i k theta), and the mean is
-left out.
+Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020),
+docs/explanation/physics.md, sections 3 and 5, for the others. Lines are exact Fourier coefficients, not transforms of
+samples: a half-sine entry has jumps of velocity, so its lines fall slowly and would fold. Their clock is the shaft
+angle theta, 0 at top dead center of piston 0, and piston j stands at theta + 2 pi j / n; line k - 1 is X_k of x(t) = Re
+sum_k X_k exp(i k theta), and the mean is left out.
 """
 
 import math
@@ -137,7 +137,8 @@ class Impact:
     speed: float
     """Speed of the impact [m/s]."""
     impulse: float
-    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/physics.md section 5 it acts as
+    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/explanation/physics.md section 5
+    it acts as
     -F g0, whose sense against the pressure's forces is open: only the two impacts' opposite signs are certain."""
 
 

@@ -1,7 +1,8 @@
 """Forces of a fault on the 13 degrees of freedom, line by line.
 
 Displacements in `excitation` become forces through the interfaces that they strain, so these forces depend on the
-interface values; the pressures' forces (`loads`) do not. Equations: docs/physics.md, sections 2.4, 2.5 and 5.
+interface values; the pressures' forces (`loads`) do not. Equations: docs/explanation/physics.md, sections 2.4, 2.5 and
+5.
 """
 
 import math

@@ -1,6 +1,6 @@
 """What faults change at the ports and leaks of the chambers: one registry for each of the two effects.
 
-Equations: docs/physics.md, section 5.
+Equations: docs/explanation/physics.md, section 5.
 """
 
 import math

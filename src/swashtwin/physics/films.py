@@ -3,7 +3,7 @@
 Laminar gaps (Poiseuille and Reynolds) of parallel, rigid faces; lift from sliding and tilt is left out. A film's
 leakage grows with the cube of its thickness, its damping falls with it. Damping is proportional to the viscosity and
 knows no pressure; a hydrostatic stiffness is proportional to the pressure and knows no viscosity, because land and
-damping hole are both laminar. Derivation: docs/physics.md, sections 4 and 5.
+damping hole are both laminar. Derivation: docs/explanation/physics.md, sections 4 and 5.
 """
 
 import math

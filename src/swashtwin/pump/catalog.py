@@ -221,7 +221,7 @@ def new_pump(
         raise InputError(f"{target} exists already; choose another name or remove it.")
     if nameplate is not None:
         comment = (
-            f"Scaled from {original.name} to a nameplate, by similarity (docs/recordings.md, another pump).\n"
+            f"Scaled from {original.name} to a nameplate, by similarity (docs/how-to/recordings.md, another pump).\n"
             "Each source begins with nameplate, scaled (with its law) or guess. Replace guesses by what you know."
         )
         return write_text(target, pump_text(scaled_pump(original, nameplate, name), comment))

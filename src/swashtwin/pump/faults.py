@@ -3,8 +3,8 @@
 A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
 is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the pump is
 written in `physics`, one registry for each effect; CONTRIBUTING.md, "Add a fault", names them all. Severities follow
-our own derivation, `docs/physics.md`, and the anchors cited there; the swash plate defect is the paper's (DOI
-10.1177/00202940261419020).
+our own derivation, `docs/explanation/physics.md`, and the anchors cited there; the swash plate defect is the paper's
+(DOI 10.1177/00202940261419020).
 """
 
 import difflib
@@ -198,7 +198,7 @@ class PistonWear(Fault):
 class BoreDefect(Fault):
     """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's side force.
 
-    Source of the mechanism: the cylinder-defect paper cited in `docs/physics.md`, section 1, no. 2.
+    Source of the mechanism: the cylinder-defect paper cited in `docs/explanation/physics.md`, section 1, no. 2.
     """
 
     label: ClassVar[str] = "cylinder_block"
@@ -310,7 +310,8 @@ class LooseSlipper(Fault):
     """Duration of one impact [s]; 0.1...0.3 ms."""
     motion: Literal["simulated", "pulses"] = "simulated"
     """How its piston moves: marched between the stops of its joint (`contacts.loose_motion`), which gives the force
-    its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of docs/physics.md."""
+    its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of
+    docs/explanation/physics.md."""
 
 
 _faults: dict[str, Fault | None] = {"normal": None}
@@ -388,5 +389,5 @@ for _name, _typical in {
     "tilted_block": TiltedBlockFace(variation=0.2),
     "scratched_valve_plate": DamScratch(area=1e-6),
     "eroded_grooves": GrooveErosion(advance=deg(4)),
-}.items():  # the paper's defect, and moderate severities of docs/physics.md for the others
+}.items():  # the paper's defect, and moderate severities of docs/explanation/physics.md for the others
     register_fault(_name, _typical)

@@ -75,7 +75,8 @@ def compression_angle(group: RotatingGroup, oil: Oil, pressure: float) -> float:
     """Shaft angle [rad] after bottom dead center over which a closed chamber reaches `pressure` [Pa].
 
     The piston must sweep dV = V p / B of the full chamber V = V0 + 2 A R tan(gamma), and it sweeps A R tan(gamma)
-    (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out (docs/physics.md, section 4).
+    (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out (docs/explanation/physics.md, section
+    4).
 
     Raises
     ------

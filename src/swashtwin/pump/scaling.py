@@ -8,7 +8,7 @@ pressure P and speed W of the nameplates. The bores keep their share of the pitc
 and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3). Masses follow L^3,
 inertias L^5, structural stiffnesses L: the laws of similarity for one material (M. Weber, *Das allgemeine
 Ähnlichkeitsprinzip der Physik*, 1930; for machines of one series Pahl and Beitz, *Engineering Design*, size ranges).
-The other laws are our own derivations from the films and volumes of docs/physics.md, section 4:
+The other laws are our own derivations from the films and volumes of docs/explanation/physics.md, section 4:
 
 - gaps grow with the part that they belong to, the oil is the same: a squeeze film's damping mu a^4 / h^3 follows its
   length, its stiffness p a^2 / h the pressure times its length, a fluid column's stiffness B A^2 / V the ratio D^2 / S;

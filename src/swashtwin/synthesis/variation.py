@@ -14,9 +14,9 @@ from swashtwin.physics import Twin
 class Variation:
     """Spreads of what is drawn for each synthetic window, besides the shaft's phase. Zero switches one off.
 
-    Speed, pressure and temperature follow docs/physics.md, section 5. Severity, angle, interface values and sensor are
-    estimates of ours; those of severity and angle are also the virtual rig's, so that results on the rig are those
-    of someone who knows how much a fault spreads (docs/rig.md). The interface values spread alike; what a
+    Speed, pressure and temperature follow docs/explanation/physics.md, section 5. Severity, angle, interface values and
+    sensor are estimates of ours; those of severity and angle are also the virtual rig's, so that results on the rig are
+    those of someone who knows how much a fault spreads (docs/bench/rig.md). The interface values spread alike; what a
     calibration leaves open of each comes on top of it (`synthesize`).
     """
 

@@ -52,7 +52,8 @@ METRICS = {
 
 
 THICK_FILM = 9e4
-"""C_sw [N s/m] under which K_sw shows in the spectrum (docs/physics.md, section 6); the paper's is 1.86e6."""
+"""C_sw [N s/m] under which K_sw shows in the spectrum (docs/explanation/physics.md, section 6); the paper's is
+1.86e6."""
 
 
 @dataclass(frozen=True)

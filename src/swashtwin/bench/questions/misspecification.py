@@ -1,8 +1,8 @@
 """What a calibration makes of a twin that is wrong in one way, and whether it warns.
 
 Two backgrounds. On the *twin's own* recordings everything but the one mistake is right, and the true values are known
-exactly. On the *virtual rig* the twin lacks much more (docs/rig.md), so that a warning there says little by itself:
-what counts is whether it names the mistake.
+exactly. On the *virtual rig* the twin lacks much more (docs/bench/rig.md), so that a warning there says little by
+itself: what counts is whether it names the mistake.
 """
 
 import time

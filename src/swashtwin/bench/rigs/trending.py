@@ -20,7 +20,7 @@ TRENDS: Mapping[str, Fault] = MappingProxyType(
         "eroded_grooves": GrooveErosion(deg(5)),
     }
 )
-"""Fault of each trend, as severe as the rig's typical one (docs/rig.md)."""
+"""Fault of each trend, as severe as the rig's typical one (docs/bench/rig.md)."""
 
 
 def trend_recordings(

@@ -98,7 +98,7 @@ DEFAULT = "spectral_bitcn"
 
 BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
 """Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 samples, units of
-32 features. At full rate one training of the paper costs 8 hours of CPU (docs/networks.md)."""
+32 features. At full rate one training of the paper costs 8 hours of CPU (docs/explanation/networks.md)."""
 
 TRAINING: Mapping[str, TrainingSettings] = {
     "quick": replace(RECOMMENDED_TRAINING, epochs=12),

@@ -53,7 +53,8 @@ RIG_FAULTS: Mapping[str, tuple[Fault, ...]] = {
 
 
 def wide_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None:
-    """Fault with a severity log-uniform over a decade around what docs/physics.md, section 5, calls plausible.
+    """Fault with a severity log-uniform over a decade around what docs/explanation/physics.md, section 5, calls
+    plausible.
 
     The middles: recess 0.1 mm (what rejects a pump), bush 120 um, clearance 40 um, dam scratch 1 mm^2, grooves 2 deg.
     The place of a defect is anywhere on the pressure side, a bush is felt over +-20...50 deg.
@@ -68,7 +69,7 @@ def any_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None
 
 
 def rig_fault(label: str, number: int, rng: np.random.Generator) -> Fault | None:
-    """Fault as typical and as spread as on the virtual rig (docs/rig.md). For a real pump these are not known."""
+    """Fault as typical and as spread as on the virtual rig (docs/bench/rig.md). For a real pump these are not known."""
     if label not in RIG_FAULTS:
         return None
     kinds = RIG_FAULTS[label]

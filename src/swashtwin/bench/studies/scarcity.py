@@ -73,7 +73,8 @@ def calibrators(size: str) -> Plan:
         rivals=(),
         notes=(
             "ipinn: the paper's network. gauss_newton: Gauss-Newton from one start, with the constants of housing and "
-            "mounting free beside the six values; it errs less on recordings held out (docs/calibration.md).",
+            "mounting free beside the six values; it errs less on recordings held out "
+            "(docs/explanation/calibration.md).",
             "Both on each pump's recordings of the fault at the pressure nearest to the scarce one, as in Case I.",
             "healthy: gauss_newton on the pump's healthy recordings of every pressure, the fault put in as machined.",
         ),

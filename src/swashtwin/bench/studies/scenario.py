@@ -158,7 +158,7 @@ class ScenarioSplit:
     references: frozenset[str]
     """Healthy recordings of the specimens held out: what such a machine has from its first days. Set aside and never
     tested on, so that a classifier that compares with them is tested on the same windows as one that does not. None of
-    the studies' does: it gained nothing on the fleets that it was tried on (docs/networks.md)."""
+    the studies' does: it gained nothing on the fleets that it was tried on (docs/explanation/networks.md)."""
     tests: Mapping[str, frozenset[str]]
     """Recordings of each test, by its level."""
 

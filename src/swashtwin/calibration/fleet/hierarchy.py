@@ -167,7 +167,7 @@ def calibrate_fleet(
     method : of the first search of each specimen; `GaussNewton` by default.
     bounds, band, nuisances, phases : as in `calibrate`, but by default there are no nuisances and no phases. Each
         nuisance would need a mean over the type and a spread from few pumps: on the virtual rig that made the
-        intervals too narrow (docs/calibration.md). Gains and modes are refused where channels differ.
+        intervals too narrow (docs/explanation/calibration.md). Gains and modes are refused where channels differ.
     spread_width : width of the half-normal density of the spreads of ln value.
 
     Raises

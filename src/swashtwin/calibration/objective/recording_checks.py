@@ -104,7 +104,7 @@ CLEAR = 0.8
 """Least contrast of a comb that is believed, in natural logarithms of power: a tooth is 3.5 dB higher."""
 SHARE = 0.6
 """The stated speed is refused where its comb has less than this share of the clearest one's contrast. On the virtual
-rig (`docs/calibration.md`) rightly stated speeds have 0.9 and more, wrong ones 0.46 and less."""
+rig (`docs/explanation/calibration.md`) rightly stated speeds have 0.9 and more, wrong ones 0.46 and less."""
 _AS_CLEAR = 0.8
 _TEETH = 10
 _WIDTH = 0.004

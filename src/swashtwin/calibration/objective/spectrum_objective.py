@@ -17,9 +17,10 @@ from swashtwin.foundation import InputError
 from swashtwin.physics import SteadySolver, Twin
 
 MODEL_ERROR = 0.05
-"""Relative error of every simulated line that even the right values leave; our estimate, as in docs/physics.md."""
+"""Relative error of every simulated line that even the right values leave; our estimate, as in
+docs/explanation/physics.md."""
 FLOOR = 0.02
-"""Least standard deviation of a line [m/s^2], from both sides together; as in docs/physics.md."""
+"""Least standard deviation of a line [m/s^2], from both sides together; as in docs/explanation/physics.md."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,7 +108,7 @@ REACH = 4.0
 class Nuisances:
     """Constants searched beside the six values, by the standard deviation of their priors; zero holds one.
 
-    Those of ``usual`` are of docs/physics.md, section 6; the others are estimates of ours.
+    Those of ``usual`` are of docs/explanation/physics.md, section 6; the others are estimates of ours.
     """
 
     mount: float = 0.0
@@ -144,7 +144,7 @@ class Nuisances:
 
     @classmethod
     def usual(cls, **changes: Any) -> "Nuisances":
-        """Mounting, bearings, excitation and sensors, with the priors of docs/physics.md."""
+        """Mounting, bearings, excitation and sensors, with the priors of docs/explanation/physics.md."""
         return cls(**{"mount": 0.3, "bearing": 0.3, "excitation": 0.5, "sensor": 0.05, **changes})
 
     def of_scale(self, name: str) -> float:

@@ -46,7 +46,8 @@ HYDRAULIC_LAW = 0.1
 """Standard deviation of the logarithm of what the law of a fault that opens or leaks gives for its severity [estimate
 of ours]."""
 CONTACT_LAW = 0.25
-"""The same of a contact, where a film would have to pull (docs/physics.md, section 2.5) [estimate of ours]."""
+"""The same of a contact, where a film would have to pull (docs/explanation/physics.md, section 2.5) [estimate of
+ours]."""
 
 
 @dataclass(frozen=True)

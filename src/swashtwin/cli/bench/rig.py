@@ -89,7 +89,7 @@ def augment(
         str,
         typer.Option(
             help="duplicate, noisy_duplicate, jitter, smote, smote_spectrum, adasyn, adasyn_spectrum, cvae, wgan_gp, "
-            "or diffusion (docs/augmentation.md)."
+            "or diffusion (docs/explanation/augmentation.md)."
         ),
     ],
     label: Annotated[str, typer.Option(help="Class of the windows.")],
@@ -109,7 +109,8 @@ def augment(
     """Fill a scarce class, or class and pressure, with windows made from measured ones alone, without any twin.
 
     The recordings of the index are training data from then on: give train.toml of a split. Where the cell has no window
-    the filler uses those of its class at other pressures. docs/augmentation.md explains the figures of fidelity.
+    the filler uses those of its class at other pressures. docs/explanation/augmentation.md explains the figures of
+    fidelity.
     """
     from swashtwin.bench import FILLERS
     from swashtwin.foundation import DataError, InputError, parse

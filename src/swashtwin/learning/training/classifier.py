@@ -109,7 +109,7 @@ class FittedClassifier:
 
         The levels are of the samples as they are: they tell a new class better than those that a `LevelNetwork` decides
         by, and far better than the last layer, where a class that it never saw fell among the known ones
-        (docs/diagnosis.md).
+        (docs/explanation/diagnosis.md).
         """
         return self.predict_proba(windows), level_features(windows)
 

@@ -152,7 +152,7 @@ RECOMMENDED_TRAINING = TrainingSettings(
 )
 """Ours: a rate that falls to nothing is done in 30 epochs, and one scale for the whole training set keeps the level,
 which a fault changes. Chosen on fleets 100 to 102 of the virtual rig, on which no study is reported
-(docs/networks.md)."""
+(docs/explanation/networks.md)."""
 
 
 @dataclass(frozen=True)

@@ -60,8 +60,8 @@ def with_noise(
 ) -> Samples:
     """The windows with noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
 
-    The signal's power is the variance of the window per channel, not of the recording as in tests (docs/protocol.md,
-    "Noise"): a synthetic window has no recording.
+    The signal's power is the variance of the window per channel, not of the recording as in tests
+    (docs/explanation/protocol.md, "Noise"): a synthetic window has no recording.
 
     Parameters
     ----------

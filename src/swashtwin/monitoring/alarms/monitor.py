@@ -116,7 +116,7 @@ class _Memory:
 
 @dataclass(frozen=True)
 class PointMonitor:
-    """The rule of alarms for one machine; it holds no state. docs/alarms.md has the method."""
+    """The rule of alarms for one machine; it holds no state. docs/how-to/alarms.md has the method."""
 
     machine: str
     """Name of the machine; with point and count it seeds the draws that decide ties."""

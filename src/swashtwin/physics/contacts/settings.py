@@ -1,7 +1,8 @@
 """How slippers stand on the swash plate: all alike, loaded and unloaded, or lifting off.
 
 A slipper on the pressure side is pressed onto the plate, one on the suction side is merely held by the retainer, so its
-film may be softer (docs/physics.md, section 2.3). The weight of a slipper whose piston stands at the shaft angle phi is
+film may be softer (docs/explanation/physics.md, section 2.3). The weight of a slipper whose piston stands at the shaft
+angle phi is
 
     w(phi) = [eps + (1 - eps) b(phi)] / mean of the same,
 

@@ -5,7 +5,8 @@ In steady state every solver works line by line: forces and motions are one-side
 
 - `HarmonicBalance` is exact for the equations: one `receptance` a line.
 - `RK4` is the periodic steady state that the fourth-order Runge-Kutta recursion itself reaches at its step: on a linear
-  system the recursion is a fixed map, whose response to each line is that of four receptances (docs/simulator.md).
+  system the recursion is a fixed map, whose response to each line is that of four receptances
+  (docs/explanation/simulator.md).
 - `periodic_steady_state` adds parts of K and C that turn with the shaft to either.
 
 For motions that are not periodic, `rk4_trajectory`, `rk4_trajectory_of_lines`, `rk4_trajectory_with_breaks` and

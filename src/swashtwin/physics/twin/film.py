@@ -3,7 +3,7 @@
 A twin's six values are free numbers. Here the slippers' two are tied through the thickness h of the film that they ride
 on, and a twin is taken to another condition with its films. Both rest on the laws of `films`: hydrostatic and laminar
 films between rigid parallel faces, equal slippers. Lift from sliding and tilt, elastic faces and the oil's compression
-in the pockets are left out. Derivation: docs/physics.md, sections 4 and 6.
+in the pockets are left out. Derivation: docs/explanation/physics.md, sections 4 and 6.
 
 A film's thickness does not set the leakage of a chamber, which stays that of ``rotating_group.slipper_film`` (12 um):
 the pressures then need not be computed again for each thickness. It costs 3 % of a healthy spectrum for a film of

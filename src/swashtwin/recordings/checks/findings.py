@@ -4,6 +4,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from swashtwin.foundation import plural
+
 Severity = Literal["error", "warning", "note"]
 
 
@@ -65,6 +67,10 @@ class InspectionReport:
     """Each recording by itself."""
     findings: tuple[Finding, ...]
     """What shows only when recordings are compared."""
+
+    def __repr__(self) -> str:
+        sentences = [f"{severity}: {sentence}" for severity, sentence in self.merged(by_kind=True)]
+        return f"<InspectionReport of {plural(len(self.recordings), 'recording')}; {'; '.join(sentences) or 'sound'}>"
 
     @property
     def has_errors(self) -> bool:

@@ -37,8 +37,8 @@ def harmonic_family_index(
     The cepstrum of the power averaged over half-overlapping segments of ten periods, or of the next longer length that
     is fast to transform, in which a family's lines fill the spectrum as far as they go; its highest value within 1.5 %
     of that quefrency, over 1.4826 times the median magnitude between half and one and a half times of it, the nearest
-    5 % left out (our reading; the literature has no one definition). docs/indicators.md says what noise alone and
-    families of lines reach.
+    5 % left out (our reading; the literature has no one definition). docs/how-to/indicators.md says what noise alone
+    and families of lines reach.
 
     Parameters
     ----------

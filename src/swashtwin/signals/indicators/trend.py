@@ -112,7 +112,7 @@ def trend_of(
     The same machine is the same `specimen`; the same operating point is a speed within 2 % and a pressure within 6 %. A
     healthy recording is compared with the *other* healthy ones, never with itself. Phases [rad] are compared around the
     circle: 179 and -179 degrees are 2 apart. Few recordings make a poor baseline:
-    docs/indicators.md says how often a healthy one is flagged.
+    docs/how-to/indicators.md says how often a healthy one is flagged.
 
     Parameters
     ----------

@@ -1,0 +1,62 @@
+"""
+Calibrate the twin of your pump
+===============================
+
+The twin is a model of the pump with 13 degrees of freedom (:doc:`/explanation/physics`). Six of its values differ from
+pump to pump and stand on no drawing: stiffness and damping of the three lubricated interfaces. Calibration finds them
+from *healthy* recordings, each with an interval and a verdict.
+"""
+
+# %%
+# Which pump
+# ----------
+# The parameter file of your own pump comes from its nameplate: ``swashtwin twin pump new mine --displacement
+# "45 cm3/rev" --pistons 9 --speed "1500 rpm" --pressure "280 bar"``.
+
+import matplotlib.pyplot as plt
+
+import swashtwin as st
+from swashtwin.bench import build_rig
+
+pump = st.load_pump("25scy14-1b")
+pump
+
+# %%
+# Calibrate
+# ---------
+# One pump of the virtual rig lends its healthy recordings. On the command line:
+# ``swashtwin calibrate rig --pump 25scy14-1b --specimen A --out twin.json``.
+
+build_rig("rig", seed=0, size="tiny")
+healthy = st.load_recordings("rig").where(label="normal", specimen="A")
+calibration = st.calibrate(pump, healthy, seed=0)
+
+# %%
+# What came out
+# -------------
+# A value is called *identified* only if the recordings determine it. Do not use the others as measurements.
+
+for estimate in calibration.estimates:
+    low, high = estimate.interval
+    print(f"{estimate.letter:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}")
+for note in calibration.notes:
+    print("-", note)
+
+# %%
+figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
+for row, estimate in enumerate(calibration.estimates):
+    low, high = (end / estimate.nominal for end in estimate.interval)
+    axes.plot([low, high], [row, row], color="tab:blue" if estimate.verdict == "identified" else "lightgray", lw=6)
+    axes.plot(estimate.value / estimate.nominal, row, "k.")
+axes.set_yticks(range(6), [estimate.letter for estimate in calibration.estimates])
+axes.set(xscale="log", xlabel="value over nominal; bar: 90 % interval, blue where identified")
+axes.axvline(1, color="k", lw=0.5)
+plt.show()
+
+# %%
+# How much closer the twin is
+# ---------------------------
+# By what share each error of the spectrum fell. A negative number means that it grew.
+
+for name, share in calibration.improvement.items():
+    print(f"{name:5} {100 * share:+.0f} %")

@@ -294,7 +294,7 @@ def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
 
 
 def test_the_report_in_short_says_how_many_recordings_and_what_was_found() -> None:
-    pair = [good(), good(1)]
+    pair = [good(), replace(good(1), specimen="B")]
     assert repr(inspect_recordings(pair)) == "<InspectionReport of 2 recordings; sound>"
     damaged = repr(inspect_recordings([changed(good(), 100, 200, np.nan)]))
     assert damaged.startswith("<InspectionReport of 1 recording; error: ")

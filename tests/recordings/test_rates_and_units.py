@@ -90,3 +90,32 @@ def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
 def test_a_rate_in_words_is_understood(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=X, fs="25.6 kHz", unit="g")
     assert load_recording(tmp_path / "a.npz").sample_rate == 25600.0
+
+
+def times_in_mat(folder: Path, **stated: object) -> Path:
+    savemat(folder / "a.mat", {"x": X, "time": np.arange(len(X)) / 1000.0, "unit": "g", **stated})
+    return folder / "a.mat"
+
+
+def times_in_npz(folder: Path, **stated: object) -> Path:
+    np.savez(folder / "a.npz", x=X, time=np.arange(len(X)) / 1000.0, unit="g", **stated)  # type: ignore[arg-type]
+    return folder / "a.npz"
+
+
+@pytest.mark.parametrize("make", [times_in_mat, times_in_npz])
+def test_a_vector_of_times_is_no_channel_and_agrees_with_the_stated_rate(
+    make: Callable[..., Path], tmp_path: Path
+) -> None:
+    for stated in ({}, {"fs": 1000.0}):
+        loaded = load_recording(make(tmp_path, **stated))
+        assert (loaded.channels, loaded.sample_rate) == (("x",), 1000.0)
+    with pytest.raises(DataError, match="two sample rates for x: 2000 Hz, and 1000 Hz by the times in time"):
+        load_recording(make(tmp_path, fs=2000.0))
+
+
+@pytest.mark.parametrize("make", [times_in_mat, times_in_npz])
+def test_a_vector_called_t_that_does_not_rise_stays_a_channel_beside_a_rate(
+    make: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = make(tmp_path, fs=1000.0, t=np.sin(np.arange(len(X))))
+    assert load_recording(path).channels == ("x", "t")

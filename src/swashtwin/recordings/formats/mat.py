@@ -10,6 +10,7 @@ import numpy as np
 from swashtwin.foundation import require_memory
 from swashtwin.recordings.formats.hdf5_kinds import is_hdf5
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
+from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.formats.variables import sorted_variables
 from swashtwin.recordings.recording import Recording
 
@@ -20,13 +21,16 @@ _COMPRESSED = 15
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Vectors of a MATLAB file as columns, its single numbers and texts as attributes."""
+    """Vectors of a MATLAB file as columns, its single numbers and texts as attributes.
+
+    A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate, or must agree with it.
+    """
     if is_hdf5(path):
         _require_data_within(path)
     else:
         require_memory(path, _unpacked_size(path))
     content = load_extra("pymatreader").read_mat(path)
-    return sorted_variables(path, _flattened(content))
+    return timed_variables(path, sorted_variables(path, _flattened(content)), options)
 
 
 def _require_data_within(path: Path) -> None:

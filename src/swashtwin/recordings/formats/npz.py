@@ -10,7 +10,7 @@ from numpy.lib import format
 
 from swashtwin.foundation import DataError, require_memory
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.formats.tables import timed_columns
+from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.formats.variables import sorted_variables
 from swashtwin.recordings.recording import Recording
 
@@ -18,18 +18,14 @@ from swashtwin.recordings.recording import Recording
 def read(path: Path, options: Options) -> RawFile:
     """Vectors of an archive as columns, its single numbers and texts as attributes; an array of objects is refused.
 
-    A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate.
+    A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate, or must agree with it.
     """
     with path.open("rb") as stream:
         require_memory(path, _stated_size(path, stream))
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as archive:
             raw = sorted_variables(path, [(name, archive[name]) for name in archive.files])
-    times = [name for name in raw.columns if name.lower() in ("time", "t")]
-    if raw.rates or not (times or options.time_column is not None):
-        return raw
-    columns = {name: raw.columns[name] for name in (*times, *(name for name in raw.columns if name not in times))}
-    return timed_columns(path, columns, raw.units, raw.attributes, options)
+    return timed_variables(path, raw, options)
 
 
 def _stated_size(path: Path, stream: BinaryIO) -> int:

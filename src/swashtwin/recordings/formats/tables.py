@@ -1,7 +1,9 @@
 """Columns of a table: what their headings say, and what the one with the time says."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +45,44 @@ def timed_columns(
     rate, gaps = read_time_column(path, columns[name], _seconds(units.get(name, "s"), path))
     units = {other: unit for other, unit in units.items() if other != name}
     return RawFile(others, rate, units, {**attributes, **({"time_gaps": gaps} if gaps else {})})
+
+
+def timed_variables(path: Path, raw: RawFile, options: Options) -> RawFile:
+    """Vectors of a workspace without the one that holds the time, which gives the rate where none is stated.
+
+    Raises
+    ------
+    DataError
+        The rate of the times is another than one that the file states.
+    """
+    if options.time_column is not None:
+        name = time_name(path, list(raw.columns), options)
+    else:
+        name = _time_vector(raw.columns, rising=bool(raw.rates))
+    if name is None:
+        return raw
+    columns = {name: raw.columns[name], **raw.columns}
+    units = {other: unit for other, unit in raw.units.items() if other != name or unit in TIME_UNITS}
+    timed = timed_columns(path, columns, units, raw.attributes, replace(options, time_column=name))
+    if not raw.rates:
+        return timed
+    rates = {other: rate for other, rate in raw.rates.items() if other != name}
+    for other, rate in rates.items():
+        if timed.sample_rate is not None and not math.isclose(rate, timed.sample_rate, rel_tol=_COARSE):
+            raise DataError(
+                f"{path} states two sample rates for {other}: {rate:g} Hz, and {timed.sample_rate:g} Hz by the times in "
+                f"{name}; remove the wrong one."
+            )
+    return replace(timed, sample_rate=None, rates=rates)
+
+
+def _time_vector(columns: Mapping[str, Column], *, rising: bool) -> str | None:
+    """Name of the vector that is called a time; with `rising` only one that is as long as the others, and rises."""
+    names = [name for name in columns if name.lower() in _TIME_NAMES] if len(columns) > 1 else []
+    if rising:
+        is_even = len({len(column) for column in columns.values()}) == 1
+        names = [name for name in names if is_even and (np.diff(np.asarray(columns[name][:], float)) > 0).all()]
+    return names[0] if names else None
 
 
 def _seconds(unit: str, path: Path) -> float:

@@ -163,7 +163,7 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
             path = tmp_path / "mine" / label / f"15MPa_{number}.csv"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("x\n" + "".join(f"{value:.6f}\n" for value in rng.standard_normal(1024)))
-    text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "how-to" / "recordings.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
     user_work = ["index", "inspect", "check", "data", "train", "evaluate", "diagnose"]

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from swashtwin.cli import app, watch_demo
 from swashtwin.monitoring import History
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "watch.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "tutorials" / "watch.md").read_text(encoding="utf-8")
 
 
 def test_the_tutorial_runs_as_printed_and_ends_with_an_alarm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

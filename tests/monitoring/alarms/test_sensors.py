@@ -1,4 +1,4 @@
-"""Sensors at fault: flat, saturated, loose and swapped channels raise an alarm of their own."""
+"""Sensors at fault: flat, spiky, saturated, loose and swapped channels raise an alarm of their own."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ import pytest
 from small_machine import Machine
 
 from swashtwin.bench.rigs.courses import PlantCourse, plant_course
-from swashtwin.foundation import stream
+from swashtwin.foundation import DataError, stream
 from swashtwin.monitoring.alarms import PointMonitor, PointState
 from swashtwin.recordings import Recording
 
@@ -30,6 +30,13 @@ def saturated(signal: np.ndarray) -> np.ndarray:
     """The range of the first sensor is too small."""
     limit = 1.5 * signal[0].std()
     return np.vstack([np.clip(signal[:1], -limit, limit), signal[1:]])
+
+
+def spiky(signal: np.ndarray) -> np.ndarray:
+    """A single sample of the first sensor is wrong."""
+    signal = signal.copy()
+    signal[0, 1000] = 1e38
+    return signal
 
 
 def loose(signal: np.ndarray) -> np.ndarray:
@@ -56,6 +63,7 @@ FAULTS = {
     "flat": flat,
     "partly flat": partly_flat,
     "saturated": saturated,
+    "spikes": spiky,
     "loose": loose,
     "swapped": swapped,
     "rotated": rotated,
@@ -108,7 +116,7 @@ def test_a_sensor_alarm_is_cleared_after_five_good_recordings(rig: list[Recordin
     assert changes == [None, "raised", None, None, None, None, "cleared"]
 
 
-@pytest.mark.parametrize("break_sensor", [flat, saturated, loose])
+@pytest.mark.parametrize("break_sensor", [flat, spiky, saturated, loose])
 def test_a_baseline_does_not_learn_from_a_sensor_at_fault(
     machine: Machine, break_sensor: Callable[[np.ndarray], np.ndarray]
 ) -> None:
@@ -124,3 +132,10 @@ def test_a_faulty_pump_is_no_sensor_at_fault(machine: Machine) -> None:
         point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
         state = point_judgment.state
         assert point_judgment.findings == ()
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 19])
+def test_a_recording_of_a_few_samples_is_too_short_and_no_sensor_at_fault(machine: Machine, n_samples: int) -> None:
+    recording = machine.recording(0)
+    with pytest.raises(DataError):
+        MONITOR.judge(recording.replace(signal=recording.signal[:, :n_samples]), None)

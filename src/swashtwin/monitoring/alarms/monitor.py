@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis import LevelChange, level_changes
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import DataError, InputError, plural, stream
 from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names
 from swashtwin.monitoring.alarms.points import point_layout
 from swashtwin.monitoring.alarms.sensors import SensorFinding, sensor_findings, swapped_channels
@@ -18,6 +18,8 @@ from swashtwin.recordings import Recording, stated_speed
 
 LEAST_LEARNING = 5
 """Recordings of a baseline at least: of fewer, no scatter can be told."""
+_LEAST_SAMPLES = 64
+"""Samples of a recording at least: fewer have neither levels nor stretches."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,11 @@ class PointMonitor:
         DataError
             The recording is unfit, or does not fit the baseline. The state is as it was.
         """
+        if recording.n_samples < _LEAST_SAMPLES:
+            samples = plural(recording.n_samples, "sample")
+            raise DataError(
+                f"{recording.recording_id} has {samples}; record {_LEAST_SAMPLES} at least, better a second."
+            )
         memory = _Memory.start(recording) if state is None else _Memory.read(state)
         if not len(memory.baseline.rows):
             state, memory = None, replace(_Memory.start(recording), sensor=memory.sensor)

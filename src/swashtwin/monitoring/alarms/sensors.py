@@ -1,4 +1,4 @@
-"""Sensors that fail: flat, saturated, loose and swapped channels. They say nothing about the pump."""
+"""Sensors that fail: flat, spiky, saturated, loose and swapped channels. They say nothing about the pump."""
 
 from dataclasses import asdict, dataclass
 from typing import Literal
@@ -16,6 +16,8 @@ _FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
 """Samples, and time [s], of a stretch that counts as flat."""
 SATURATED = 1e-3
 """Share of the samples that stand in a row at an extreme that makes a channel saturated."""
+SPIKES = 1e4
+"""Largest deviation from the median over the usual one that no vibration has: single samples are wrong."""
 LOOSE = 0.5
 """Share of a channel's power in what is slower than the shaft that makes it loose: a plug or a cable that moves."""
 _SLOW = 0.1
@@ -29,7 +31,7 @@ SWAPPED = 0.5
 class SensorFinding:
     """What is wrong with a sensor in one recording."""
 
-    kind: Literal["flat", "saturated", "loose", "swapped"]
+    kind: Literal["flat", "spikes", "saturated", "loose", "swapped"]
     """What it does."""
     channel: str
     """Channel; of swapped ones all, with commas."""
@@ -42,7 +44,7 @@ class SensorFinding:
 
 
 def sensor_findings(recording: Recording) -> tuple[SensorFinding, ...]:
-    """Flat, saturated and loose channels of a recording, which need no baseline; one finding for each channel."""
+    """Flat, spiky, saturated and loose channels of a recording, which need no baseline; one finding by channel."""
     flat_length = round(max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate))
     turn = round(recording.sample_rate * (1 / (stated_speed(recording) or 1 / _SLOW)))
     findings = (
@@ -76,6 +78,10 @@ def _finding(name: str, row: Float[np.ndarray, " time"], flat_length: int, turn:
     flat = _flat_share(row, flat_length)
     if flat >= FLAT:
         return SensorFinding("flat", name, f"channel {name} does not move in {flat:.0%} of the recording.")
+    ratio = _largest_deviation(row)
+    if ratio >= SPIKES:
+        sentence = f"channel {name} has single samples {ratio:.1g} times as far from the middle as the others: spikes."
+        return SensorFinding("spikes", name, sentence)
     clipped = clipped_samples(row) / row.size
     if clipped >= SATURATED:
         sentence = f"channel {name} stands at the end of its range in {clipped:.1%} of the samples."
@@ -88,10 +94,19 @@ def _finding(name: str, row: Float[np.ndarray, " time"], flat_length: int, turn:
 
 
 def _flat_share(row: Float[np.ndarray, " time"], length: int) -> float:
-    """Share of the blocks of `length` samples that hold one value."""
-    count = max(row.size // length, 1)
+    """Share of the blocks of `length` samples that hold one value; 0 of less than a block."""
+    count = row.size // length
+    if not count:
+        return 0.0
     blocks = row[: count * length].reshape(count, -1)
     return float(np.mean(blocks.min(axis=1) == blocks.max(axis=1)))
+
+
+def _largest_deviation(row: Float[np.ndarray, " time"]) -> float:
+    """Largest deviation from the median over the median deviation; 0 where half of the samples are equal."""
+    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
+    usual = float(np.median(deviation))
+    return float(deviation.max()) / usual if usual > 0 else 0.0
 
 
 def _slow_share(row: Float[np.ndarray, " time"], turn: int) -> float:

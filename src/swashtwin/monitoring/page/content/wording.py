@@ -56,6 +56,8 @@ _SENTENCE_WORDS = (
     ("channel ", "Kanal "),
     (" does not move in ", " bewegt sich nicht in "),
     (" of the recording.", " der Aufnahme."),
+    (" has single samples ", " hat einzelne Werte, "),
+    (" times as far from the middle as the others: spikes.", "-mal so weit von der Mitte wie die anderen: Ausreißer."),
     (" stands at the end of its range in ", " steht am Ende seines Bereichs in "),
     (" of the samples.", " der Abtastwerte."),
     (" has ", " hat "),

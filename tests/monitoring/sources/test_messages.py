@@ -12,6 +12,7 @@ import pytest
 
 from swashtwin.monitoring.config import MqttSource
 from swashtwin.monitoring.sources import MqttWatch
+from swashtwin.monitoring.sources.delivery import LARGEST
 from swashtwin.monitoring.sources.message import read_message
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
@@ -90,6 +91,15 @@ def test_messages_of_a_topic_are_recordings_of_its_machine(broker, deliveries) -
         wait_for(lambda: deliveries.items)
     assert deliveries.items[0][0].machine == "pump-7"
     assert names(deliveries) == [3]
+
+
+def test_a_message_that_is_too_large_is_listed_and_not_lost_in_silence(broker, deliveries) -> None:
+    with watching(broker, deliveries):
+        broker.publish("plant/pump-7/vibration", block() + bytes(LARGEST))
+        wait_for(lambda: deliveries.items)
+    delivery, content = deliveries.items[0]
+    assert f"at most {LARGEST} are taken" in str(delivery.problem)
+    assert (delivery.machine, len(content)) == ("pump-7", 1 << 16)
 
 
 def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(broker, deliveries) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, parse
-from swashtwin.monitoring.sources.delivery import Delivery, UnfitError, channel_names, check_facts
+from swashtwin.monitoring.sources.delivery import LARGEST, Delivery, UnfitError, channel_names, check_facts
 from swashtwin.recordings import Recording, acceleration_factor
 
 SAMPLES = ".f32"
@@ -26,12 +26,16 @@ _LONGEST_MACHINE = 200
 def read_message(payload: bytes, source: str, received: datetime, machine: str | None) -> tuple[Delivery, bytes]:
     """(what the message says of its recording, the content behind its first line).
 
-    A message that cannot be one is a delivery with its `problem`, and the whole payload as content.
+    A message that cannot be one is a delivery with its `problem`, and its payload as content; of one that is too large
+    the beginning.
 
     Parameters
     ----------
     machine : machine that the topic or the configuration names, where the message does not.
     """
+    if len(payload) > LARGEST:
+        problem = f"a message has {len(payload)} bytes; at most {LARGEST} are taken: send shorter recordings."
+        return Delivery(source, "message.bin", received, machine, {}, problem=problem), payload[:_LONGEST_HEADER]
     try:
         header, content = _header(payload)
         stated = header.pop("machine", machine)

@@ -24,8 +24,11 @@ _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 10.0
 _KEEPALIVE = 30
 _FOREVER = 0xFFFFFFFF
 """Seconds for which the broker keeps the session: no end."""
-_IN_FLIGHT = 10
-"""Messages that the broker sends before one is acknowledged; with `LARGEST` the bound of memory."""
+_LARGEST_PACKET = 4 * LARGEST - 1
+"""Bytes of a message that the broker may send, the most that MQTT allows: what is above `LARGEST` is filed as broken,
+since a broker that may not send a message says so to nobody."""
+_IN_FLIGHT = 4
+"""Messages that the broker sends before one is acknowledged; with their size the bound of memory."""
 
 
 class MqttWatch:
@@ -117,7 +120,7 @@ class MqttWatch:
 
     def _on_message(self, client: "Client", _: Any, message: "MQTTMessage") -> None:
         machine = self._source.machine or _machine_of(self._source.topic, message.topic)
-        delivery, content = read_message(bytes(message.payload), self._source.name, datetime.now(UTC), machine)
+        delivery, content = read_message(message.payload, self._source.name, datetime.now(UTC), machine)
         try:
             self._accept(delivery, content)
         except OSError as cause:  # not acknowledged: the broker sends it again on the next connection
@@ -134,7 +137,7 @@ def _session_properties() -> Any:
 
     properties = Properties(PacketTypes.CONNECT)
     properties.SessionExpiryInterval = _FOREVER
-    properties.MaximumPacketSize = LARGEST  # the broker does not send larger ones
+    properties.MaximumPacketSize = _LARGEST_PACKET
     properties.ReceiveMaximum = _IN_FLIGHT
     return properties
 

@@ -132,6 +132,9 @@ def user(
     config: ConfigFile,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the person or the program.")],
     token: Annotated[bool, typer.Option("--token", help="Print a token for a program, ask for no password.")] = False,
+    control: Annotated[
+        bool, typer.Option("--control", help="The program may also acknowledge, silence and note maintenance.")
+    ] = False,
     remove: Annotated[bool, typer.Option("--remove", help="Take the entry out.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -140,6 +143,8 @@ def user(
     from swashtwin.foundation import InputError
     from swashtwin.monitoring import add_token, add_user, remove_entry
 
+    if control and not token:
+        raise InputError("--control is of a program's token; give --token too.")
     page = _config(config).page
     path, key = (page.tokens or page.users, "tokens") if token else (page.users or page.tokens, "users")
     if path is None:
@@ -148,7 +153,7 @@ def user(
     if remove:
         remove_entry(path, name)
     elif token:
-        secret = add_token(path, name)
+        secret = add_token(path, name, control=control)
     else:
         add_user(path, name, typer.prompt("Password", hide_input=True, confirmation_prompt=True))
     words = "was removed from" if remove else "is in"

@@ -68,17 +68,17 @@ def test_a_password_and_a_token_are_known_again_and_no_other_is(users: Path) -> 
     assert file.checked_mark("ada", PASSWORD) == file.mark("ada")
     assert file.checked_mark("ada", PASSWORD + "!") is None
     assert file.checked_mark("bob", PASSWORD) is file.mark("bob") is None
-    assert file.token_name(token) == "grafana"
-    assert file.token_name(token[:-1]) is None
-    assert file.token_name("\udcff") is None
+    assert file.token_name(token, control=False) == "grafana"
+    assert file.token_name(token[:-1], control=False) is None
+    assert file.token_name("\udcff", control=False) is None
 
 
 def test_an_entry_that_is_removed_is_refused_at_once(users: Path) -> None:
     token = add_token(users, "grafana")
     file = UserFile(users)
-    assert file.token_name(token)
+    assert file.token_name(token, control=False)
     remove_entry(users, "grafana")
-    assert file.token_name(token) is None
+    assert file.token_name(token, control=False) is None
     with pytest.raises(InputError, match="no user and no token called 'grafana'"):
         remove_entry(users, "grafana")
 
@@ -228,8 +228,31 @@ def test_a_file_of_users_that_root_writes_belongs_to_the_owner_of_its_folder(
     assert owners == [(status.st_uid, status.st_gid)]
 
 
-def test_a_program_with_a_token_reads_and_acknowledges(guarded: TestClient, users: Path, plant) -> None:
-    headers = {"authorization": f"Bearer {add_token(users, 'scada')}"}
+def test_a_program_with_a_token_reads_and_changes_nothing(guarded: TestClient, users: Path, plant) -> None:
+    headers = {"authorization": f"Bearer {add_token(users, 'gateway')}"}
+    assert guarded.get("/api/machines", headers=headers).status_code == 200
+    for address, body in (
+        ("alarms/1/acknowledge", {"note": ""}),
+        ("machines/pump-1/silence", {"hours": 1}),
+        ("machines/pump-1/events", {"kind": "maintenance"}),
+    ):
+        answer = guarded.post(f"/api/{address}", json=body, headers=headers)
+        assert (answer.status_code, "read and upload only" in answer.json()["detail"]) == (403, True)
+    log_in(guarded)
+    form = {"form_token": form_token(guarded, "/alarms/1")}
+    assert guarded.post("/alarms/1/acknowledge", data=form, headers=headers).status_code == 403
+    assert plant.history.read.alarm(1).state == "open"
+
+
+def test_a_program_has_one_token(users: Path) -> None:
+    first, second = add_token(users, "scada", control=True), add_token(users, "scada")
+    file = UserFile(users)
+    assert file.token_name(first, control=True) is None
+    assert file.token_name(second, control=False) == "scada"
+
+
+def test_a_program_with_control_reads_and_acknowledges(guarded: TestClient, users: Path, plant) -> None:
+    headers = {"authorization": f"Bearer {add_token(users, 'scada', control=True)}"}
     assert guarded.get("/api/machines", headers=headers).status_code == 200
     assert guarded.get("/metrics", headers=headers).status_code == 200
     answer = guarded.post("/api/alarms/1/acknowledge", json={"note": "by scada"}, headers=headers)

@@ -70,8 +70,8 @@ def timed_variables(path: Path, raw: RawFile, options: Options) -> RawFile:
     for other, rate in rates.items():
         if timed.sample_rate is not None and not math.isclose(rate, timed.sample_rate, rel_tol=_COARSE):
             raise DataError(
-                f"{path} states two sample rates for {other}: {rate:g} Hz, and {timed.sample_rate:g} Hz by the times in "
-                f"{name}; remove the wrong one."
+                f"{path} states two sample rates for {other}: {rate:g} Hz, and {timed.sample_rate:g} Hz by the times "
+                f"in {name}; remove the wrong one."
             )
     return replace(timed, sample_rate=None, rates=rates)
 

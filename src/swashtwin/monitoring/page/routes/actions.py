@@ -20,7 +20,9 @@ Address = Annotated[str, Form(alias="next", max_length=2000)]
 
 def action_routes(site: Site) -> APIRouter:
     """Addresses to which forms about machines are sent; each form carries the token of its visit."""
-    routes = APIRouter(include_in_schema=False, dependencies=[Depends(_require_form_token(site))])
+    routes = APIRouter(
+        include_in_schema=False, dependencies=[Depends(_require_form_token(site)), Depends(_require_control)]
+    )
 
     @routes.post("/alarms/{identity}/acknowledge")
     def acknowledge_alarm(
@@ -116,3 +118,9 @@ def _require_form_token(site: Site) -> Callable[[Request, str], None]:
 
 def _back(target: str) -> Response:
     return RedirectResponse(local_path(target), 303)
+
+
+def _require_control(request: Request) -> None:
+    """Refuse a program whose token may read and upload only."""
+    if request.state.visitor.kind == "token":
+        raise HTTPException(403, "This token may read and upload only.")

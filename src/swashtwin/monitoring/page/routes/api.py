@@ -173,6 +173,10 @@ def change_routes(site: Site) -> APIRouter:
 def _require_program(request: Request) -> None:
     """Changes need a token where there are logins: a browser's cookie alone could be sent by somebody's form."""
     visitor: Visitor = request.state.visitor
+    if visitor.kind == "token":
+        raise HTTPException(
+            403, "This token may read and upload only; watch user NAME --token --control makes another."
+        )
     if visitor.kind == "person":
         raise HTTPException(403, "Send a token: Authorization: Bearer TOKEN. The pages' forms need none.")
 

@@ -9,6 +9,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -33,8 +34,8 @@ class Visitor:
 
     name: str
     """Name of the person or of the program's token; empty where the page asks for none."""
-    kind: Literal["person", "token", "local"]
-    """How we know."""
+    kind: Literal["person", "token", "control", "local"]
+    """How we know; ``control``: by a token that may acknowledge, silence and note events."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,11 @@ class Access:
             return Visitor("", "local")
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
-            programs = filter(None, (file.token_name(token.strip()) for file in self.users))
-            return next((Visitor(program, "token") for program in programs), None)
+            kinds: tuple[Literal["control", "token"], ...] = ("control", "token")
+            for file, kind in product(self.users, kinds):
+                if program := file.token_name(token.strip(), control=kind == "control"):
+                    return Visitor(program, kind)
+            return None
         person = self._session(request.cookies.get(COOKIE, ""))
         return None if person is None else Visitor(person, "person")
 

@@ -27,6 +27,8 @@ LEAST_PASSWORD = 10
 _NAME = re.compile(r"[\w.@ -]{1,64}")
 _FORM = "swashtwin-page-users-1"
 _HASHER = PasswordHasher()
+_KINDS = ("users", "tokens", "control")
+"""People; programs that read and upload; programs that also acknowledge, silence and note events."""
 _CHECKING = threading.Lock()
 """One password at a time: a check takes 64 MiB."""
 
@@ -44,8 +46,12 @@ def add_user(path: Path, name: str, password: str) -> None:
     _change(path, "users", name, _HASHER.hash(password))
 
 
-def add_token(path: Path, name: str) -> str:
+def add_token(path: Path, name: str, *, control: bool = False) -> str:
     """A fresh token for the program `name`; the file at `path` keeps its hash only, so it can not be shown again.
+
+    Parameters
+    ----------
+    control : whether the program may acknowledge, silence and note events too, and not only read and upload.
 
     Raises
     ------
@@ -53,7 +59,7 @@ def add_token(path: Path, name: str) -> str:
         A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space.
     """
     token = f"st_{secrets.token_urlsafe(32)}"
-    _change(path, "tokens", name, _digest(token))
+    _change(path, "control" if control else "tokens", name, _digest(token))
     return token
 
 
@@ -66,9 +72,9 @@ def remove_entry(path: Path, name: str) -> None:
         Nobody there has that name.
     """
     entries = _read(path)
-    if not any(name in entries[kind] for kind in ("users", "tokens")):
+    if not any(name in entries[kind] for kind in _KINDS):
         raise InputError(f"{path} has no user and no token called {name!r}.")
-    for kind in ("users", "tokens"):
+    for kind in _KINDS:
         entries[kind].pop(name, None)
     _write(path, entries)
 
@@ -90,8 +96,7 @@ class UserFile:
         DataError
             The file is damaged or absent.
         """
-        entries = self._current()
-        return len(entries["users"]) + len(entries["tokens"])
+        return sum(map(len, self._current().values()))
 
     def mark(self, name: str) -> str | None:
         """Text that changes with the password of the person `name` and does not tell it; None where nobody's name."""
@@ -108,10 +113,10 @@ class UserFile:
                 return None
         return None if stored is None else _digest(stored)
 
-    def token_name(self, token: str) -> str | None:
-        """Name of the program whose token this is; None where nobody's."""
-        digest = _digest(token)
-        names = [name for name, stored in self._current()["tokens"].items() if secrets.compare_digest(stored, digest)]
+    def token_name(self, token: str, *, control: bool) -> str | None:
+        """Name of the program whose token this is, among those with `control` or the others; None where nobody's."""
+        digest, entries = _digest(token), self._current()["control" if control else "tokens"]
+        names = [name for name, stored in entries.items() if secrets.compare_digest(stored, digest)]
         return names[0] if names else None
 
     def _current(self) -> dict[str, dict[str, str]]:
@@ -142,7 +147,10 @@ def _change(path: Path, kind: str, name: str, value: str) -> None:
         raise InputError(
             f"The name {name!r} is none: use up to 64 letters, digits, '.', '@', '-', '_' or spaces, none at the ends."
         )
-    entries = _read(path) if Path(path).exists() else {"users": {}, "tokens": {}}
+    entries = _read(path) if Path(path).exists() else {kind: {} for kind in _KINDS}
+    if kind != "users":  # a program has one token
+        for others in _KINDS[1:]:
+            entries[others].pop(name, None)
     entries[kind][name] = value
     _write(path, entries)
 
@@ -150,15 +158,16 @@ def _change(path: Path, kind: str, name: str, value: str) -> None:
 def _read(path: Path) -> dict[str, dict[str, str]]:
     try:
         content: Any = json.loads(Path(path).read_text(encoding="utf-8"))
+        entries = {kind: content[kind] for kind in _KINDS[:2]} | {"control": content.get("control", {})}
         is_ours = content["form"] == _FORM and all(
-            isinstance(content[kind], dict) and all(isinstance(value, str) for value in content[kind].values())
-            for kind in ("users", "tokens")
+            isinstance(named, dict) and all(isinstance(value, str) for value in named.values())
+            for named in entries.values()
         )
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         is_ours = False
     if not is_ours:
         raise DataError(f"{path} is no file of users; write one with swashtwin watch user.")
-    return {kind: content[kind] for kind in ("users", "tokens")}
+    return entries
 
 
 def _write(path: Path, entries: dict[str, dict[str, str]]) -> None:

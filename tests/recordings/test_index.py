@@ -460,6 +460,30 @@ def touch(folder: Path, *names: str, text: str = "x,y\n1.5,2.5\n3.5,4.5\n") -> d
 
 
 @pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"unit": "m/s^2"}, "says 'x' is in g, the index says m/s\\^2"),
+        ({"calibration_factor": "0.1 g"}, "a calibration factor is for integers without a scale"),
+        ({"sample_rate": "1 kHz"}, "its sample rate is 2000 Hz, the index says 1000 Hz"),
+    ],
+)
+def test_an_option_that_a_file_contradicts_is_refused_before_an_index_is_made(
+    options: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    rows = "".join(f"{number / 2000:.4f},{number % 7}.5\n" for number in range(40))
+    (tmp_path / "normal_1.csv").write_text("time [s],x [g]\n" + rows)
+    with pytest.raises(DataError, match=message):
+        propose_index(tmp_path, **options)
+
+
+def test_two_unicode_forms_of_a_label_are_one_class_of_the_index(tmp_path: Path) -> None:
+    for name in ("M\u00fcller_1.csv", "Mu\u0308ller_2.csv"):
+        (tmp_path / name).write_text("x\n1.5\n3.5\n")
+    index = propose_index(tmp_path, sample_rate="1 kHz", unit="g").index
+    assert index["classes"] == ["M\u00fcller"]
+
+
+@pytest.mark.parametrize(
     ("name", "pressure"),
     [
         ("swash_plate_15MPa_3", "15 MPa"), ("normal_120bar_1", "120 bar"), ("normal_120_BAR_1", "120 BAR"),

@@ -252,3 +252,10 @@ def test_a_name_like_a_formula_is_no_formula_in_the_file(tmp_path: Path) -> None
     path = write_recording(recording, tmp_path / "a.csv")
     assert "'=HYPERLINK(1) [1]" in path.read_text()
     assert load_recording(path, unit="1").channels == ("=HYPERLINK(1)",)
+
+
+@pytest.mark.parametrize("tail", ["\n\n\n", ",,\n,,\n", ",,\n\n,,\n", "\n,,\n\n\n,,\n\n", "\r\n,,\r\n"])
+def test_an_empty_tail_of_any_kind_ends_a_table(tail: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(("time,x,y\n" + "".join(f"{n / 1000},{n}.5,2.5\n" for n in range(50)) + tail).encode())
+    assert load_recording(path, unit="g").n_samples == 50

@@ -6,13 +6,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swashtwin.foundation import DataError, MissingFileError, parse
+from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
 from swashtwin.recordings.entry import Entry
 from swashtwin.recordings.fact_origins import Facts, facts_of, sentences
 from swashtwin.recordings.formats.raw import Options, RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.index import path_from
-from swashtwin.recordings.loading import choose_columns, rate_in_file
+from swashtwin.recordings.loading import choose_columns, rate_in_file, scale, stated_rate
 from swashtwin.recordings.stated_facts import (
     bare_pressures,
     facts_of_header,
@@ -166,6 +166,7 @@ def _survey(
             continue
         fact = facts_of_name(name, pattern) if stated is None else stated[name]
         values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
+        values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
         header = {} if raw.facts else facts_of_header(raw)
         if raw.sample_rate is not None or raw.rates:
             header.pop("sample_rate", None)
@@ -179,8 +180,13 @@ def _survey(
         values |= {key: f"{values[key]} {pressure_unit}" for key in bare if pressure_unit is not None}
         entry = Entry.from_mapping({"file": name, **defaults, **values}, str(path))
         columns = choose_columns(raw, entry, str(path))
-        for key in _missing_facts(raw, list(columns), entry, str(path)):
+        missing = _missing_facts(raw, list(columns), entry, str(path))
+        for key in missing:
             survey.missing.setdefault(key, []).append(name)
+        if {"unit", "calibration_factor"} & set(defaults) and "unit" not in missing:
+            scale(raw, entry, list(columns), str(path))  # refuses what the file contradicts
+        if "sample_rate" in defaults and "sample_rate" not in missing:
+            stated_rate(raw, list(columns), entry, str(path))
         survey.facts.append(
             facts_of(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
         )

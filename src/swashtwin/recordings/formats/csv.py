@@ -72,6 +72,10 @@ def _require_room(path: Path, folder: Path, size: int) -> None:
         ) from cause
 
 
+_LONGEST_TAIL = 1 << 24
+"""Bytes of lines without a value that are looked through to see whether samples follow."""
+
+
 class _Table:
     """A text table whose numbers are read in blocks of lines."""
 
@@ -99,15 +103,20 @@ class _Table:
 
     def blocks(self) -> Iterator[Float[np.ndarray, "time channel"]]:
         """The numbers and seconds of `columns`, in blocks of rows; rows without a value at the end are left out."""
-        blank_lines, blank_rows = 0, 0
+        tail, blank_rows = b"", 0
         for chunk in chain([self._first], self._chunks):
-            text = _trimmed(chunk, self._separator)
-            body = text.rstrip(b"\n")
+            text = tail + _trimmed(chunk, self._separator)
+            end = text.find(b"\n", len(text.rstrip(b"\n" + self._separator)))
+            if end < 0 or len(text) - end > _LONGEST_TAIL:
+                end = len(text.rstrip(b"\n"))
+            body, tail = text[:end], text[end + 1 :]
             if not body:
-                blank_lines += len(text)
+                tail = text
+                if len(tail) > _LONGEST_TAIL:
+                    raise DataError(
+                        f"{self._path}: {len(tail)} bytes of blank lines after line {self._line}; cut them."
+                    )
                 continue
-            body = b"\n" * blank_lines + body
-            blank_lines += max(0, len(text) - len(body) - 1)
             frame = self._frame(body)
             block = self._numbers(frame, body)
             self._line += len(block)

@@ -39,10 +39,13 @@ class SoundFile:
             sys.poisoned = True
         if text == "victim" and hasattr(sys, "poisoned"):
             os.abort()
+        if text == "slow":
+            self.frames = 3_000_000
     def seek(self, start):
         self.start = start
+        time.sleep(0.3 if self.frames > 5 else 0)
     def read(self, count, dtype, always_2d):
-        return np.arange(5.0)[self.start : self.start + count, None]
+        return np.arange(float(self.frames))[self.start : self.start + count, None]
 """
 """A library that dies of some files."""
 
@@ -83,6 +86,19 @@ def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
     monkeypatch.setattr(subprocess_reader, "_PATIENCE", 0.6)
     with pytest.raises(DataError, match=r"hang\.wav is damaged: no end was found in 1 s"):
         read("hang")
+
+
+def test_a_file_that_takes_long_for_each_slice_comes_to_an_end(
+    read: Callable[[str], Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = read("slow")
+    slow.slice(0, 1)
+    monkeypatch.setattr(subprocess_reader, "_PATIENCE", 1.0)
+    slow.slice(0, 1)
+    time.sleep(1)
+    slow.slice(1, 2)  # only the time of the answers counts
+    with pytest.raises(DataError, match=r"slow\.wav is damaged: no end was found in 1 s"):
+        [slow.slice(number, number + 1) for number in range(2, 12)]
 
 
 def test_what_an_earlier_file_broke_is_not_blamed_on_a_later_one(read: Callable[[str], Recording]) -> None:

@@ -183,10 +183,7 @@ def _survey(
         missing = _missing_facts(raw, list(columns), entry, str(path))
         for key in missing:
             survey.missing.setdefault(key, []).append(name)
-        if {"unit", "calibration_factor"} & set(defaults) and "unit" not in missing:
-            scale(raw, entry, list(columns), str(path))  # refuses what the file contradicts
-        if "sample_rate" in defaults and "sample_rate" not in missing:
-            stated_rate(raw, list(columns), entry, str(path))
+        _require_agreement(raw, list(columns), entry, set(defaults) - set(missing), str(path))
         survey.facts.append(
             facts_of(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
         )
@@ -255,6 +252,14 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
         "label": not entry.label and not raw.facts.get("label"),
     }
     return [key for key, is_missing in missing.items() if is_missing]
+
+
+def _require_agreement(raw: RawFile, columns: list[str], entry: Entry, stated: set[str], where: str) -> None:
+    """Refuse options that a file contradicts; `stated` are those given for all files."""
+    if "calibration_factor" in stated or "unit" in stated:
+        scale(raw, entry, columns, where)
+    if "sample_rate" in stated:
+        stated_rate(raw, columns, entry, where)
 
 
 def _index_of(

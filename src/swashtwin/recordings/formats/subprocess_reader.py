@@ -37,6 +37,12 @@ _PATIENCE = 30.0
 """Seconds that any file may take to read."""
 _BYTES_PER_SECOND = 2e6
 """Speed below which reading counts as an endless loop."""
+_ANSWERED_PER_SECOND = 2e5
+"""The same of the samples in the answers: a chunk that is unpacked for each slice of it finds no end."""
+_SHORTEST = 0.1
+"""Seconds that an answer has in any case."""
+_SOURCES = 256
+"""Files whose time is kept."""
 _TOGETHER = 1 << 24
 """Samples of all columns of a file that are read together."""
 _PIPE = 1 << 20
@@ -92,9 +98,9 @@ class _Source:
             "stamp": self.stamp,
         }
 
-    def seconds(self) -> float:
-        """Longest time [s] that one answer may take."""
-        return _PATIENCE + self.stamp[0] / _BYTES_PER_SECOND
+    def seconds(self, answered: int = 0) -> float:
+        """Longest time [s] that all answers since it was opened may take, `answered` bytes of samples among them."""
+        return _PATIENCE + self.stamp[0] / _BYTES_PER_SECOND + answered / _ANSWERED_PER_SECOND
 
 
 def _raw_file(source: _Source, part: str, content: dict[str, Any]) -> RawFile:
@@ -178,19 +184,19 @@ class _Process:
         """Whether it was asked for others too."""
         self._excess = False
         """Whether the process was ended because of its memory."""
+        self._spent: dict[str, tuple[float, int]] = {}
+        """Time [s] that the answers of each file took, and bytes of samples in them."""
 
     def ask(
         self, source: _Source, request: dict[str, Any], samples: np.ndarray | None = None
     ) -> tuple[dict[str, Any], np.ndarray | None]:
         """The answer to a request; `samples` are filled by it."""
-        seconds = source.seconds()
-        line = (
-            json.dumps(
-                {"source": source.request(), "seconds": seconds, "memory": repr(memory_limit() / 1e9), **request}
-            ).encode()
-            + b"\n"
-        )
+        size = 0 if samples is None else samples.nbytes
         with self._lock:
+            spent, answered = (0.0, 0) if samples is None else self._spent.get(source.path, (0.0, 0))
+            seconds, began = max(source.seconds(answered + size) - spent, _SHORTEST), time.monotonic()
+            asked = {"source": source.request(), "seconds": seconds, "memory": repr(memory_limit() / 1e9), **request}
+            line = json.dumps(asked).encode() + b"\n"
             others = self._several or self._first not in (None, source.path)
             try:
                 answer = self._exchange(source, line, seconds, samples)
@@ -201,6 +207,10 @@ class _Process:
                     answer = self._exchange(source, line, seconds, samples)
                 except _DiedError as again:
                     raise DataError(self._obituary(source, again)) from again
+            self._spent.pop(source.path, None)
+            self._spent[source.path] = (spent + time.monotonic() - began, answered + size)
+            while len(self._spent) > _SOURCES:
+                self._spent.pop(next(iter(self._spent)))
         if "error" not in answer:
             return answer, samples
         message = answer["error"].replace(source.path, source.name)

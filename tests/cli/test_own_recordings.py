@@ -62,7 +62,7 @@ def test_the_readme_s_way_to_one_s_own_recordings_runs(tmp_path: Path, monkeypat
     rng = np.random.default_rng(0)
     time = np.arange(25600) / 25600
     tones = {
-        f"{label}_15MPa_{repeat}": tone for label, tone in (("normal", 100), ("swash_plate", 400)) for repeat in "123"
+        f"{label}_A_15MPa_{repeat}": tone for label, tone in (("normal", 100), ("swash_plate", 400)) for repeat in "123"
     }
     files = {**{folder / f"{name}.csv": tone for name, tone in tones.items()}, tmp_path / "new-recording.csv": 400}
     for path, tone in files.items():

@@ -51,6 +51,12 @@ def test_the_overview_shows_machines_of_one_state_or_name(reader: TestClient) ->
     assert "No machine fits." in reader.get("/?text=nothing").text
 
 
+def test_a_machine_learns_anew_after_maintenance_until_its_next_recording(plant, client: TestClient) -> None:
+    assert send(client, "/machines/pump-2/events", kind="maintenance", note="new pistons").status_code == 303
+    states = {machine["name"]: machine["state"] for machine in client.get("/api/machines").json()}
+    assert states["pump-2"] == "learning"
+
+
 def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
     machine = replace(plant.config.machines[0], name="pump-8")
     config = replace(plant.config, machines=(*plant.config.machines, machine))

@@ -62,7 +62,11 @@ class Reads:
         tallies = rows.of_machine(schema.tallies)
         now = datetime.now(UTC)
         current = rows.of_machine(schema.silences).where(schema.silences.c.since <= now, schema.silences.c.until > now)
+        events = rows.of_machine(schema.events).where(schema.events.c.kind == "maintenance")
         with read_transaction(self._engine) as connection:
+            maintained = {
+                event.machine: event.time for event in rows.records(Event, connection, events.order_by("time"))
+            }
             alarms: dict[str, list[Alarm]] = defaultdict(list)
             for alarm in rows.open_alarms(connection):
                 alarms[alarm.machine].append(alarm)
@@ -79,6 +83,7 @@ class Reads:
                     last=None if row["id"] is None else self._stored(row),
                     alarms=tuple(alarms[row["machine"]]),
                     silenced=silences.get(row["machine"]),
+                    maintained=maintained.get(row["machine"]),
                 )
                 for row in connection.execute(latest).mappings()
             )

@@ -261,6 +261,8 @@ class MachineOverview:
     """Alarms that are not closed."""
     silenced: datetime | None
     """Until when it is silent, or None."""
+    maintained: datetime | None = None
+    """When its newest maintenance was noted, or None."""
 
 
 @dataclass(frozen=True)

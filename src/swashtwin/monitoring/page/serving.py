@@ -1,6 +1,7 @@
 """The server under the page, with limits for what stays outside the application's reach."""
 
 import asyncio
+import logging
 
 import h11
 import uvicorn
@@ -86,4 +87,11 @@ def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
         timeout_graceful_shutdown=2,
         h11_max_incomplete_event_size=32 * 1024,
     )
+    logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
     return uvicorn.Server(configuration)
+
+
+def _is_no_cancellation(record: logging.LogRecord) -> bool:
+    """Whether a line is anything but that a request was ended because the watch ends."""
+    cause = record.exc_info[1] if record.exc_info else None
+    return not (isinstance(cause, asyncio.CancelledError) or str(record.msg).startswith("Cancel "))

@@ -120,7 +120,7 @@ class MqttWatch:
 
     def _on_message(self, client: "Client", _: Any, message: "MQTTMessage") -> None:
         machine = self._source.machine or _machine_of(self._source.topic, message.topic)
-        delivery, content = read_message(message.payload, self._source.name, datetime.now(UTC), machine)
+        delivery, content = read_message(bytes(message.payload), self._source.name, datetime.now(UTC), machine)
         try:
             self._accept(delivery, content)
         except OSError as cause:  # not acknowledged: the broker sends it again on the next connection

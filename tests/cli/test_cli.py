@@ -117,6 +117,10 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[st
         if recording.recording_id in set(chain["split"]["test_recordings"])
     ]
     assert answer["level"] == "L2"
+    assert "is stated" not in run("evaluate", chain["train"]["model"], rig, "--level", "L2").stderr
+    assert "these recordings are L2" in " ".join(
+        run("evaluate", chain["train"]["model"], rig, "--level", "L4").stderr.split()
+    )
     assert sum(map(sum, answer["confusion"])) == answer["n_windows"]
     assert "g mean" in run("evaluate", chain["train"]["model"], rig).stdout
 

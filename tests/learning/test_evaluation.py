@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 from imblearn.metrics import geometric_mean_score
 from sklearn.metrics import balanced_accuracy_score
 
-from swashtwin.foundation import DataError, InputError, LeakError
-from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, pooled_probabilities
+from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
+from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, level_between, pooled_probabilities
 from swashtwin.learning.evaluation.metrics import accuracy_interval, expected_calibration_error, g_mean_laplace
+from swashtwin.learning.training.training_reference import TrainingReference
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "swash_plate", "piston")
 
@@ -216,3 +219,21 @@ def test_scores_are_json_and_say_what_their_level_means():
     assert loaded["level_meaning"] == LEVELS["L4"]
     assert isinstance(Oracle(sure([0])), Classifier)
     assert not isinstance(object(), Classifier)
+
+
+def test_the_level_follows_from_machines_and_operating_points() -> None:
+    at_5, at_15 = (OperatingCondition(speed=rpm(860), discharge_pressure=MPa(value)) for value in (5.0, 15.0))
+    reference = TrainingReference(
+        recording_id=("a", "b"), label=("normal", "piston"), specimen=("A", "A"),
+        condition=np.array([[at_5.speed, at_5.discharge_pressure]] * 2),
+        features=np.zeros((2, 1), np.float32), facts=np.zeros((2, 1, 1)),
+    )  # fmt: skip
+
+    def some(specimen: str | None, condition: OperatingCondition | None) -> Recording:
+        return Recording(np.zeros((1, 8)), 1000.0, "t", specimen=specimen, condition=condition)
+
+    assert level_between(reference, [some("A", at_5), some("A", None)]) == "L2"
+    assert level_between(reference, [some("A", at_15)]) == "L3"
+    assert level_between(reference, [some("B", at_5)]) == "L4"
+    assert level_between(reference, [some("A", at_5), some("B", at_5)]) is None
+    assert level_between(reference, [some(None, at_5)]) is None

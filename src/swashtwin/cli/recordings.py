@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from swashtwin.cli.advice import single_file_options
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH, refuse_existing
 from swashtwin.cli.options import (
@@ -70,7 +71,7 @@ def index(
     path = out or folder / "recordings.toml"
     refuse_existing(path, overwrite)
     ask = None if as_json or not sys.stdin.isatty() else _ask
-    with progress("reading files") if ask is None else nullcontext():
+    with progress("reading files") if ask is None else nullcontext(), single_file_options():
         proposal = propose_index(
             folder,
             label_pattern=label_pattern,

@@ -175,9 +175,9 @@ def confidence_advice(n_recordings: int) -> str:
         return f"that takes more recordings than the {n_recordings} it was trained on"
     rate = "" if plan.is_enough else f" --error-rate {plan.error_rate:g}"
     return (
-        "train without --network does that with the recordings it trains on, "
-        f"train --validation-fraction {plan.fraction:g}{rate} with about {plan.n_validation} of its "
-        f"{plural(plan.n_recordings, 'recording')}"
+        "train without --network calibrates it on the recordings it trains on; "
+        f"--validation-fraction {plan.fraction:g}{rate} holds back about {plan.n_validation} of the "
+        f"{plural(plan.n_recordings, 'recording')} for it"
     )
 
 

@@ -44,6 +44,11 @@ def evaluate(
         )
         scores = learning.evaluate(classifier, test, level=level, seed=seed)
         confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
+    reference = classifier.training_reference
+    actual = None if level is None or reference is None else learning.level_between(reference, chosen)
+    if actual not in (None, level):
+        note(f"level {level} is stated; by machines and operating points these recordings are {actual}: "
+             f"{learning.LEVELS[str(actual)]}.")  # fmt: skip
     names = [recording.recording_id for recording in chosen]
     if not ids and len(names) < len(recordings):
         note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")

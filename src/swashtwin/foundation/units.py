@@ -200,7 +200,7 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
     if match is None or source is None or target is None:
         raise UnitError(f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".')
     if suffix and not match[2]:
-        usual = _USUAL.get(unit, unit)
+        usual = "kHz" if "rate" in name and unit == "Hz" and float(match[1]) < 1000 else _USUAL.get(unit, unit)
         raise UnitError(f'{name} = {text!r} has no unit; write it with one, for example "{text} {usual}".')
     number = float(match[1])
     if _dimension(source) != _dimension(target):

@@ -23,6 +23,7 @@ from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
 from .evaluation.confidence import score_confidence as score_confidence
 from .evaluation.levels import LEVELS as LEVELS
+from .evaluation.levels import level_between as level_between
 from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
 from .evaluation.metrics import wilson_interval as wilson_interval
@@ -174,6 +175,7 @@ __all__ = [
     "hold_out",
     "learn_confidence",
     "least_validation",
+    "level_between",
     "level_layout",
     "likeliest_class",
     "load_windows",

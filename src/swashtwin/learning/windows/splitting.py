@@ -106,7 +106,9 @@ def check_disjoint(train: WindowSet, test: WindowSet) -> None:
     if test.synthetic.any():
         raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; a test set holds measured windows only.")
     if shared := seen_recordings(train.recordings, test.recordings):
-        raise LeakError(f"{say_seen(shared)} stands in training and in test; split by recording.")
+        raise LeakError(
+            f"{say_seen(shared)} stands in training and in test; split by recording, and keep one of two copies."
+        )
     trained = {window.tobytes(): name for window, name in zip(train.signal, train.recording_id, strict=True)}
     for window, name in zip(test.signal, test.recording_id, strict=True):
         twin = trained.get(window.tobytes())

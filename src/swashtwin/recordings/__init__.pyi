@@ -15,6 +15,7 @@ from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
 from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
+from .formats.raw import RATES as RATES
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
 from .formats.raw import acceleration_factor as acceleration_factor
@@ -58,6 +59,7 @@ from .store import write_store as write_store
 __all__ = [
     "BLOCK",
     "GROUPS",
+    "RATES",
     "WRITABLE",
     "Entry",
     "Finding",

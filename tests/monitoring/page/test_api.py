@@ -169,6 +169,8 @@ def test_what_the_spool_refuses_is_told_in_one_line(
         lambda sender: sender.post("/api/recordings", content=b""),
         lambda sender: sender.post("/api/recordings", data={"machine": "a"}, files={"other": ("a", b"x")}),
         lambda sender: sender.post("/api/recordings", content=b"x", params={"speed": "9" * 300}),
+        lambda sender: sender.post("/api/recordings?speed=1500%20rpm&speed=100%20rpm", content=b"x"),
+        lambda sender: sender.post("/api/recordings", content=b"x", params={"rate": "1e9 GHz"}),
         lambda sender: sender.post("/api/recordings", content=b"x", headers={"content-type": "multipart/form-data"}),
         lambda sender: sender.post(
             "/api/recordings", content=b"x", headers={"content-type": "multipart/form-data; boundary=a"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, escape_controls, parse, plain_text
-from swashtwin.recordings import require_sample_unit
+from swashtwin.recordings import RATES, require_sample_unit
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
     "rate": ("sample_rate", "Hz"),
@@ -98,6 +98,8 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
             value = parse(text, QUANTITIES[name][1], name=name)
             if not math.isfinite(value) or value <= 0:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
+            if name == "rate" and not RATES[0] <= value <= RATES[1]:
+                raise InputError(f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz.")
         if name == "time":
             read_time(text)
         if name == "unit":

@@ -70,10 +70,13 @@ async def _take(site: Site, request: Request) -> str:
     try:
         await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
         if request.headers.get("content-type", "").startswith("multipart/form-data"):
-            name, facts = await _write_form(request, path)
+            name, stated = await _write_form(request, path)
         else:
-            name, facts = await _write_body(request, path)
-        facts = {**request.query_params, **facts}
+            name, stated = await _write_body(request, path)
+        stated = [*request.query_params.multi_items(), *stated]
+        facts = dict(stated)
+        if len(facts) < len(stated):
+            raise HTTPException(422, "A fact is stated twice; state it once.")
         machine = facts.pop("machine", "") or None
         assert site.upload is not None
         return await asyncio.to_thread(site.upload, path, safe_name(name), machine, facts)
@@ -90,7 +93,7 @@ def _folder(site: Site) -> Path:
     return site.config.folder / "uploads"
 
 
-async def _write_body(request: Request, path: Path) -> tuple[str, dict[str, str]]:
+async def _write_body(request: Request, path: Path) -> tuple[str, list[tuple[str, str]]]:
     size = 0
     with path.open("xb") as file:
         async for piece in request.stream():
@@ -98,16 +101,16 @@ async def _write_body(request: Request, path: Path) -> tuple[str, dict[str, str]
             await asyncio.to_thread(file.write, piece)
     if size == 0:
         raise HTTPException(422, "The body is empty.")
-    return request.headers.get("x-file-name", ""), {}
+    return request.headers.get("x-file-name", ""), []
 
 
-async def _write_form(request: Request, path: Path) -> tuple[str, dict[str, str]]:
+async def _write_form(request: Request, path: Path) -> tuple[str, list[tuple[str, str]]]:
     try:
         async with request.form(max_files=1, max_fields=len(FACTS) + 2, max_part_size=10_000) as form:
             upload = form.get("file")
             if not isinstance(upload, UploadFile):
                 raise HTTPException(422, 'The form has no file in its field "file".')
-            facts = {key: value for key, value in form.items() if isinstance(value, str)}
+            facts = [(key, value) for key, value in form.multi_items() if isinstance(value, str)]
             with path.open("xb") as file:
                 while piece := await upload.read(_PIECE):
                     await asyncio.to_thread(file.write, piece)

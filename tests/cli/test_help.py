@@ -145,6 +145,15 @@ def test_a_command_that_takes_long_shows_its_progress(monkeypatch: pytest.Monkey
         assert ("half" in capsys.readouterr().err) == is_terminal
 
 
+def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    moment = iter([0.0, 5.0, 25.0, 25.0, 30.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(moment))
+    with console.progress("slow") as bar:
+        for count in range(3):
+            bar(count, 3)
+    assert capsys.readouterr().err == "slow: 1 of 3\n"
+
+
 def test_the_version_is_the_package_s() -> None:
     assert run("--version").stdout.strip() == swashtwin.__version__
 

@@ -9,6 +9,7 @@ import json
 import logging
 import math
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,7 @@ _WORD = 20  # characters of a single word that a column is not broken within
 _LONGEST = 2000  # characters of a cell; a label of megabytes would take minutes to fold
 _NARROW = 8  # characters of a word that stay together on a narrow terminal
 _PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
+_PAUSE = 20.0  # seconds between two lines of progress where there is no terminal
 
 
 def safe_streams() -> None:
@@ -157,10 +159,10 @@ def _is_word(value: object) -> bool:
 def progress(title: str) -> Iterator[Callable[..., None]]:
     """Bar on standard error while the block runs; call what it yields with (count, total, optional words).
 
-    The bar appears after a second, so a quick command prints none, and only on a terminal.
+    The bar appears after a second, so a quick command prints none. Without a terminal it is a line every 20 s.
     """
     if not sys.stderr.isatty():
-        yield lambda count, total, words="": None
+        yield _lines_of_progress(title)
         return
     state: dict[str, Any] = {"total": None, "completed": 0, "description": escape_controls(title)}
     bars: list[Any] = []
@@ -199,6 +201,19 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
         refresh()
         for bar in bars:
             bar.stop()
+
+
+def _lines_of_progress(title: str) -> Callable[..., None]:
+    """Prints a line where the last one is old enough."""
+    printed = time.monotonic()
+
+    def update(count: int, total: int, words: str = title) -> None:
+        nonlocal printed
+        if time.monotonic() - printed >= _PAUSE:
+            printed = time.monotonic()
+            note(f"{words}: {count} of {total}")
+
+    return update
 
 
 def with_bar(items: Sequence[T], title: str) -> Iterator[T]:

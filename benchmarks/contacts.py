@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from swashtwin.foundation import MPa, celsius, mm, rpm, um
+from swashtwin.foundation import MPa, celsius, deg, mm, rpm, um
 from swashtwin.physics import SlipperContact, Twin, carry_over, film_of, with_film
 from swashtwin.physics.contacts.loose_slipper import loose_motion
+from swashtwin.physics.contacts.riding import ride
 from swashtwin.physics.excitation import impacts
 from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, SwashPlateDefect, load_pump
 
@@ -45,6 +46,34 @@ def contact_table() -> None:
         print(
             f"{name:18}{check.lowest / 1e3:10.2f}{check.pulling:9.0%}{check.hold_down / 1e3:14.2f}"
             f"{level(twin):8.3f}{level(lifting):11.3f}"
+        )
+
+
+def law_table() -> None:
+    """A recess of 0.07 mm by the law of its contact: what films would have to do, and the line at 28 f_s."""
+    recess = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
+    lifting = SlipperContact(one_sided=True)
+    for pressure in (5, 10, 15):
+        twin = Twin(PUMP, AT_15.replaced(discharge_pressure=MPa(pressure)))
+        laws = {
+            "healthy": twin,
+            "shared": twin.with_fault(recess),
+            "shared, --one-sided": replace(twin, fault=recess, contact=lifting),
+            "physical": twin.with_fault(replace(recess, contact="physical")),
+            "lift_off": twin.with_fault(replace(recess, contact="lift_off")),
+        }
+        for name, member in laws.items():
+            check, line = member.contact_check(), np.flatnonzero(member.orders == 28)[0]
+            lines = member.acceleration().abs().numpy()[0]
+            print(
+                f"{pressure:2} MPa {name:20} lowest {check.lowest / 1e3:6.2f} kN, pulling {check.pulling:4.0%}, "
+                f"28 f_s {lines[line]:.3f}, rms {level(member):.3f} m/s^2"
+            )
+    for depth, degrees in ((0.07, 270), (0.07, 90), (0.6, 270), (0.6, 90)):
+        rode = ride(PUMP, AT_15, replace(recess, depth=mm(depth), angle=deg(degrees)))
+        print(
+            f"{depth} mm at {degrees} deg: in flight {rode.in_flight:.2%} of a turn, "
+            f"highest contact force {rode.force.max() / 1e3:.2f} kN"
         )
 
 
@@ -105,5 +134,6 @@ def deviations(twin: Twin) -> np.ndarray:
 if __name__ == "__main__":
     torch.set_num_threads(1)
     contact_table()
+    law_table()
     loose_table()
     film_table()

@@ -29,6 +29,7 @@ FAULTS: tuple[Fault | None, ...] = (
     SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24)),
     SwashPlateDefect(depth=mm(0.3), length=mm(30), width=mm(24), contact="literal", angle=4.5),
     SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), contact="physical"),
+    SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), contact="lift_off"),
     SwashPlateDefect(depth=mm(0.2), length=mm(10), width=mm(24), off_axis=False, gain=0.5),
     BoreDefect(um(300)),
     ValvePlateWear(um(8)),

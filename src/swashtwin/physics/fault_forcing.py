@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
+from swashtwin.physics.contacts.riding import riding_lines
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
 from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines
 from swashtwin.physics.recess import recess_of
@@ -33,7 +34,7 @@ from swashtwin.pump import (
 from swashtwin.pump import InterfaceValue as Value
 
 CONTACT_CUTOFF = 4000.0
-"""Frequency [Hz] above which a slipper's contact no longer follows a recess (``contact="physical"``); an estimate."""
+"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film; an estimate."""
 
 
 def excitation_lines(
@@ -54,6 +55,8 @@ def motion_lines(
     recess = recess_of(fault)
     if recess is None:
         return np.zeros(n_lines, dtype=complex)
+    if recess.contact == "lift_off":
+        return riding_lines(pump, condition, recess, n_lines)
     return displacement_lines(pump, condition, recess, n_lines)
 
 
@@ -168,7 +171,7 @@ def fault_action(
         return idle
     slipper, motion = structure.slipper_vector, idle.motion
     share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
-    if recess.contact == "physical":
+    if not recess.strains_films:
         fade = np.exp(-((frequency / (2 * np.pi * CONTACT_CUTOFF)) ** 2))
         inertia = pump.masses.piston_slipper / tilt * frequency**2 * fade
         return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)

@@ -1,9 +1,9 @@
 """Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13 degrees of freedom.
 
 These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
-expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper
-and valve plate faults; a swash plate defect acts on them only with ``contact="physical"``; the other faults leave them
-as in a healthy pump.
+expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper and valve
+plate faults; a swash plate defect acts on them only with ``contact="physical"`` or ``"lift_off"``; the other faults
+leave them as in a healthy pump.
 """
 
 import math
@@ -102,7 +102,7 @@ def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
     swept = group.piston_area * lift * np.sin(angle)
     slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
     recess = recess_of(fault)
-    if recess is not None and recess.contact == "physical" and recess.depth > 0:
+    if recess is not None and not recess.strains_films and recess.depth > 0:
         height, slope = slipper_profile(pump, recess, angle)
         volume = volume + group.piston_area * height / math.cos(group.swash_angle)
         swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
@@ -312,7 +312,7 @@ def force_lines(
 def _pressing(case: LoadCase) -> LoadCase:
     """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
     recess = recess_of(case.fault)
-    if recess is not None and recess.contact == "physical":
+    if recess is not None and not recess.strains_films:
         return case
     for effect in (port_change, added_leakage):
         if effect.dispatch(type(case.fault)) is not effect.dispatch(object):

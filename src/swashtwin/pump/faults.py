@@ -161,9 +161,10 @@ class SwashPlateDefect(Fault):
     """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading ``edge`` (ours)."""
     edge: Literal["half_sine", "raised_cosine"] = "half_sine"
     """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does not)."""
-    contact: Literal["shared", "literal", "physical"] = "shared"
+    contact: Literal["shared", "literal", "physical", "lift_off"] = "shared"
     """What one slipper's displacement loads: its own share of the total stiffness (``shared``), all of it (``literal``,
-    the paper's formula as printed), or only inertia, volume and leakage, for a film cannot pull (``physical``)."""
+    the paper's formula as printed), or only inertia, volume and leakage, for a film cannot pull (``physical``); with
+    ``lift_off`` slippers also leave the plate where it falls away too fast for them, and land with an impact."""
     gain: float = 1.0
     """Factor on the excitation; a nuisance that calibration may free."""
     off_axis: bool = True
@@ -173,6 +174,11 @@ class SwashPlateDefect(Fault):
         super().__post_init__()
         if self.length == 0 or self.width == 0:
             raise InputError("SwashPlateDefect.length and width must be positive.")
+
+    @property
+    def strains_films(self) -> bool:
+        """Whether the films are strained, and may be made to pull: ``shared`` and ``literal``."""
+        return self.contact in ("shared", "literal")
 
     def effective_depth(self, slipper_diameter: float) -> float:
         """Depth a rigid slipper reaches [m]: all of it where the recess is longer and wider than the slipper."""

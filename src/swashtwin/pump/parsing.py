@@ -8,10 +8,12 @@ Examples
 14.333333
 >>> read_fault("plunger", clearance="60 um")
 PistonWear(clearance=6e-05, piston=0)
+>>> read_fault("swash_plate", contact="lift_off").contact
+'lift_off'
 """
 
 from dataclasses import fields, replace
-from typing import Any, get_type_hints
+from typing import Any, Literal, get_origin, get_type_hints
 
 from swashtwin.foundation import InputError, parse
 from swashtwin.pump.condition import OperatingCondition
@@ -45,7 +47,7 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
     Raises
     ------
     InputError
-        No such kind (the nearest is offered), no such dimension, or an impossible one.
+        No such kind (the nearest is offered), no such dimension, or an impossible number or word.
     UnitError
         A dimension without a unit, or with one of another dimension.
     """
@@ -57,12 +59,16 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
         if dimensions:
             raise InputError(f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate.")
         return None
-    types = get_type_hints(type(fault))
-    numbers = {item.name: types[item.name] for item in fields(fault) if types[item.name] in (float, int)}
+    types = {item.name: get_type_hints(type(fault))[item.name] for item in fields(fault)}
+    numbers = {item: kind for item, kind in types.items() if kind in (float, int)}
+    words = [item for item, kind in types.items() if get_origin(kind) is Literal]
     values: dict[str, Any] = {}
     for key, text in dimensions.items():
+        if key in words:
+            values[key] = text
+            continue
         if key not in numbers:
-            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join(numbers)}.")
+            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join([*numbers, *words])}.")
         number = parse(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
         if numbers[key] is int and number != int(number):
             raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")

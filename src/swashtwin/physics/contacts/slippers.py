@@ -5,8 +5,8 @@ row, the same for all; where they turn with the rotor (T2), R has three, the mea
 phi_j, sin phi_j). The derivative of c_j is left out of d_j', as it is from the linear twin's constant matrices.
 
 A recess adds share H_j to d_j, share being 1 for ``contact="shared"`` and the piston count for ``"literal"``: what one
-slipper's displacement strains is then its own share of the total stiffness, or all of it. Of a ``"physical"`` recess
-nothing is left here: it strains no film.
+slipper's displacement strains is then its own share of the total stiffness, or all of it. Of a ``"physical"`` or
+``"lift_off"`` recess nothing is left here: it strains no film.
 """
 
 import math
@@ -55,7 +55,7 @@ def distance_rows(pump: Pump, topology: str) -> Float[np.ndarray, "coordinate 13
 def film_share(pump: Pump, fault: Fault | None) -> float:
     """Factor from a slipper's displacement in a recess to the strain of its film; 0 for faults that strain none."""
     recess = recess_of(fault)
-    if recess is None or recess.contact == "physical":
+    if recess is None or not recess.strains_films:
         return 0.0
     return recess.gain * (pump.rotating_group.piston_count if recess.contact == "literal" else 1.0)
 

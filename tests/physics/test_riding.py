@@ -1,0 +1,56 @@
+"""Slippers that ride through a recess one by one, pressed by their chambers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import deg, mm
+from swashtwin.physics import Twin
+from swashtwin.physics.contacts.riding import pressing_force, ride, riding_lines
+from swashtwin.physics.excitation import displacement_lines
+from swashtwin.physics.recess import slipper_profile
+from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+
+SHALLOW = SwashPlateDefect(depth=mm(0.07), contact="lift_off")
+DEEP_UNLOADED = SwashPlateDefect(depth=mm(0.6), angle=deg(90), contact="lift_off")
+
+
+@pytest.mark.parametrize("defect", [SHALLOW, DEEP_UNLOADED])
+def test_no_film_pulls_and_no_slipper_enters_the_plate(
+    pump: Pump, at_15: OperatingCondition, defect: SwashPlateDefect
+) -> None:
+    rode = ride(pump, at_15, defect)
+    surface = slipper_profile(pump, defect, rode.angle)[0]
+    assert rode.force.min() >= 0
+    assert np.all(rode.displacement <= surface)
+    assert rode.displacement.max() == pytest.approx(surface.max())
+
+
+def test_the_plate_gives_back_what_presses_the_slipper(pump: Pump, at_15: OperatingCondition) -> None:
+    rode = ride(pump, at_15, DEEP_UNLOADED)
+    pressed = pressing_force(pump, at_15, rode.angle) / np.cos(pump.rotating_group.swash_angle)
+    assert rode.in_flight > 0.02
+    assert rode.force.max() > 1.5 * pressed.max()
+    assert rode.force.mean() == pytest.approx(pressed.mean(), rel=1e-9)
+
+
+def test_a_loaded_slipper_follows_a_shallow_recess(pump: Pump, at_15: OperatingCondition) -> None:
+    rode = ride(pump, at_15, SHALLOW)
+    assert rode.in_flight == 0
+    lines, ideal = riding_lines(pump, at_15, SHALLOW, 100), displacement_lines(pump, at_15, SHALLOW, 100)
+    np.testing.assert_allclose(lines, ideal, atol=2e-3 * np.abs(ideal).max())
+    assert np.flatnonzero(lines)[0] + 1 == 7
+
+
+def test_one_word_lets_the_line_at_28_orders_stand(pump: Pump, at_15: OperatingCondition) -> None:
+    """Films that pull halve the line at 28 times the shaft's speed; slippers that may lift off leave it nearly."""
+
+    def line(fault: SwashPlateDefect | None) -> float:
+        twin = Twin(pump, at_15, fault)
+        return float(twin.acceleration().abs()[0, np.flatnonzero(twin.orders == 28)[0]])
+
+    healthy = line(None)
+    assert line(SHALLOW) == pytest.approx(healthy, rel=0.02)
+    assert line(replace(SHALLOW, contact="shared")) < 0.6 * healthy
+    assert Twin(pump, at_15, SHALLOW).notes() == ()

@@ -52,7 +52,7 @@ from swashtwin.bench.questions.zero_shot_table import (
     trial_of,
 )
 from swashtwin.bench.results.table import StudyTable, origin_of
-from swashtwin.bench.rigs.writing import SIZES, rig_recordings
+from swashtwin.bench.rigs.writing import RIG_VERSION, SIZES, rig_recordings
 from swashtwin.bench.rivals.composed import NetworkOnView
 from swashtwin.bench.rivals.order_levels import (
     CachedExtractor,
@@ -108,6 +108,7 @@ def run_zero_shot(
     recordings: Sequence[Recording] | None = None,
     *,
     size: str | ZeroShotSettings = "quick",
+    rig_version: str = RIG_VERSION,
     seeds: Iterable[int] = (0,),
     jobs: int = 1,
     progress: Callable[[str, int, int], None] | None = None,
@@ -120,6 +121,7 @@ def run_zero_shot(
     recordings : of several specimens, healthy ones at every pressure; None takes a fleet of the virtual rig for each
         seed.
     size : name in `ZERO_SHOT_SIZES`, or settings.
+    rig_version : version of the virtual rig where there are no `recordings`.
     seeds : each draws the split, the twins, the faults and the weights anew, and the fleet where there are no
         `recordings`.
     jobs : seeds that run side by side.
@@ -138,7 +140,9 @@ def run_zero_shot(
     seeds = tuple(seeds)
     if not seeds:
         raise InputError("the zero-shot study needs a seed.")
-    running = parallel(jobs, return_as="generator")(delayed(_fleet)(recordings, settings, seed) for seed in seeds)
+    running = parallel(jobs, return_as="generator")(
+        delayed(_fleet)(recordings, settings, rig_version, seed) for seed in seeds
+    )
     fleets = []
     for count, fleet in enumerate(running, 1):
         fleets.append(fleet)
@@ -169,10 +173,10 @@ def run_zero_shot(
     return replace(study, answer=answer_of(study))
 
 
-def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, seed: int) -> Fleet:
+def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, rig_version: str, seed: int) -> Fleet:
     torch.set_num_threads(1)
     if recordings is None:
-        recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"])]
+        recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"], version=rig_version)]
     origin = origin_of(recordings)
     data = prepare_zero_shot(recordings, settings, seed)
     views = _views(settings, data)

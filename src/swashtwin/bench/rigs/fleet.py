@@ -81,6 +81,10 @@ class Specimen:
         housing = replace(self.housing, gain=self.housing.gain + _off_diagonal(rng.normal(0, 0.1, (3, 3))))
         return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=housing)
 
+    def truth(self) -> dict[str, object]:
+        """What differs from pump to pump beside the interface values, for the scoring file."""
+        return {"mount": self.mount, "bearing": self.bearing}
+
     def true_values(self) -> dict[str, float]:
         """Interface values by name, for the scoring file."""
         return dict(zip(PARAMETERS, (float(value) for value in self.values), strict=True))

@@ -56,7 +56,8 @@ def slipper_loading(piston_count: int, unloaded: float, orders: Sequence[int]) -
     return fourier_lines(weight / weight.mean())[list(orders)]
 
 
-def _periodic_terms(run: Run, structure: Structure, values: torch.Tensor) -> list[PeriodicTerm]:
+def slipper_terms(run: Run, structure: Structure, values: torch.Tensor) -> list[PeriodicTerm]:
+    """Parts of the slippers' films that turn with the shaft, because those on the suction side are softer."""
     count = run.specimen.pump.rotating_group.piston_count
     orders = [count, 3 * count]
     shape = structure.interface_shapes[0]
@@ -98,7 +99,7 @@ def shell_lines(run: Run, pressure: Complex[np.ndarray, "order 13"]) -> Complex[
         structure.stiffness(values, specimen.mount, specimen.bearing),
         condition.speed,
         force,
-        _periodic_terms(run, structure, values),
+        slipper_terms(run, structure, values),
         tolerance=1e-4,
     )
     rows = structure.sensor_rows.numpy()

@@ -1,8 +1,9 @@
 """Which recordings the virtual rig takes, and how it puts them on disk."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
@@ -14,12 +15,14 @@ from joblib import delayed
 
 from swashtwin.bench.rigs.fleet import Specimen, draw_fault, draw_specimen
 from swashtwin.bench.rigs.measuring import Run, measure
+from swashtwin.bench.rigs.version_two import fleet as version_two
+from swashtwin.bench.rigs.version_two.measuring import measure as measure_two
 from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
-from swashtwin.pump import CLASSES, Fault, OperatingCondition, load_pump
+from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 
 RIG_VERSION = "1"
-"""Changes whenever a recording of the same seed would; the changelog then carries re-measured figures."""
+"""Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
 
 MANIFEST_NAME = "rig.json"
 """File in a rig's folder that says what the rig is, so that a run that was interrupted can go on."""
@@ -64,15 +67,23 @@ class _Slot:
     label: str
     pressure: float
     repeat: int
+    version: str = RIG_VERSION
 
     @property
     def name(self) -> str:
         return f"{self.specimen}_{self.label}_{self.pressure / 1e6:.0f}MPa_{self.repeat}"
 
+    @property
+    def speed(self) -> float:
+        """Set speed [rad/s]: recordings of a cell take turns where there are several."""
+        speeds = VERSIONS[self.version].speeds
+        return speeds[(self.repeat - 1) % len(speeds)]
 
-def _slots(size: RigSize) -> list[_Slot]:
+
+def _slots(size: RigSize, version: str) -> list[_Slot]:
+    require_version(version)
     names = [chr(ord("A") + i) for i in range(size.specimens)]
-    return [_Slot(*key) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
+    return [_Slot(*key, version) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
 
 
 def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None) -> Run:
@@ -86,12 +97,77 @@ def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fau
     return Run(specimen.reassemble(seed, name), condition, fault)
 
 
+@dataclass(frozen=True)
+class RigVersion:
+    """One version of the rig: what its pumps are, how they are run and how they are measured."""
+
+    speeds: tuple[float, ...]
+    """Set speeds [rad/s]."""
+    draw_specimen: Callable[[Pump, str, int], Specimen]
+    """Pump of a name and a seed, made from the nominal one."""
+    run: Callable[[_Slot, Specimen, int], Run]
+    """Measurement of a slot under a seed."""
+    measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
+    """Readings of runs, for a duration [s], at a sample rate [Hz]."""
+
+
+def _first_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
+    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
+    return run_of(slot.name, specimen, slot.pressure, seed, fault)
+
+
+def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+    """A pump that is not reassembled keeps its fault and its assembly in all recordings of a class."""
+    if not isinstance(specimen, version_two.SecondSpecimen):
+        raise TypeError(f"{specimen.name} is no pump of version 2 of the rig.")
+    purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
+    fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
+    rng = stream(seed, "condition of version 2", slot.name)
+    condition = OperatingCondition(
+        speed=slot.speed * (1 - rng.uniform(0.002, 0.008) * slot.pressure / MPa(15)),
+        discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.96, 1.04),
+        oil_temperature=celsius(rng.uniform(28, 62)),
+    )
+    return Run(specimen.reassemble(seed, purpose), condition, fault)
+
+
+VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
+    {
+        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure),
+        "2": RigVersion((SPEED, rpm(1120)), version_two.draw_specimen, _second_run, measure_two),
+        "2-deep": RigVersion(
+            (SPEED, rpm(1120)), version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two
+        ),
+    }
+)
+"""Versions of the rig (docs/rig.md); ``2-deep`` is version 2 with the paper's recess of 0.6 mm."""
+
+
+def require_version(version: str) -> None:
+    """Refuse a version that there is not.
+
+    Raises
+    ------
+    InputError
+        It is none of `VERSIONS`.
+    """
+    if version not in VERSIONS:
+        raise InputError(f"rig version {version!r} is unknown; choose one of {', '.join(VERSIONS)}.")
+
+
 def recording_of(
-    name: str, label: str, pressure: float, run: Run, signal: Float[np.ndarray, "sensor time"]
+    name: str,
+    label: str,
+    pressure: float,
+    run: Run,
+    signal: Float[np.ndarray, "sensor time"],
+    *,
+    speed: float = SPEED,
+    version: str = RIG_VERSION,
 ) -> Recording:
-    """Recording `name` of a run: it states the set pressure [Pa] and speed, not those that held."""
+    """Recording `name` of a run: it states the set pressure [Pa] and speed [rad/s], not those that held."""
     stated = OperatingCondition(
-        speed=SPEED,
+        speed=speed,
         discharge_pressure=pressure,
         oil_temperature=celsius(round(run.condition.oil_temperature - celsius(0))),
     )
@@ -103,26 +179,34 @@ def recording_of(
         label=label,
         condition=stated,
         specimen=run.specimen.name,
-        attributes={"origin": f"swashtwin virtual rig, version {RIG_VERSION}"},
+        attributes={"origin": f"swashtwin virtual rig, version {version}"},
     )
 
 
 def rig_recordings(
-    seed: int, size: RigSize, *, labels: Sequence[str] = CLASSES, batch: int = 30, jobs: int = 1
+    seed: int,
+    size: RigSize,
+    *,
+    labels: Sequence[str] = CLASSES,
+    version: str = RIG_VERSION,
+    batch: int = 30,
+    jobs: int = 1,
 ) -> Iterator[tuple[Recording, Run]]:
     """Recordings of the rig, one by one, each with the truth behind it.
 
     What a recording states of its condition is what was set and a thermometer read to a degree; the pressure and the
-    speed that really held were up to 3 % and 0.3 % off, and nothing downstream learns them.
+    speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and 0.8 %), and nothing downstream learns
+    them.
 
     Parameters
     ----------
     seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
     labels : classes to record.
+    version : name in `VERSIONS`.
     batch : recordings computed together.
     jobs : processes that compute batches side by side; the samples do not depend on it.
     """
-    slots = [slot for slot in _slots(size) if slot.label in labels]
+    slots = [slot for slot in _slots(size, version) if slot.label in labels]
     return _measured(slots, size.duration, seed, batch=batch, jobs=jobs)
 
 
@@ -141,12 +225,12 @@ def _measured(
 
 def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
     nominal = load_pump("25scy14-1b")
-    return {name: draw_specimen(nominal, name, seed) for name in dict.fromkeys(slot.specimen for slot in slots)}
+    versions = {slot.specimen: VERSIONS[slot.version] for slot in slots}
+    return {name: version.draw_specimen(nominal, name, seed) for name, version in versions.items()}
 
 
 def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
-    return run_of(slot.name, specimen, slot.pressure, seed, fault)
+    return VERSIONS[slot.version].run(slot, specimen, seed)
 
 
 def _measure_batch(
@@ -154,11 +238,13 @@ def _measure_batch(
 ) -> list[tuple[Recording, Run]]:
     torch.set_num_threads(1)
     runs = [_run_of(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
-    signals = measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
-    return [
-        (recording_of(slot.name, slot.label, slot.pressure, run, signal), run)
-        for slot, run, signal in zip(slots, runs, signals, strict=True)
-    ]
+    version = VERSIONS[slots[0].version]
+    signals = version.measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
+    return [(_recording(slot, run, signal), run) for slot, run, signal in zip(slots, runs, signals, strict=True)]
+
+
+def _recording(slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]) -> Recording:
+    return recording_of(slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version)
 
 
 def _truth(run: Run) -> dict[str, object]:
@@ -176,6 +262,7 @@ def build_rig(
     *,
     seed: int,
     size: str | RigSize = "small",
+    version: str = RIG_VERSION,
     file_format: str = "h5",
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -189,6 +276,7 @@ def build_rig(
     folder : new or empty folder, or one that an earlier run with equal arguments left, finished or not.
     seed : which fleet.
     size : name in `SIZES`, or a size of one's own.
+    version : name in `VERSIONS`.
     file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
     jobs : processes that work side by side.
     progress : called with recordings done and in all.
@@ -196,15 +284,15 @@ def build_rig(
     Raises
     ------
     InputError
-        The folder holds something else, or a rig of other arguments; or the size is unknown.
+        The folder holds something else, or a rig of other arguments; or the size or the version is unknown.
     """
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
     plan = SIZES[size] if isinstance(size, str) else size
-    settings = {"rig_version": RIG_VERSION, "seed": seed, "size": asdict(plan), "format": file_format}
+    slots = _slots(plan, version)
+    settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": file_format}
     open_pieces(folder, MANIFEST_NAME, settings)
-    slots = _slots(plan)
     files = [Path(slot.specimen) / f"{slot.name}.{file_format}" for slot in slots]
     path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
     missing = [slot for slot in slots if not path_of[slot.name].is_file()]
@@ -215,13 +303,13 @@ def build_rig(
     fleet = _fleet(slots, seed)
     runs = {slot.name: _run_of(slot, fleet[slot.specimen], seed) for slot in slots}
     truth = {
-        "rig_version": RIG_VERSION,
+        "rig_version": version,
         "seed": seed,
         "size": asdict(plan),
-        "specimens": {name: {"mount": specimen.mount, "bearing": specimen.bearing} for name, specimen in fleet.items()},
+        "specimens": {name: specimen.truth() for name, specimen in fleet.items()},
         "recordings": {name: _truth(run) for name, run in runs.items()},
     }
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
     silent = np.zeros((len(load_pump("25scy14-1b").channels), 1))
-    described = [recording_of(slot.name, slot.label, slot.pressure, runs[slot.name], silent) for slot in slots]
+    described = [_recording(slot, runs[slot.name], silent) for slot in slots]
     return write_index(described, files, folder / "recordings.toml")

@@ -16,7 +16,7 @@ from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate,
 from swashtwin.foundation import DataError, file_name
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
-from swashtwin.pump import OperatingCondition, group_by_condition
+from swashtwin.pump import SPEED_TOLERANCE, OperatingCondition, group_by_condition, merge_close_values
 from swashtwin.recordings import Recording
 
 
@@ -105,11 +105,12 @@ class StudyDataset:
         roles = {"train": train, **tests, "calibration": set(self.calibrated_on), "reference": self.split.references}
         return {name: sorted(ids) for name, ids in roles.items()}
 
-    def condition(self) -> OperatingCondition:
-        """Operating condition of the scarce cells: their pressure, at the speed of the training recordings."""
-        return OperatingCondition(
-            speed=float(np.nanmean(self.measured.speed)), discharge_pressure=self.scenario.pressure
-        )
+    def conditions(self) -> list[OperatingCondition]:
+        """Operating conditions of the scarce cells: their pressure, at each speed of the training recordings."""
+        speeds = self.measured.speed
+        level = merge_close_values(speeds, SPEED_TOLERANCE)
+        means = [float(speeds[level == speed].mean()) for speed in np.unique(level[~np.isnan(level)])]
+        return [OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure) for speed in means]
 
     def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""

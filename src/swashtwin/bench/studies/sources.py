@@ -43,9 +43,11 @@ class Fleets:
     """A fleet of the virtual rig for each seed, built once and kept."""
 
     folder: Path
-    """Where they lie, as ``rig-SIZE-SEED``."""
+    """Where they lie, as ``rig-SIZE-SEED``, or ``rigVERSION-SIZE-SEED`` where the version is not 1."""
     size: str = "small"
     """Name in `rig.SIZES`."""
+    version: str = RIG_VERSION
+    """Name in `rig.VERSIONS`."""
     jobs: int = 1
     """Processes that build one."""
     progress: Callable[[int, int], None] | None = None
@@ -53,16 +55,17 @@ class Fleets:
 
     def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
         """The fleet of that seed, of which is built what does not lie there yet."""
-        folder = Path(self.folder) / f"rig-{self.size}-{seed}"
+        name = "rig" if self.version == RIG_VERSION else f"rig{self.version}"
+        folder = Path(self.folder) / f"{name}-{self.size}-{seed}"
         if not (folder / "recordings.toml").is_file():
-            build_rig(folder, seed=seed, size=self.size, jobs=self.jobs, progress=self.progress)
+            build_rig(folder, seed=seed, size=self.size, version=self.version, jobs=self.jobs, progress=self.progress)
         recordings = list(load_recordings(folder))
-        require_rig(folder, recordings, SIZES[self.size])
+        require_rig(folder, recordings, SIZES[self.size], self.version)
         return recordings, fingerprint_of(recordings)
 
 
-def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize) -> None:
-    """Refuse a folder that holds other recordings than a whole rig of that size and this version.
+def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize, version: str = RIG_VERSION) -> None:
+    """Refuse a folder that holds other recordings than a whole rig of that size and version.
 
     Raises
     ------
@@ -71,5 +74,5 @@ def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize) ->
     """
     origin = recordings[0].attributes.get("origin", "")
     is_whole = len(recordings) == size.specimens * size.repeats * 15
-    if not (origin.endswith(f"version {RIG_VERSION}") and is_whole):
+    if not (origin.endswith(f"version {version}") and is_whole):
         raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from types import MappingProxyType
 from typing import Any
 
@@ -163,12 +164,12 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
 
 
 def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:
-    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each training specimen, and what
-    their calibrations leave open, where it is to be drawn from."""
-    scenario, condition = dataset.scenario, dataset.condition()
+    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and training specimen,
+    and what their calibrations leave open, where it is to be drawn from."""
+    scenario, conditions = dataset.scenario, dataset.conditions()
     faults = scenario.faults[label] if label != "normal" else (None,)
     if by == "nominal":
-        return [Twin(scenario.pump, condition, fault) for fault in faults], None
-    calibrations = dataset.calibrations_for(label)
-    twins = [calibration.twin.at(condition).with_fault(fault) for fault in faults for calibration in calibrations]
-    return twins, [calibration.posterior for _ in faults for calibration in calibrations] if by == "posterior" else None
+        return [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions], None
+    simulated = list(product(faults, conditions, dataset.calibrations_for(label)))
+    twins = [calibration.twin.at(condition).with_fault(fault) for fault, condition, calibration in simulated]
+    return twins, [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.bench.results import tell_study, typed_command
+from swashtwin.cli.bench.rig import RigVersionName, VersionOfRig, require_rig_for
 from swashtwin.cli.console import note, progress
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Json, Seed, as_folder, read_seeds, read_words
@@ -99,6 +100,7 @@ def plan_command(study: str) -> Callable[..., None]:
     def command(
         source: OptionalIndex = None,
         rig: Rig = False,
+        rig_version: VersionOfRig = RigVersionName.first,
         size: Size = StudySize.quick,
         seeds: Seeds = "0",
         out: Out = None,
@@ -114,6 +116,7 @@ def plan_command(study: str) -> Callable[..., None]:
     ) -> None:
         if (source is None) is not rig:
             raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
+        require_rig_for(rig_version, rig)
         if rig and out is None:
             raise typer.BadParameter("is needed by --rig: the fleets are built into it.", param_hint="--out")
         numbers = read_seeds(seeds)
@@ -129,7 +132,7 @@ def plan_command(study: str) -> Callable[..., None]:
         if window is not None:
             plan = plan.of_window(window)
         workers = Workers(jobs, backend.value, address)
-        _run_plan(plan, source, numbers, out, workers, device.value, as_json)
+        _run_plan(plan, source, rig_version.value, numbers, out, workers, device.value, as_json)
 
     command.__doc__ = STUDIES[study]
     return command
@@ -138,6 +141,7 @@ def plan_command(study: str) -> Callable[..., None]:
 def _run_plan(
     plan: "Plan",
     source: Path | None,
+    rig_version: str,
     seeds: list[int],
     out: Path | None,
     workers: "Workers",
@@ -161,7 +165,13 @@ def _run_plan(
             data: SameRecordings | Fleets = SameRecordings(load_recordings(source))
         else:
             rig = {"quick": "small", "paper": "paper"}[plan.size]
-            data = Fleets(Path(out or "."), rig, workers.jobs, lambda *count: show_step("recording on the rig", *count))
+            data = Fleets(
+                Path(out or "."),
+                rig,
+                rig_version,
+                workers.jobs,
+                lambda *count: show_step("recording on the rig", *count),
+            )
         result = run_plan(
             plan,
             data,

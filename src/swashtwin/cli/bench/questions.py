@@ -8,6 +8,7 @@ import typer
 
 from swashtwin.cli.bench.plans import OptionalIndex, Size, StudySize
 from swashtwin.cli.bench.results import tell_study, typed_command
+from swashtwin.cli.bench.rig import RigVersionName, VersionOfRig, require_rig_for
 from swashtwin.cli.console import progress
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, Window, as_folder, read_seeds, read_words
@@ -245,6 +246,7 @@ def fault_map(seeds: FleetSeeds = "2,3", out: ReportFolder = None, jobs: Jobs = 
 def zero_shot(
     source: OptionalIndex = None,
     rig: Annotated[bool, typer.Option("--rig", help="A fleet of the virtual rig for each seed.")] = False,
+    rig_version: VersionOfRig = RigVersionName.first,
     size: Size = StudySize.quick,
     seeds: Seeds = "0",
     out: ReportFolder = None,
@@ -257,11 +259,13 @@ def zero_shot(
 
     if (source is None) is not rig:
         raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")
+    require_rig_for(rig_version, rig)
     numbers = read_seeds(seeds)
     with progress("zero-shot") as bar:
         study = run_zero_shot(
             None if source is None else list(load_recordings(source)),
             size=size.value,
+            rig_version=rig_version.value,
             seeds=numbers,
             jobs=jobs,
             progress=lambda step, count, total: bar(count, total, f"zero-shot: {step}"),

@@ -34,6 +34,29 @@ class RigSizeName(StrEnum):
     paper = "paper"
 
 
+class RigVersionName(StrEnum):
+    """Versions of the rig."""
+
+    first = "1"
+    second = "2"
+    second_deep = "2-deep"
+
+
+VersionOfRig = Annotated[
+    RigVersionName,
+    typer.Option(
+        "--rig-version",
+        help="Version of the virtual rig: 1, 2 which shares less with the twin, or 2-deep with the paper's recess.",
+    ),
+]
+
+
+def require_rig_for(version: RigVersionName, rig: bool) -> None:
+    """Refuse a version of the rig where none is built."""
+    if version is not RigVersionName.first and not rig:
+        raise typer.BadParameter("chooses among the rig's versions; give --rig too.", param_hint="--rig-version")
+
+
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the rig and the report.", callback=as_folder)] = Path(
         "swashtwin-demo"
@@ -71,15 +94,18 @@ def rig(
     out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
     seed: Seed = 0,
     size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
+    version: VersionOfRig = RigVersionName.first,
     file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
     as_json: Json = False,
 ) -> None:
     """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
-    from swashtwin.bench import RIG_VERSION, build_rig
+    from swashtwin.bench import build_rig
 
     with resumable("finished recordings are kept; the same command continues"), progress("recording") as bar:
-        index_file = build_rig(out, seed=seed, size=size.value, file_format=file_format.value, progress=bar)
-    result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": RIG_VERSION}
+        index_file = build_rig(
+            out, seed=seed, size=size.value, version=version.value, file_format=file_format.value, progress=bar
+        )
+    result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": version.value}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
 
 

@@ -1,0 +1,1 @@
+"""Version 2 of the virtual rig: a machine that no twin of ours contains (docs/rig.md says what it still shares)."""

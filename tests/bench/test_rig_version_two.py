@@ -14,8 +14,11 @@ from swashtwin.bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, d
 from swashtwin.bench.rigs.version_two.measuring import bore_force
 from swashtwin.bench.rigs.version_two.sounds import bursts, impacts_of, loudness
 from swashtwin.bench.rigs.writing import RigSize
+from swashtwin.bench.studies.dataset import prepare
+from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.bench.studies.sources import Fleets, require_rig
-from swashtwin.foundation import DataError, InputError, rpm, um
+from swashtwin.bench.studies.training_sets import twins_of
+from swashtwin.foundation import DataError, InputError, MPa, rpm, um
 from swashtwin.physics import excitation_lines
 from swashtwin.pump import BoreDefect, OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.recordings import inspect_recordings, load_recordings
@@ -123,6 +126,15 @@ def test_the_deep_version_has_the_papers_recess() -> None:
     shallow = draw_fault("swash_plate", "A", 0, "A_swash_plate")
     assert shallow is not None
     assert shallow.severity < 0.3e-3
+
+
+def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    recordings = [r for r, _ in rig_recordings(0, RigSize(specimens=3, repeats=3, duration=0.4), version="2")]
+    dataset = prepare(recordings, Scenario(windows=2, scarce_windows=2, held_out=1), 0, [])
+    assert [condition.speed for condition in dataset.conditions()] == pytest.approx([rpm(860), rpm(1120)])
+    twins, _ = twins_of(dataset, "nominal", "valve_plate")
+    assert len(twins) == 4
 
 
 def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,6 +53,15 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     assert "case1" in run("report", tmp_path / "out", "--out", tmp_path / "page").stdout
 
 
+def test_a_study_on_version_two_keeps_its_fleets_beside_those_of_version_one(tiny: None, tmp_path: Path) -> None:
+    words = ("bench", "case1", "--rig", "--rig-version", "2", "--out", tmp_path, "--jobs", 1)
+    words = (*words, "--classifiers", "extra_trees", "--training-sets", "measured,nominal")
+    assert {row["training_set"] for row in run_json(*words)["rows"]} == {"measured", "nominal"}
+    assert (tmp_path / "rig2-small-0" / "recordings.toml").is_file()
+    refused = run("bench", "case1", tmp_path / "rig2-small-0", "--rig-version", "2", code=2)
+    assert "--rig-version" in refused.stderr
+
+
 def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> None:
     assert "no finished run" in one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
 

@@ -1,4 +1,4 @@
-"""How hard the virtual rig's versions are for trees trained on measured windows alone (docs/rig.md).
+"""How hard the virtual rig's versions are for trees trained on measured windows alone (docs/bench/rig.md).
 
 Extra trees on time statistics, bands and envelopes of windows of 80 ms; six pumps, every class and pressure, four
 recordings of one second. L2: a pump's first, then its last recordings are left out. L4: two pumps at a time are.

@@ -1,7 +1,8 @@
 """Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13 degrees of freedom.
 
 These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
-expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper and valve
+expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper
+and valve
 plate faults; a swash plate defect acts on them only with ``contact="physical"`` or ``"lift_off"``; the other faults
 leave them as in a healthy pump.
 """

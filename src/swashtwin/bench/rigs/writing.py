@@ -140,7 +140,7 @@ VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
         ),
     }
 )
-"""Versions of the rig (docs/rig.md); ``2-deep`` is version 2 with the paper's recess of 0.6 mm."""
+"""Versions of the rig (docs/bench/rig.md); ``2-deep`` is version 2 with the paper's recess of 0.6 mm."""
 
 
 def require_version(version: str) -> None:

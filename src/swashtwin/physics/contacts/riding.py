@@ -7,7 +7,7 @@ No film holds a slipper down. Over the swash plate's surface H (`recess`) the di
 F being the force along the shaft that presses it on: of its chamber, of its share in the central spring and of its own
 acceleration on the tilted plane. Where the surface falls away faster than F moves the slipper, or throws it off at the
 end of the recess, its contact force (F - m s'' / cos gamma) / cos gamma is zero until it lands. It does not rebound:
-the film damps m within C_sw / n, in less than a microsecond. Ours; docs/physics.md, section 2.5.
+the film damps m within C_sw / n, in less than a microsecond. Ours; docs/explanation/physics.md, section 2.5.
 """
 
 import math

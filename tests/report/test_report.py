@@ -14,8 +14,8 @@ import pytest
 from stub_runs import ORIGIN, run, scored
 
 from swashtwin.bench import StudyResult, plan_of, rig_recordings, write_study_report
+from swashtwin.bench.results.reported import paper_words
 from swashtwin.bench.results.study_figures import accuracy_drawing
-from swashtwin.bench.results.study_part import paper_words
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.studies.runner import assemble_result
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate

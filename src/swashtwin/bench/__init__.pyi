@@ -1,6 +1,9 @@
 """Names that other rooms import, and where each lives."""
 
 from .fillers.registry import FILLERS as FILLERS
+from .paper.page import write_paper_page as write_paper_page
+from .paper.running import EXPERIMENTS as EXPERIMENTS
+from .paper.running import run_paper as run_paper
 from .public.bearing_life import run_bearing_life as run_bearing_life
 from .public.default_training import run_public_default as run_public_default
 from .public.readers.registry import read_public_set as read_public_set
@@ -49,6 +52,7 @@ from .studies.workers import Workers as Workers
 __all__ = [
     "BACKGROUNDS",
     "CONTENDERS",
+    "EXPERIMENTS",
     "FILLERS",
     "RIG_VERSION",
     "SIZES",
@@ -82,6 +86,7 @@ __all__ = [
     "run_leakage",
     "run_listening",
     "run_misspecification",
+    "run_paper",
     "run_plan",
     "run_public",
     "run_public_default",
@@ -91,5 +96,6 @@ __all__ = [
     "run_tuning",
     "run_wrong_twins",
     "run_zero_shot",
+    "write_paper_page",
     "write_study_report",
 ]

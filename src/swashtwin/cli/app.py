@@ -23,7 +23,7 @@ from swashtwin.cli import (
     watch_demo,
     watching,
 )
-from swashtwin.cli.bench import plans, questions, rig
+from swashtwin.cli.bench import paper, plans, questions, rig
 from swashtwin.cli.console import safe_streams
 from swashtwin.cli.exits import GuardedGroup
 from swashtwin.foundation import keep_freed_memory
@@ -67,6 +67,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
         {
             "rig": rig.rig,
             "augment": rig.augment,
+            "paper": paper.paper,
             **{name: plans.plan_command(name) for name in plans.STUDIES},
             "alarms": questions.alarms,
             "calibration": questions.calibration,

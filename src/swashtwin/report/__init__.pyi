@@ -22,6 +22,7 @@ from .page import Picture as Picture
 from .page import Section as Section
 from .page import SectionOrder as SectionOrder
 from .page import Table as Table
+from .page import drawings as drawings
 from .scores_part import levels_table as levels_table
 from .style import CALIBRATED as CALIBRATED
 from .style import LIGHT as LIGHT
@@ -55,6 +56,7 @@ __all__ = [
     "class_colors",
     "comparison_table",
     "confusion_drawing",
+    "drawings",
     "facts_table",
     "figure_style",
     "flatten_settings",

@@ -8,6 +8,7 @@ from typing import Any
 from swashtwin.bench.results.answers import case_answer
 from swashtwin.bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
 from swashtwin.bench.results.naming import classifier_words, training_set_words
+from swashtwin.bench.results.reported import PAPER_STUDY, is_reported, paper_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Outcome
 from swashtwin.bench.results.study_figures import (
@@ -42,55 +43,6 @@ from swashtwin.report import (
     words,
 )
 
-_PAPER: tuple[tuple[str, dict[str, str], str], ...] = (
-    ("case1", {"training_set": "measured"}, "accuracy 0.812"),
-    ("case1", {"training_set": "calibrated"}, "accuracy, recall and F1 0.98; G-mean 0.9748"),
-    ("case2", {"training_set": "calibrated"}, "accuracy and recall 0.9240, F1 0.9236; G-mean 0.9029"),
-    *(("algorithms", {"classifier": name}, "accuracy 0.98") for name in ("spectral_bitcn", "bitcn")),
-    *(
-        ("algorithms", {"classifier": name}, "more than 8 points below BiTCN")
-        for name in ("tcn", "lstm", "bilstm", "bigru")
-    ),
-    *(
-        ("ablation", {"classifier": name}, "below the full model")
-        for kind in ("spectral", "bitcn")
-        for name in (f"{kind}_ordinary", f"{kind}_no_attention", f"{kind}_forward")
-    ),
-    *(
-        (
-            "noise",
-            {"classifier": name, "training_set": "calibrated", "perturbation": test},
-            f"accuracy {accuracy}",
-        )
-        for name in ("spectral_bitcn", "bitcn")
-        for test, accuracy in (("clean", "0.980"), ("5 dB", "0.910"))
-    ),
-    ("noise", {"classifier": "tcn", "training_set": "calibrated", "perturbation": "5 dB"}, "9 points below BiTCN"),
-    ("noise", {"classifier": "lstm", "training_set": "calibrated", "perturbation": "5 dB"}, "11 points below BiTCN"),
-)
-"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and BiTCN, by study and row."""
-
-
-def paper_words(study: StudyResult, key: dict[str, str]) -> str:
-    """What the paper prints for a row; nothing at other levels than the nearest, or of rivals beside the study.
-
-    Beside a network that the paper does not have, such as ours, it says whose figure it is.
-    """
-    if key["level"] != "L2" or key["classifier"] in study.rival_names:
-        return ""
-    matches = [
-        (conditions, text)
-        for name, conditions, text in _PAPER
-        if name == study.study and conditions.items() <= key.items()
-    ]
-    if not matches:
-        return ""
-    conditions, text = matches[0]
-    name = key["classifier"]
-    is_papers = name == "bitcn_paper" or ("classifier" in conditions and not name.startswith(("spectral_", "bitcn")))
-    return text if is_papers else f"the paper's BiTCN: {text}"
-
-
 _METRICS = {
     "accuracy": ("accuracy", "accuracy"),
     "recall": ("macro recall", "macro_recall"),
@@ -114,7 +66,7 @@ def study_part(study: StudyResult, key: str) -> Part:
     sections.append(Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
     return Part(
         title=study.title,
-        answer=case_answer(study) if study.study in ("case1", "case2") else study.answer,
+        answer=case_answer(study) if study.study.removeprefix(PAPER_STUDY) in ("case1", "case2") else study.answer,
         notice=study.origin,
         sections=tuple(sections),
         results={
@@ -200,7 +152,7 @@ def metrics_table(study: StudyResult) -> Table:
         [*study.rows(), *study.rows(rivals=True)],
         key=lambda row: (row["level"], row["classifier"] in study.rival_names),
     )
-    with_paper = any(name == study.study for name, *_ in _PAPER)
+    with_paper = is_reported(study)
     rows = []
     for row in table:
         key = {name: row[name] for name in study.factors}
@@ -253,7 +205,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
 
 
 def _about_the_paper(study: StudyResult) -> list[Paragraph]:
-    if not any(name == study.study for name, *_ in _PAPER):
+    if not is_reported(study):
         return []
     return [
         Paragraph(

@@ -69,6 +69,31 @@ class NetworkOnView:
         return self.classifier.embed(self.view(windows))
 
 
+@dataclass(frozen=True, eq=False)
+class UnlistedClassifier:
+    """A classifier that names none of its training recordings, so that other windows of them may be tested on.
+
+    Only for tests on random windows, level L0, which show how much of a score is leak.
+    """
+
+    classifier: Classifier
+    """The classifier that answers."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+        return self.classifier.classes
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        """Probability of each class for each window."""
+        return self.classifier.predict_proba(windows)
+
+
 def first_sensors(windows: WindowSet, count: int) -> WindowSet:
     """The windows with their first `count` channels only."""
     return replace(windows, signal=windows.signal[:, :count], channels=windows.channels[:count])

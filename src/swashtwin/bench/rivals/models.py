@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,7 @@ def train_model(
     seed: int,
     manifest: Iterable[str] = (),
     device: str = "cpu",
+    checkpoint: Path | None = None,
 ) -> Classifier:
     """The model, trained.
 
@@ -206,6 +208,7 @@ def train_model(
     seed : seed of weights, order and trees.
     manifest : recordings that had a part without standing in `train`.
     device : where a network is trained; baselines take the CPU.
+    checkpoint : file that a network trained once saves to after each epoch and goes on from; deleted at the end.
     """
     if model.kind == THRESHOLD:
         return _threshold(train, manifest)
@@ -217,8 +220,22 @@ def train_model(
     heard = train if view is None else view(train)
     network = build_network(model.kind, heard.n_channels, len(heard.classes), **model.network)
     seeds = (seed, *(derive_seed(seed, "training", number) for number in range(1, model.trainings)))
-    used = tuple(manifest)
-    fitted = [fit(network, heard, settings=model.training, seed=seed, manifest=used, device=device) for seed in seeds]
+    used, path = tuple(manifest), checkpoint if model.trainings == 1 else None
+    fitted = [
+        fit(
+            network,
+            heard,
+            settings=model.training,
+            seed=seed,
+            manifest=used,
+            device=device,
+            checkpoint=path,
+            resume=path is not None,
+        )
+        for seed in seeds
+    ]
+    if path is not None:
+        path.unlink(missing_ok=True)
     members = fitted if view is None else [NetworkOnView(classifier, view) for classifier in fitted]
     return members[0] if model.trainings == 1 else Ensemble(tuple(members))
 

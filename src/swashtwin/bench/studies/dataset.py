@@ -11,7 +11,8 @@ import torch
 
 from swashtwin.bench.results.runs import FORMAT
 from swashtwin.bench.studies.cells import classes_of, cut_evenly
-from swashtwin.bench.studies.scenario import Scenario, ScenarioSplit, split_scenario
+from swashtwin.bench.studies.random_windows import deal_windows
+from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
 from swashtwin.foundation import DataError, file_name
 from swashtwin.learning import WindowSet, cut_windows
@@ -187,20 +188,27 @@ def prepare(
         measured = measured + _scarce_windows(
             [recording for name, recording in by_id.items() if name in ids], scenario, measured
         )
-    tests = {level: [by_id[i] for i in sorted(ids)] for level, ids in split.tests.items()}
+    tests = {level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured) for level, ids in split.tests.items()}
+    if RANDOM_WINDOWS in tests:
+        measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
     return StudyDataset(
         seed=seed,
         scenario=scenario,
         measured=measured,
-        tests={level: cut_test(level_recordings, scenario, measured) for level, level_recordings in tests.items()},
-        test_recordings={level: tuple(level_recordings) for level, level_recordings in tests.items()}
+        tests=tests,
+        test_recordings={level: _recordings_of(windows, by_id) for level, windows in tests.items()}
         if noisy_tests
         else {},
-        train_recordings=tuple(by_id[i] for i in sorted(set(measured.recording_id.tolist()))) if noisy_training else (),
+        train_recordings=_recordings_of(measured, by_id) if noisy_training else (),
         calibrations={(task.specimen, task.label): calibration for task, calibration in finished},
         calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
         split=split,
     )
+
+
+def _recordings_of(windows: WindowSet, by_id: Mapping[str, Recording]) -> tuple[Recording, ...]:
+    """Recordings that the windows are of, by id."""
+    return tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
 
 
 def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:

@@ -5,17 +5,18 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
 from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
-from swashtwin.bench.rivals.composed import NetworkOnView
+from swashtwin.bench.rivals.composed import NetworkOnView, UnlistedClassifier
 from swashtwin.bench.rivals.models import Model, train_model
 from swashtwin.bench.studies.dataset import StudyDataset, cells_of
 from swashtwin.bench.studies.perturbations import Perturbation
-from swashtwin.bench.studies.scenario import Scenario
+from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario
 from swashtwin.bench.studies.training_sets import (
     CALIBRATED_TWINS,
     PAPER_TRAINING_SETS,
@@ -25,6 +26,9 @@ from swashtwin.bench.studies.training_sets import (
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+
+TRAINING_TIME = "training_cpu_s"
+"""CPU time of the training alone [s], among the values of a run."""
 
 CLEAN = "clean"
 """Row of the tests without any perturbation."""
@@ -63,6 +67,9 @@ class Plan:
     """What recordings of the tests are changed by, each once more beside the clean tests."""
     draws: int = 5
     """Draws of each perturbation."""
+    split_seed: int | None = None
+    """Seed of split, twins and synthesis, where only the training is repeated under each seed; by default each seed
+    draws everything anew."""
     notes: tuple[str, ...] = ()
     """Notes that must be read with the numbers."""
     model_notes: Mapping[str, str] = field(default_factory=dict)
@@ -108,6 +115,7 @@ class Plan:
                     "device": device if self.models[model].is_network else "cpu",
                     # called snrs when white noise was all there was; finished runs are found by it
                     "tests": {"snrs": list(map(str, self.perturbations)), "draws": self.draws},
+                    **({} if self.split_seed is None else {"split_seed": self.split_seed}),
                 },
                 data=data,
             )
@@ -176,6 +184,10 @@ class Plan:
         """Whether a task is filled by a calibrated twin."""
         return self.training_sets[task.factors["training_set"]].by in CALIBRATED_TWINS
 
+    def data_seed(self, seed: int) -> int:
+        """Seed of the data that is trained on under `seed`."""
+        return seed if self.split_seed is None else self.split_seed
+
     def position(self, task: Task) -> tuple[int, ...]:
         """Position of a task's row among those of the plan; classifiers that the plan lacks come last."""
         named: tuple[tuple[Mapping[str, Any], str], ...] = (
@@ -208,6 +220,8 @@ class RunFacts:
     """Names of the calibrations behind the twins."""
     values: Mapping[str, float] = field(default_factory=dict)
     """Figures of the synthetic windows."""
+    checkpoint: Path | None = None
+    """File that a training saves to after each epoch and goes on from; it is deleted when the training ends."""
 
 
 def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, facts: RunFacts) -> Run:
@@ -229,14 +243,16 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         seed=task.seed,
         manifest=dataset.manifest,
         device=facts.device,
+        checkpoint=facts.checkpoint,
     )
+    training_cpu_s = time.process_time() - cpu
     outcomes = tuple(_outcomes(classifier, task, plan, dataset))
     tested = dataset.tests
     return Run(
         task=task,
         outcomes=outcomes,
         history=getattr(classifier, "history", ()),
-        values=facts.values,
+        values={**facts.values, TRAINING_TIME: training_cpu_s},
         roles=dataset.roles(),
         fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
         cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},
@@ -258,7 +274,8 @@ def _outcomes(classifier: Classifier, task: Task, plan: Plan, dataset: StudyData
             factors = {**task.factors, "level": level, **varied}
             for repeat in range(plan.draws if perturbation else 1):
                 test = perturbation.of_test(dataset, level, repeat) if perturbation else clean
-                scores = evaluate(classifier, test, level=level)
+                tested = UnlistedClassifier(classifier) if level == RANDOM_WINDOWS else classifier
+                scores = evaluate(tested, test, level=level)
                 yield Outcome(factors, task.seed, scores, scarce_recall(scores, dataset.scenario), repeat)
 
 

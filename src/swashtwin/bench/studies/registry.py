@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+from swashtwin.bench.paper.plans import PAPER_PLANS
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.studies.cases import ablation, algorithms, case_one, case_two, noise, shaft_angle
 from swashtwin.bench.studies.plan import Plan
@@ -26,6 +27,7 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "few-shot": few_shot,
         "unseen-pressure": unseen_pressure,
         "unseen-specimen": unseen_specimen,
+        **PAPER_PLANS,
     }
 )
 """Plan of each study, by its name and the name of a size."""

@@ -62,6 +62,7 @@ def run_plan(
     device: str = "cpu",
     progress: Report | None = None,
     command: str = "",
+    checkpoints: bool = False,
 ) -> StudyResult:
     """The study's table, after every task of every seed was run or read.
 
@@ -74,6 +75,8 @@ def run_plan(
     device : where networks are trained.
     progress : called with (activity, finished, in all).
     command : command line that repeats the study.
+    checkpoints : whether a training that was interrupted goes on from its last epoch. Needs `out`, on a disk that the
+        workers share.
 
     Raises
     ------
@@ -107,7 +110,7 @@ def run_plan(
                 batch += [unfinished] if unfinished.tasks else []
                 if finished:
                     report(f"{len(finished)} of seed {seed} done before", len(runs), per_seed * len(seeds))
-            for run in _run_seeds(batch, plan, workers, out, calibrations, report):
+            for run in _run_seeds(batch, plan, workers, out, calibrations, report, checkpoints):
                 if out is not None:
                     save_run(run, out)
                 runs.append(run)
@@ -142,23 +145,29 @@ def _run_seeds(
     out: Path | None,
     calibrations: dict[str, Calibration],
     report: Report,
+    checkpoints: bool,
 ) -> Iterator[Run]:
     """Run every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
     pairs = [(group, task) for group in batch for task in group.tasks]
     groups = {(group.seed, plan.variant_of(task)): group for group, task in pairs}
     with_twins = {(group.seed, plan.variant_of(task)) for group, task in pairs if plan.needs_twins(task)}
     calibration_tasks_of = {
-        case: calibration_tasks(group.recordings, plan.scenario_of(case[1]), group.seed) if case in with_twins else []
+        case: calibration_tasks(group.recordings, plan.scenario_of(case[1]), plan.data_seed(group.seed))
+        if case in with_twins
+        else []
         for case, group in groups.items()
     }
-    read = {case: read_for(group.recordings, plan.scenario_of(case[1]), group.seed) for case, group in groups.items()}
+    read = {
+        case: read_for(group.recordings, plan.scenario_of(case[1]), plan.data_seed(group.seed))
+        for case, group in groups.items()
+    }
     every_task = [task for tasks in calibration_tasks_of.values() for task in tasks]
     _calibrate(every_task, workers, out, calibrations, report)
     datasets = {
         case: prepare(
             group.recordings,
             plan.scenario_of(case[1]),
-            group.seed,
+            plan.data_seed(group.seed),
             [(task, calibrations[task.key]) for task in calibration_tasks_of[case]],
             read=read[case],
             noisy_tests=bool(plan.perturbations),
@@ -173,7 +182,9 @@ def _run_seeds(
         case = (group.seed, plan.variant_of(task))
         synthetic, values = fills[(*case, task.factors["training_set"])]
         names = tuple(calibration_task.key for calibration_task in calibration_tasks_of[case])
-        calls.append((task, plan, sent[case], synthetic, replace(group.facts, calibrations=names, values=values)))
+        path = None if out is None or not checkpoints else Path(out) / task.study / task.key / "training.safetensors"
+        facts = replace(group.facts, calibrations=names, values=values, checkpoint=path)
+        calls.append((task, plan, sent[case], synthetic, facts))
     calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
     for _, run in workers.each(run_task, calls):
         yield run

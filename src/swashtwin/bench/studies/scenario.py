@@ -29,6 +29,10 @@ MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
 turns."""
 
 
+RANDOM_WINDOWS = "L0"
+"""Level of a nearer test whose windows, and those of the training, are dealt at random (`deal_windows`)."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """Scarce cells, the twins that may fill them, and the tests."""
@@ -52,7 +56,8 @@ class Scenario:
     specimens: int | None = None
     """Specimens that are trained on; None takes all that are not held out."""
     levels: tuple[str, str] = ("L2", "L4")
-    """Levels of generalization of the tests: known specimens, and those held out."""
+    """Levels of generalization of the tests: known specimens, and those held out. With `RANDOM_WINDOWS` in place of the
+    nearer one its recordings stand in training and test."""
     faults: Mapping[str, tuple[Fault, ...]] = field(default_factory=lambda: MACHINED)
     """What the twin simulates of each class."""
     pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))

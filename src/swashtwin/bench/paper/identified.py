@@ -1,0 +1,158 @@
+"""The paper's identification on the page: errors, learning rates, values, and the loss of each epoch."""
+
+from typing import Any
+
+import numpy as np
+
+from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, mean_parameters
+from swashtwin.bench.results.table import StudyTable
+from swashtwin.pump import PARAMETERS
+from swashtwin.report import (
+    Cell,
+    Drawing,
+    Picture,
+    Table,
+    figure_style,
+    name_decades,
+    number,
+    panels,
+    render_drawing,
+    series_colors,
+    tabulate,
+    words,
+)
+
+ERRORS = ("rmse", "pe", "sve")
+
+_PRINTED_RATES = {CHOSEN: "chosen; best epoch 453 of 500"}
+_PRINTED_VALUES = {
+    "slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m",
+    "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m",
+}
+_LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
+"""Letter of each value in the paper."""
+
+
+def identification_blocks(study: StudyTable) -> tuple[Any, ...]:
+    """Tables and figure of the identification."""
+    return (errors_table(study), rates_table(study), values_table(study), Picture(rates_drawing(study)))
+
+
+def identification_sentence(study: StudyTable) -> str:
+    """What became of each error by the paper's rate, beside its claim that all fall."""
+    changes = [
+        f"{name.upper()} {number(_mean(study, name, NOMINAL))} to {number(_mean(study, name, CHOSEN))}"
+        for name in ERRORS
+    ]
+    return (
+        f"Identification. On recordings held out the IPINN at the paper's rate changes {', '.join(changes)}; the "
+        "paper: all three fall."
+    )
+
+
+def errors_table(study: StudyTable) -> Table:
+    """RMSE, PE and SVE of every twin on the recordings held out."""
+    twins = [row["twin"] for row in study.rows()]
+    rows = tuple(
+        (
+            Cell(words(twin)),
+            Cell("all three fall" if twin == CHOSEN else ""),
+            *(_spread(study, metric, twin) for metric in ERRORS),
+            Cell(str(len(study.of(twin=twin)))),
+        )
+        for twin in twins
+    )
+    return Table(
+        "Errors against recordings held out: mean ± standard deviation over n pumps.",
+        ("twin", "the paper, its rig", *(study.metrics[metric] for metric in ERRORS), "n"),
+        rows,
+    )
+
+
+def rates_table(study: StudyTable) -> Table:
+    """Loss and best epoch of each learning rate."""
+    rows = tuple(
+        (
+            Cell(words(twin)),
+            Cell(_PRINTED_RATES.get(twin, "")),
+            *(_spread(study, metric, twin) for metric in ("first_loss", "loss", "best_epoch", "wall_s")),
+        )
+        for twin in _searched(study)
+    )
+    return Table(
+        "Learning rates of the IPINN, the paper's grid: the loss on the recordings that are calibrated on.",
+        ("twin", "the paper", *(study.metrics[metric] for metric in ("first_loss", "loss", "best_epoch", "wall_s"))),
+        rows,
+    )
+
+
+def values_table(study: StudyTable) -> Table:
+    """The six values, nominal and identified."""
+    nominal, identified = mean_parameters(study, NOMINAL), mean_parameters(study, CHOSEN)
+    rows = tuple(
+        (
+            Cell(f"{_LETTERS[name]}, {words(name)}"),
+            Cell(_PRINTED_VALUES.get(name, "not printed")),
+            Cell(number(nominal.get(name))),
+            Cell(number(identified.get(name))),
+        )
+        for name in PARAMETERS
+    )
+    return Table(
+        "The six values [N·s/m, N/m]: geometric means over the pumps, whose values the rig scatters.",
+        ("value", "the paper, empirical to identified", "nominal", "identified by the IPINN at the paper's rate"),
+        rows,
+    )
+
+
+@figure_style()
+def rates_drawing(study: StudyTable) -> Drawing:
+    """Loss of each epoch, a line for each learning rate and pump."""
+    curves = study.details["curves"]
+    names = _searched(study)
+    colors = series_colors(names)
+    figure, axes = panels(1, 1, 3.6)
+    panel = axes[0, 0]
+    for name in names:
+        for number_of, curve in enumerate(each for each in curves if each["twin"] == name):
+            epoch = np.arange(1, len(curve["loss"]) + 1)
+            panel.plot(
+                epoch, curve["loss"], color=colors[name], linewidth=1, label=words(name) if not number_of else None
+            )
+    panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
+    name_decades(panel)
+    if names:
+        figure.legend(loc="outside upper center", ncols=len(names))
+    rows = [
+        {"twin": curve["twin"], "seed": curve["seed"], "specimen": curve["specimen"], "epoch": epoch, "loss": loss}
+        for curve in curves
+        for epoch, loss in enumerate(curve["loss"], 1)
+    ]
+    return render_drawing(
+        f"{study.study.replace('-', '_')}_rates",
+        figure,
+        tabulate(rows),
+        title="Loss of the IPINN by learning rate",
+        caption="Spectrum loss and boundary loss together, a line for each pump.",
+    )
+
+
+def _searched(study: StudyTable) -> list[str]:
+    """Twins of searches in epochs."""
+    return list(dict.fromkeys(curve["twin"] for curve in study.details["curves"]))
+
+
+def _finite(study: StudyTable, metric: str, twin: str) -> list[float]:
+    return [value for value in study.values(metric, twin=twin) if np.isfinite(value)]
+
+
+def _mean(study: StudyTable, metric: str, twin: str) -> float:
+    return float(np.mean(_finite(study, metric, twin) or [np.nan]))
+
+
+def _spread(study: StudyTable, metric: str, twin: str) -> Cell:
+    values = _finite(study, metric, twin)
+    if not values:
+        return Cell("—", "no number: the search failed, or has none")
+    deviation = f" ± {number(float(np.std(values, ddof=1)))}" if len(values) > 1 else ""
+    return Cell(f"{number(float(np.mean(values)))}{deviation}", ", ".join(map(number, values)))

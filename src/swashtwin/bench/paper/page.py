@@ -1,0 +1,151 @@
+"""`write_paper_page`: the paper's tables and figures beside ours, on one page with the studies they come from."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from swashtwin.bench.paper.beside import beside_table, level_sentence
+from swashtwin.bench.paper.convergence import convergence_drawing, convergence_sentence, convergence_table
+from swashtwin.bench.paper.differences import Comparability, common, comparability
+from swashtwin.bench.paper.identification import STUDY as IDENTIFICATION
+from swashtwin.bench.paper.identified import identification_blocks, identification_sentence
+from swashtwin.bench.paper.running import EXPERIMENTS
+from swashtwin.bench.results.result import StudyResult
+from swashtwin.bench.results.study_part import study_part, with_origin
+from swashtwin.bench.results.table import StudyTable
+from swashtwin.bench.results.table_part import table_part
+from swashtwin.foundation import InputError
+from swashtwin.report import (
+    Bullets,
+    Cell,
+    Paragraph,
+    Part,
+    Picture,
+    Section,
+    SectionOrder,
+    Table,
+    drawings,
+    write_report,
+)
+
+TITLES = {
+    "case1": "Case I, few samples",
+    "case2": "Case II, missing condition",
+    "algorithms": "Algorithms, repeated trainings",
+    "ablation": "Ablation A, B, C with convergence",
+    "noise": "Noise",
+    "identification": "Identification by the IPINN",
+}
+"""Heading of each experiment."""
+
+PICTURES: Mapping[str, tuple[str, ...]] = {
+    "excitation of each slipper, and total": ("_excitation",),
+    "waveforms before and after identification": ("_waveforms",),
+    "spectra before and after identification": ("_spectra",),
+    "loss curves of the identification": ("_losses", "_rates"),
+    "confusion matrix of each training set": ("_confusion",),
+    "t-SNE of each training set": ("_tsne",),
+    "bars of the algorithms": ("algorithms_classifiers",),
+    "bars of the ablation": ("ablation_classifiers",),
+    "convergence of the ablation": ("_convergence",),
+    "accuracy against noise": ("_perturbation",),
+    "loss curves of the training": ("_training",),
+}
+"""Pictures that the paper shows, and how the names of ours end."""
+
+
+def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path) -> Path:
+    """Path of ``report.html``: first every row of the paper beside ours, then the studies in full.
+
+    Parameters
+    ----------
+    results : by study, as `run_paper` gives them.
+    size : ``"small"`` or ``"paper"``.
+    folder : made if it does not exist.
+
+    Raises
+    ------
+    InputError
+        No result, or `folder` is a file.
+    """
+    if not results:
+        raise InputError("there is no result of any experiment to write a page of.")
+    kind = "quick" if size == "small" else size
+    parts = [replace(_part(study), answer=()) for study in results.values()]
+    experiments = [name for name, studies in EXPERIMENTS.items() if studies[0] in results]
+    sections = tuple(
+        Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, kind, results))) for name in experiments
+    )
+    every_section = (*sections, *(section for part in parts for section in part.sections))
+    shown = [drawing.name for section in every_section for drawing in drawings(section.blocks)]
+    first = Part(
+        title="The paper, row by row",
+        answer=tuple(_sentence(name, results) for name in experiments),
+        notice=next(iter(results.values())).origin,
+        sections=(_introduction(kind, results, shown), *sections),
+        results={},
+    )
+    return write_report(first, *parts, folder=folder)
+
+
+def _part(study: StudyTable) -> Part:
+    key = study.study.replace("-", "_")
+    return study_part(study, key) if isinstance(study, StudyResult) else table_part(study, key)
+
+
+def _introduction(kind: str, results: Mapping[str, StudyTable], shown: Sequence[str]) -> Section:
+    study = next(iter(results.values()))
+    rows = tuple(
+        (
+            Cell(picture),
+            Cell(", ".join(name for name in shown if name.endswith(endings)) or "none: its experiment was not run"),
+        )
+        for picture, endings in PICTURES.items()
+    )
+    source = (
+        "The paper: IPINN-BiTCN fault diagnosis of axial piston pump friction pairs under imbalanced samples, "
+        "Measurement and Control, DOI 10.1177/00202940261419020. Its figures are as printed there; ours come from the "
+        "runs of this folder."
+    )
+    return Section(
+        SectionOrder.VERDICT,
+        "What is compared",
+        (
+            Paragraph(source),
+            Paragraph(f"Command: {study.command or 'not recorded'}"),
+            *_remarks(common(kind)),
+            Table("Pictures of the paper, and the figures of this page.", ("picture", "figures"), rows),
+        ),
+    )
+
+
+def _blocks(name: str, kind: str, results: Mapping[str, StudyTable]) -> Iterator[Any]:
+    study = results[EXPERIMENTS[name][0]]
+    if isinstance(study, StudyResult):
+        random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
+        assert random is None or isinstance(random, StudyResult)
+        metrics = ("accuracy",) if random is None else ("accuracy", "recall", "f1", "g_mean")
+        yield beside_table(study, random, metrics)
+        if name == "ablation":
+            yield convergence_table(study)
+            yield Picture(with_origin(convergence_drawing(study, study.study.replace("-", "_")), study))
+        yield Bullets("Result of the study", study.answer)
+    else:
+        yield from identification_blocks(study)
+    yield from _remarks(comparability(name, kind))
+
+
+def _remarks(remarks: Comparability) -> Iterator[Bullets]:
+    yield Bullets("The same as in the paper", remarks.same)
+    yield Bullets("Different, and why", remarks.different)
+
+
+def _sentence(name: str, results: Mapping[str, StudyTable]) -> str:
+    study = results[EXPERIMENTS[name][0]]
+    if study.study == IDENTIFICATION or not isinstance(study, StudyResult):
+        return identification_sentence(study)
+    if name == "ablation":
+        return f"{TITLES[name]}. {convergence_sentence(study)}"
+    random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
+    return f"{TITLES[name]}. {level_sentence(study, random if isinstance(random, StudyResult) else None)}"

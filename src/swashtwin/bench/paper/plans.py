@@ -1,0 +1,154 @@
+"""The paper's studies of classifiers as plans, with its own network, recipe and counts.
+
+Studies of the same questions with our network are in `studies.cases`. Here every network is trained by the paper's
+recipe at the full rate, and both cases stand a second time on windows dealt at random, for the paper does not say how
+it split.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+from swashtwin.bench.results.reported import PAPER_STUDY
+from swashtwin.bench.rivals.models import Model
+from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.bench.studies.perturbations import noises
+from swashtwin.bench.studies.plan import Plan
+from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS
+from swashtwin.learning import PAPER_TRAINING, TrainingSettings
+
+TRAINING: Mapping[str, TrainingSettings] = {
+    "quick": replace(PAPER_TRAINING, epochs=10, batch_size=10),
+    "paper": PAPER_TRAINING,
+}
+"""The paper's recipe; ``quick`` has few epochs, and small batches, so that few windows still make a hundred steps."""
+
+COUNTS: Mapping[str, Scenario] = {
+    "quick": Scenario(windows=2, scarce_windows=8, synthetic=24),
+    "paper": SCENARIOS["paper"],
+}
+"""The paper's counts: 648 windows a class, 50 in the scarce cell, 150 synthetic ones; ``quick`` has a ninth of them."""
+
+CASE_TWO: Mapping[str, Mapping[str, Any]] = {
+    "quick": {"scarce_windows": 0, "synthetic": 32},
+    "paper": {"scarce_windows": 0, "synthetic": 200, "test_windows": 50},
+}
+"""What Case II has in place of Case I's counts."""
+
+REPEATS = {"quick": 2, "paper": 10}
+"""Trainings of each algorithm on the same data."""
+
+MAIN = "paper_bitcn"
+"""The paper's network at the full rate."""
+
+NETWORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    MAIN: ("bitcn", {}),
+    "tcn": ("tcn", {}),
+    "lstm": ("lstm", {}),
+    "bilstm": ("bilstm", {}),
+    "bigru": ("bigru", {}),
+    "paper_ordinary": ("bitcn_ordinary", {}),
+    "paper_no_attention": ("bitcn_no_attention", {}),
+    "paper_forward": ("bitcn_forward", {}),
+}
+"""Kind and settings of each network that the paper trains; all defaults are our reading (`swashtwin.learning`)."""
+
+ALGORITHMS = (MAIN, "tcn", "lstm", "bilstm", "bigru")
+ABLATED = (MAIN, "paper_ordinary", "paper_no_attention", "paper_forward")
+UNDER_NOISE = (MAIN, "tcn", "lstm", "bilstm")
+
+SNRS = (20.0, 15.0, 10.0, 5.0)
+"""Signal-to-noise ratios of the paper's tests [dB]."""
+
+
+def case_one(size: str) -> Plan:
+    """Case I, few samples."""
+    return Plan(
+        study=f"{PAPER_STUDY}case1",
+        title="The paper's Case I, few samples",
+        scenario=COUNTS[size],
+        models=_networks(size, (MAIN,)),
+        size=size,
+        compared={"training_set": "calibrated"},
+    )
+
+
+def case_two(size: str) -> Plan:
+    """Case II, a condition that was never measured with the fault."""
+    return replace(
+        case_one(size),
+        study=f"{PAPER_STUDY}case2",
+        title="The paper's Case II, missing condition",
+        scenario=replace(COUNTS[size], **CASE_TWO[size]),
+    )
+
+
+def at_random(case: Callable[[str], Plan]) -> Callable[[str], Plan]:
+    """A case whose windows are dealt at random."""
+
+    def plan(size: str) -> Plan:
+        by_recording = case(size)
+        levels = (RANDOM_WINDOWS, by_recording.scenario.levels[1])
+        return replace(
+            by_recording,
+            study=f"{by_recording.study}-random",
+            title=f"{by_recording.title} on random windows",
+            scenario=replace(by_recording.scenario, levels=levels),
+            notes=(
+                "Windows at random: the windows of training and nearer test are dealt anew in each class at the tested "
+                "pressure, with the same counts, so other windows of the tested recordings are trained on. Twins are "
+                "calibrated as in the split by recording.",
+            ),
+        )
+
+    return plan
+
+
+def algorithms(size: str) -> Plan:
+    """The five networks that the paper compares, trained on Case I's calibrated set."""
+    return _calibrated(size, "algorithms", "The paper's algorithms: repeated trainings on the same data", ALGORITHMS)
+
+
+def ablation(size: str) -> Plan:
+    """The paper's network, and the same without one of its parts."""
+    plan = _calibrated(size, "ablation", "The paper's ablation of its own network", ABLATED)
+    return replace(plan, compared={"classifier": MAIN})
+
+
+def noise(size: str) -> Plan:
+    """White noise in the tests of networks trained clean."""
+    plan = _calibrated(size, "noise", "The paper's noise: trained clean, tested with noise", UNDER_NOISE)
+    draws = {"quick": 1, "paper": 5}[size]
+    return replace(plan, perturbations=noises("white", *SNRS), draws=draws, compared={"classifier": MAIN})
+
+
+def _calibrated(size: str, name: str, title: str, networks: tuple[str, ...]) -> Plan:
+    """Case I's calibrated training set, learned by several networks."""
+    return replace(
+        case_one(size),
+        study=f"{PAPER_STUDY}{name}",
+        title=title,
+        models=_networks(size, networks),
+        training_sets={"calibrated": PAPER_TRAINING_SETS["calibrated"]},
+        compared={},
+    )
+
+
+def _networks(size: str, names: tuple[str, ...]) -> dict[str, Model]:
+    return {name: Model(*NETWORKS[name], TRAINING[size]) for name in names}
+
+
+PAPER_PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
+    {
+        "paper-case1": case_one,
+        "paper-case1-random": at_random(case_one),
+        "paper-case2": case_two,
+        "paper-case2-random": at_random(case_two),
+        "paper-algorithms": algorithms,
+        "paper-ablation": ablation,
+        "paper-noise": noise,
+    }
+)
+"""Plan of each study, by its name and the name of a size."""

@@ -1,0 +1,108 @@
+"""`run_paper`: every experiment of the paper, run or read."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from swashtwin.bench.paper.identification import STUDY as IDENTIFICATION
+from swashtwin.bench.paper.identification import run_identification
+from swashtwin.bench.paper.plans import PAPER_PLANS, REPEATS
+from swashtwin.bench.results.table import StudyTable
+from swashtwin.bench.studies.runner import run_plan
+from swashtwin.bench.studies.sources import Fleets, SameRecordings, Source
+from swashtwin.bench.studies.workers import Workers
+from swashtwin.foundation import InputError
+
+EXPERIMENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "case1": ("paper-case1", "paper-case1-random"),
+        "case2": ("paper-case2", "paper-case2-random"),
+        "algorithms": ("paper-algorithms",),
+        "ablation": ("paper-ablation",),
+        "noise": ("paper-noise",),
+        "identification": (IDENTIFICATION,),
+    }
+)
+"""Studies of each experiment of the paper, in the order of the page."""
+
+PAPER_SIZES = ("small", "paper")
+"""Minutes of two cores, or the paper's counts and epochs, which take days."""
+
+_PLAN_SIZES = {"small": "quick", "paper": "paper"}
+
+
+def run_paper(
+    out: Path,
+    *,
+    size: str = "small",
+    seeds: Sequence[int] = (20,),
+    experiments: Sequence[str] = tuple(EXPERIMENTS),
+    jobs: int = 1,
+    device: str = "cpu",
+    progress: Callable[[str, int, int], None] | None = None,
+    command: str = "",
+) -> dict[str, StudyTable]:
+    """Result of every study of some experiments, by its name; finished runs below `out` are read.
+
+    Parameters
+    ----------
+    out : folder of fleets, runs and checkpoints of trainings.
+    size : name in `PAPER_SIZES`.
+    seeds : fleets of the virtual rig; the algorithms are repeated on the first.
+    experiments : names in `EXPERIMENTS`.
+    jobs : tasks side by side.
+    device : where networks are trained.
+    progress : called with (activity, finished, in all).
+    command : command line that repeats it.
+
+    Raises
+    ------
+    InputError
+        No such size or experiment, or no seed.
+    """
+    unknown = [name for name in experiments if name not in EXPERIMENTS]
+    if size not in PAPER_SIZES or unknown or not experiments:
+        raise InputError(
+            f"no experiment {', '.join(unknown) or 'is named'} of size {size!r}; there are {', '.join(EXPERIMENTS)}, "
+            f"of size {' or '.join(PAPER_SIZES)}."
+        )
+    if not seeds:
+        raise InputError("give at least one seed, which draws a fleet of pumps.")
+    report = progress or (lambda activity, finished, total: None)
+    fleets = Fleets(Path(out), size, jobs, lambda *count: report("recording on the rig", *count))
+    results: dict[str, StudyTable] = {}
+    for study in (study for name in EXPERIMENTS if name in experiments for study in EXPERIMENTS[name]):
+
+        def show(activity: str, finished: int, total: int, study: str = study) -> None:
+            report(f"{study}: {activity}", finished, total)
+
+        if study == IDENTIFICATION:
+            results[study] = run_identification(
+                fleets,
+                size=_PLAN_SIZES[size],
+                seeds=seeds,
+                jobs=jobs,
+                out=out,
+                progress=lambda *count, show=show: show("search", *count),
+                command=command,
+            )
+            continue
+        plan, numbers = PAPER_PLANS[study](_PLAN_SIZES[size]), tuple(seeds)
+        source: Source = fleets
+        if study == "paper-algorithms":
+            plan = replace(plan, split_seed=seeds[0])
+            source = SameRecordings(fleets.recordings_for(seeds[0])[0])
+            numbers = tuple(range(REPEATS[_PLAN_SIZES[size]]))
+        results[study] = run_plan(
+            plan,
+            source,
+            seeds=numbers,
+            workers=Workers(jobs),
+            out=out,
+            device=device,
+            progress=show,
+            command=command,
+            checkpoints=True,
+        )
+    return results

@@ -1,0 +1,76 @@
+"""The command that repeats the paper: bench paper."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs
+from swashtwin.cli.bench.results import typed_command
+from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.exits import resumable
+from swashtwin.cli.options import Json, as_folder, read_seeds, read_words
+
+
+class PaperSize(StrEnum):
+    """How much of the paper's counts and epochs is run."""
+
+    small = "small"
+    paper = "paper"
+
+
+def paper(
+    size: Annotated[
+        PaperSize,
+        typer.Option(
+            help="small: few windows and epochs, minutes of two cores; paper: the paper's counts and epochs, which "
+            "take days."
+        ),
+    ] = PaperSize.small,
+    seeds: Annotated[
+        str, typer.Option(help='Fleets of the virtual rig: "20,21"; the first is that of the repeated trainings.')
+    ] = "20",
+    only: Annotated[
+        str | None,
+        typer.Option(
+            help="Experiments to run: case1, case2, algorithms, ablation, noise, identification; all by default."
+        ),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder of fleets, runs and checkpoints, which a re-run continues, and of paper/report.html.",
+            callback=as_folder,
+        ),
+    ] = Path("swashtwin-paper"),
+    jobs: TaskJobs = 2,
+    device: DeviceName = Device.cpu,
+    as_json: Json = False,
+) -> None:
+    """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
+    from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
+
+    numbers = read_seeds(seeds)
+    experiments = tuple(EXPERIMENTS) if only is None else tuple(read_words(only) or ())
+    hint = "finished runs are kept, and trainings go on from their last epoch; the same command resumes"
+    with resumable(hint), progress("the paper") as bar:
+
+        def show(activity: str, count: int, total: int) -> None:
+            if activity.endswith("done before"):
+                note(f"{activity}, in {out}")
+            bar(count, total, activity)
+
+        results = run_paper(
+            out,
+            size=size.value,
+            seeds=numbers,
+            experiments=experiments,
+            jobs=jobs,
+            device=device.value,
+            progress=show,
+            command=typed_command(),
+        )
+    page = write_paper_page(results, size.value, out / "paper")
+    answer = {"report": page, "size": size.value, "studies": [study.to_dict() for study in results.values()]}
+    tell(answer, as_json, lambda: say(f"Report: {page}"))

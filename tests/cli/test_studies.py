@@ -76,7 +76,7 @@ def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
     [
         ("bench", "case1", "."), ("bench", "tune", "."), ("bench", "conditions", "."),
         ("bench", "public", "--data", "."),
-        ("bench", "calibration"), ("bench", "misspecification"), ("demo",), ("report", "."),
+        ("bench", "calibration"), ("bench", "misspecification"), ("bench", "paper"), ("demo",), ("report", "."),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("below", ["", "deeper"])
@@ -100,6 +100,8 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("bench", "noise", "x", "--training-sets", "guess"), 3),
         (("bench", "noise", "x", "--address", "tcp://nowhere:1"), 3),
         (("bench", "tune", "x"), 2),
+        (("bench", "paper", "--experiments", "guess"), 3),
+        (("bench", "paper", "--size", "huge"), 2),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, tmp_path: Path) -> None:

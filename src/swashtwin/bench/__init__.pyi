@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .fillers.registry import FILLERS as FILLERS
+from .paper.page import paper_answer as paper_answer
 from .paper.page import write_paper_page as write_paper_page
 from .paper.running import EXPERIMENTS as EXPERIMENTS
 from .paper.running import run_paper as run_paper
@@ -71,6 +72,7 @@ __all__ = [
     "build_rig",
     "collect_studies",
     "models_of",
+    "paper_answer",
     "plan_of",
     "plant_course",
     "read_public_set",

@@ -1,5 +1,6 @@
 """What is the same as in the paper, and what differs and why, in words; the numbers are those of the plans."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from swashtwin.bench.paper.plans import CASE_TWO, COUNTS, REPEATS, SNRS, TRAINING, noise
@@ -18,8 +19,14 @@ class Comparability:
     """What differs, and why."""
 
 
-def common(size: str) -> Comparability:
-    """What holds for every experiment."""
+def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
+    """What holds for every experiment.
+
+    Parameters
+    ----------
+    size : ``"quick"`` or ``"paper"``.
+    precisions : number formats that networks were trained in.
+    """
     training, counts, paper = TRAINING[size], COUNTS[size], COUNTS["paper"]
     rig = SIZES["paper" if size == "paper" else "small"]
     smaller = () if size == "paper" else (
@@ -44,6 +51,7 @@ def common(size: str) -> Comparability:
         ),
         different=(
             *smaller,
+            *(("Networks were trained in bfloat16: other roundings, less time.",) if "bfloat16" in precisions else ()),
             f"Recordings are of the virtual rig ({rig.specimens} pumps in each fleet), which is no machine; the "
             "paper's are of one real rig. The paper's figures are no target that these could meet or miss.",
             "Three accelerometers in place of thirteen: their places on the housing are not public.",

@@ -189,16 +189,16 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
         )
     except InputError as cause:
         return {"refusal": str(cause), "parameters": []}
-    found = {
+    values = {
         **_errors(calibration.twin, pump.held_out),
         "wall_s": calibration.wall_s,
         "parameters": [estimate.value for estimate in calibration.estimates],
     }
     if not isinstance(contender.method, IPINN):
-        return found
+        return values
     loss = calibration.history.loss
     return {
-        **found,
+        **values,
         "loss": float(loss.min()),
         "first_loss": float(loss[0]),
         "best_epoch": float(calibration.history.best + 1),

@@ -73,7 +73,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
         raise InputError("there is no result of any experiment to write a page of.")
     kind = "quick" if size == "small" else size
     parts = [replace(_part(study), answer=()) for study in results.values()]
-    experiments = [name for name, studies in EXPERIMENTS.items() if studies[0] in results]
+    experiments = _experiments(results)
     sections = tuple(
         Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, kind, results))) for name in experiments
     )
@@ -81,12 +81,21 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     shown = [drawing.name for section in every_section for drawing in drawings(section.blocks)]
     first = Part(
         title="The paper, row by row",
-        answer=tuple(_sentence(name, results) for name in experiments),
+        answer=paper_answer(results),
         notice=next(iter(results.values())).origin,
         sections=(_introduction(kind, results, shown), *sections),
         results={},
     )
     return write_report(first, *parts, folder=folder)
+
+
+def paper_answer(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
+    """What came out of each experiment, in a sentence."""
+    return tuple(_sentence(name, results) for name in _experiments(results))
+
+
+def _experiments(results: Mapping[str, StudyTable]) -> list[str]:
+    return [name for name, studies in EXPERIMENTS.items() if studies[0] in results]
 
 
 def _part(study: StudyTable) -> Part:
@@ -114,10 +123,16 @@ def _introduction(kind: str, results: Mapping[str, StudyTable], shown: Sequence[
         (
             Paragraph(source),
             Paragraph(f"Command: {study.command or 'not recorded'}"),
-            *_remarks(common(kind)),
+            *_remarks(common(kind, _precisions(results))),
             Table("Pictures of the paper, and the figures of this page.", ("picture", "figures"), rows),
         ),
     )
+
+
+def _precisions(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
+    """Number formats that networks were trained in."""
+    runs = (run for study in results.values() if isinstance(study, StudyResult) for run in study.runs)
+    return tuple(sorted({run.task.settings["model"]["training"].get("precision", "float32") for run in runs}))
 
 
 def _blocks(name: str, kind: str, results: Mapping[str, StudyTable]) -> Iterator[Any]:

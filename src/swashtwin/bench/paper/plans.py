@@ -20,7 +20,7 @@ from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS
 from swashtwin.learning import PAPER_TRAINING, TrainingSettings
 
 TRAINING: Mapping[str, TrainingSettings] = {
-    "quick": replace(PAPER_TRAINING, epochs=10, batch_size=10),
+    "quick": replace(PAPER_TRAINING, epochs=6, batch_size=10),
     "paper": PAPER_TRAINING,
 }
 """The paper's recipe; ``quick`` has few epochs, and small batches, so that few windows still make a hundred steps."""

@@ -40,6 +40,7 @@ def run_paper(
     experiments: Sequence[str] = tuple(EXPERIMENTS),
     jobs: int = 1,
     device: str = "cpu",
+    precision: str = "float32",
     progress: Callable[[str, int, int], None] | None = None,
     command: str = "",
 ) -> dict[str, StudyTable]:
@@ -53,6 +54,7 @@ def run_paper(
     experiments : names in `EXPERIMENTS`.
     jobs : tasks side by side.
     device : where networks are trained.
+    precision : in which numbers (`TrainingSettings.precision`).
     progress : called with (activity, finished, in all).
     command : command line that repeats it.
 
@@ -89,6 +91,8 @@ def run_paper(
             )
             continue
         plan, numbers = PAPER_PLANS[study](_PLAN_SIZES[size]), tuple(seeds)
+        models = {name: model.with_training(precision=precision) for name, model in plan.models.items()}
+        plan = replace(plan, models=models)
         source: Source = fleets
         if study == "paper-algorithms":
             plan = replace(plan, split_seed=seeds[0])

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
-from swashtwin.foundation import InputError, MissingExtraError, parallel
+from swashtwin.foundation import InputError, MissingExtraError, keep_freed_memory, parallel
 
 BACKENDS = ("joblib", "dask", "ray")
 """Backends of joblib that can run tasks."""
@@ -62,6 +62,7 @@ class Workers:
 
 def _call_with_index(function: Callable[..., Any], index: int, values: tuple[Any, ...]) -> tuple[int, Any]:
     torch.set_num_threads(1)
+    keep_freed_memory()  # a training asks for the same large tensors in each step
     return index, function(*values)
 
 

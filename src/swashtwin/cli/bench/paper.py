@@ -20,6 +20,13 @@ class PaperSize(StrEnum):
     paper = "paper"
 
 
+class Precision(StrEnum):
+    """Number format of the networks in training."""
+
+    float32 = "float32"
+    bfloat16 = "bfloat16"
+
+
 def paper(
     size: Annotated[
         PaperSize,
@@ -31,7 +38,7 @@ def paper(
     seeds: Annotated[
         str, typer.Option(help='Fleets of the virtual rig: "20,21"; the first is that of the repeated trainings.')
     ] = "20",
-    only: Annotated[
+    experiments: Annotated[
         str | None,
         typer.Option(
             help="Experiments to run: case1, case2, algorithms, ablation, noise, identification; all by default."
@@ -46,13 +53,17 @@ def paper(
     ] = Path("swashtwin-paper"),
     jobs: TaskJobs = 2,
     device: DeviceName = Device.cpu,
+    precision: Annotated[
+        Precision,
+        typer.Option(help="bfloat16 trains faster where the processor has such instructions, with other roundings."),
+    ] = Precision.float32,
     as_json: Json = False,
 ) -> None:
     """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
-    from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
+    from swashtwin.bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
     numbers = read_seeds(seeds)
-    experiments = tuple(EXPERIMENTS) if only is None else tuple(read_words(only) or ())
+    names = EXPERIMENTS if experiments is None else read_words(experiments)
     hint = "finished runs are kept, and trainings go on from their last epoch; the same command resumes"
     with resumable(hint), progress("the paper") as bar:
 
@@ -65,12 +76,15 @@ def paper(
             out,
             size=size.value,
             seeds=numbers,
-            experiments=experiments,
+            experiments=tuple(names),
             jobs=jobs,
             device=device.value,
+            precision=precision.value,
             progress=show,
             command=typed_command(),
         )
     page = write_paper_page(results, size.value, out / "paper")
-    answer = {"report": page, "size": size.value, "studies": [study.to_dict() for study in results.values()]}
-    tell(answer, as_json, lambda: say(f"Report: {page}"))
+    answer = paper_answer(results)
+    studies = [study.to_dict() for study in results.values()]
+    result = {"report": page, "size": size.value, "answer": list(answer), "studies": studies}
+    tell(result, as_json, lambda: say("\n".join([*answer, f"Report: {page}"])))

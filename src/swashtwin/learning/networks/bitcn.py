@@ -62,8 +62,8 @@ class ResidualUnit(nn.Module):
     def forward(self, x: Float[Tensor, "window feature_in time"]) -> Float[Tensor, "window feature_out time"]:
         """Features of the same length."""
         convolved = self.convolution(functional.pad(x, self.padding))
-        weighted = self.attention(self.dropout(torch.relu(self.normalization(convolved))))
-        return torch.relu(weighted + self.skip(x))
+        weighted = self.attention(self.dropout(self.normalization(convolved).relu_()))
+        return (weighted + self.skip(x)).relu_()
 
 
 class Branch(nn.Module):
@@ -207,4 +207,4 @@ class BiTCN(Network):
         fused = self.positive(x)
         if self.inverse is not None:
             fused = fused + self.inverse(x.flip(-1)).flip(-1)
-        return torch.relu(fused + self.skip(x)).mean(dim=-1)
+        return (fused + self.skip(x)).relu_().mean(dim=-1)

@@ -309,9 +309,12 @@ def _train_epoch(
             others, share = mixing(len(batch), settings.mixup, draw)
             partner = batch[torch.from_numpy(others).to(batch.device)]
             windows = share * windows + (1 - share) * signal[partner]
-        with random:
+        short = settings.precision == "bfloat16"
+        with random, torch.autocast(signal.device.type, torch.bfloat16, enabled=short):
             features = network.encode(windows)
             scores = network.head(features)
+        if short:
+            features, scores = features.float(), scores.float()
         loss = functional.cross_entropy(scores, classes, weight=weights)
         if share < 1:
             loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
 from swashtwin.foundation import InputError
@@ -19,6 +19,9 @@ NORMALIZATIONS = ("window", "recording", "set", "none")
 
 DECAYS = ("none", "cosine")
 """How the learning rate changes over the epochs."""
+
+PRECISIONS = ("float32", "bfloat16")
+"""Number formats of the network in training."""
 
 _TRANSFORMS: Mapping[str, Any] = {"noise_snr": None, "noise_kinds": ("white",), "gain": 0.0, "stretch": 0.0}
 """Settings that transform windows within an epoch, each with the value that leaves them as they are."""
@@ -71,6 +74,9 @@ class TrainingSettings:
     stretch: float = 0.0
     """Largest change of speed, relative, of half the windows of each epoch, drawn anew, as if the shaft turned a little
     faster or slower (`train_transforms.at_other_speeds`); 0 for none."""
+    precision: str = field(default="float32", repr=False)  # finished runs of earlier versions are found by the repr
+    """``"bfloat16"`` lets convolutions and dense layers compute in 16 bits while they are trained (torch's autocast):
+    faster where the processor has such instructions. Weights, losses and predictions stay in 32 bits."""
     deterministic: bool = True
     """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
@@ -88,7 +94,13 @@ class TrainingSettings:
         for name in ("mixup", "alignment_weight"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
-        choices = {"balance": BALANCES, "alignment": ALIGNMENTS, "decay": DECAYS, "normalization": NORMALIZATIONS}
+        choices = {
+            "balance": BALANCES,
+            "alignment": ALIGNMENTS,
+            "decay": DECAYS,
+            "normalization": NORMALIZATIONS,
+            "precision": PRECISIONS,
+        }
         for name, options in choices.items():
             if getattr(self, name) not in options:
                 raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(options)}.")
@@ -127,9 +139,9 @@ class TrainingSettings:
         return None
 
     def to_dict(self) -> dict[str, Any]:
-        """Settings as JSON can hold them, without the transforms that change nothing."""
-        values = asdict(self)
-        return {name: value for name, value in values.items() if name not in _TRANSFORMS or value != _TRANSFORMS[name]}
+        """Settings as JSON can hold them, without the transforms that change nothing and the usual precision."""
+        values, usual = asdict(self), {**_TRANSFORMS, "precision": PRECISIONS[0]}
+        return {name: value for name, value in values.items() if name not in usual or value != usual[name]}
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1.

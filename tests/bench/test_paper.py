@@ -1,0 +1,195 @@
+"""The paper's experiments at a size of seconds: what runs, what is read again, and what the page shows."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commandline import run_json
+from tiny_case import TINY, tiny_recordings
+
+from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
+from swashtwin.bench.paper import identification, plans, running
+from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
+from swashtwin.bench.questions.contenders import Contender
+from swashtwin.bench.results.runs import fingerprint_of
+from swashtwin.bench.results.table import StudyTable
+from swashtwin.bench.studies.random_windows import deal_windows
+from swashtwin.calibration import IPINN, GaussNewton
+from swashtwin.foundation import InputError, MPa
+from swashtwin.learning import WindowSet, cut_windows, fit
+from swashtwin.recordings import Recording
+
+SMALL = {"stride": 32, "channels": (4, 4)}
+
+
+class TinyFleets:
+    """The same tiny recordings under every seed."""
+
+    recordings: Sequence[Recording] = ()
+
+    def __init__(self, *_: object) -> None:
+        type(self).recordings = type(self).recordings or tiny_recordings()
+
+    def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
+        return self.recordings, fingerprint_of(self.recordings)
+
+
+@pytest.fixture(scope="module")
+def tiny_paper() -> pytest.MonkeyPatch:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
+        patch.setattr("swashtwin.bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5)
+        patch.setattr("swashtwin.bench.results.study_figures._tsne", lambda features: features[:, :2])
+        patch.setattr(running, "Fleets", TinyFleets)
+        patch.setattr(plans, "COUNTS", {"quick": TINY, "paper": plans.COUNTS["paper"]})
+        patch.setattr(plans, "CASE_TWO", {"quick": {"scarce_windows": 0}})
+        patch.setattr(plans, "TRAINING", {"quick": replace(plans.TRAINING["quick"], epochs=2)})
+        names = {
+            name: (kind, SMALL if kind.startswith("bitcn") else {"channels": (4,)} if kind == "tcn" else {"hidden": 4})
+            for name, (kind, _) in plans.NETWORKS.items()
+        }
+        patch.setattr(plans, "NETWORKS", names)
+        patch.setattr(plans, "SNRS", (5.0,))
+        searches: Mapping[str, Contender | None] = {
+            NOMINAL: None,
+            "ipinn_0.9": Contender(IPINN(learning_rate=0.9, epochs=2)),
+            CHOSEN: Contender(IPINN(epochs=3)),
+            **{name: Contender(GaussNewton(starts=1), phases="phases" in name) for name in PHASES_APART},
+        }
+        patch.setattr(identification, "methods", lambda size: searches)
+        yield patch
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("paper")
+
+
+@pytest.fixture(scope="module")
+def results(tiny_paper: pytest.MonkeyPatch, out: Path) -> dict[str, StudyTable]:
+    return run_paper(out, seeds=(3,), command="swashtwin bench paper")
+
+
+def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> None:
+    assert list(results) == [study for studies in EXPERIMENTS.values() for study in studies]
+    assert {row["classifier"] for row in results["paper-algorithms"].rows()} == set(plans.ALGORITHMS)
+    assert {row["classifier"] for row in results["paper-ablation"].rows()} == set(plans.ABLATED)
+    assert {row["perturbation"] for row in results["paper-noise"].rows()} == {"clean", "5 dB"}
+    assert {row["level"] for row in results["paper-case2-random"].rows()} == {"L0", "L4"}
+
+
+def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> None:
+    runs = [run for run in results["paper-algorithms"].runs if run.task.factors["classifier"] == plans.MAIN]
+    assert [run.task.seed for run in runs] == [0, 1]
+    assert len({run.fingerprints["train"] for run in runs}) == 1
+    assert runs[0].history != runs[1].history
+
+
+def test_finished_runs_are_read_and_no_checkpoint_stays(
+    results: dict[str, StudyTable], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def untouched(*_: object) -> None:
+        raise AssertionError("a finished run was run again")
+
+    monkeypatch.setattr("swashtwin.bench.studies.runner.run_task", untouched)
+    monkeypatch.setattr(identification, "_values", untouched)
+    again = run_paper(out, seeds=(3,), command="swashtwin bench paper")
+    assert {name: study.rows() for name, study in again.items()} == {n: study.rows() for n, study in results.items()}
+    assert list(out.rglob("*.safetensors")) == []
+
+
+def test_the_command_prints_what_came_out(results: dict[str, StudyTable], out: Path) -> None:
+    answer = run_json("bench", "paper", "--experiments", "ablation", "--seeds", 3, "--jobs", 1, "--out", out)
+    assert [study["study"] for study in answer["studies"]] == ["paper-ablation"]
+    assert Path(answer["report"]) == out / "paper" / "report.html"
+    assert "The full network converges" in answer["answer"][0]
+
+
+def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, StudyTable], tmp_path: Path) -> None:
+    page = write_paper_page(results, "small", tmp_path / "page")
+    text = page.read_text(encoding="utf-8")
+    for figure in ("0.812", "0.9748", "0.9029", "0.910", "9 points below BiTCN", "best epoch 453", "all three fall"):
+        assert figure in text
+    assert "2 epochs in place of 200" in text
+    assert "none: its experiment was not run" not in text
+    studies = json.loads((tmp_path / "page" / "results.json").read_text(encoding="utf-8"))["studies"]
+    assert [study["study"] for study in studies] == list(results)
+
+
+def test_a_page_of_some_experiments_names_the_figures_it_lacks(results: dict[str, StudyTable], tmp_path: Path) -> None:
+    page = write_paper_page({"paper-ablation": results["paper-ablation"]}, "small", tmp_path)
+    text = page.read_text(encoding="utf-8")
+    assert "paper_ablation_convergence" in text
+    assert "none: its experiment was not run" in text
+
+
+def test_a_search_that_fails_is_a_row_with_its_reason(
+    results: dict[str, StudyTable], monkeypatch: pytest.MonkeyPatch, tiny_paper: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise InputError("the loss is nan in epoch 2; lower learning_rate.")
+
+    monkeypatch.setattr(identification, "calibrate", failing)
+    source = SimpleNamespace(recordings_for=TinyFleets().recordings_for)
+    study = identification.run_identification(source, size="quick", seeds=(3,))  # type: ignore[arg-type]
+    assert not np.isfinite(study.values("rmse", twin=CHOSEN)).any()
+    assert np.isfinite(study.values("rmse", twin=NOMINAL)).all()
+    assert f"{CHOSEN}: the loss is nan in epoch 2; lower learning_rate." in study.notes
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"experiments": ("guess",)}, "no experiment guess"),
+        ({"experiments": ()}, "is named"),
+        ({"size": "huge"}, "of size 'huge'"),
+        ({"seeds": ()}, "at least one seed"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_at_once(wrong: dict[str, tuple[str, ...]], message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        run_paper(tmp_path, **wrong)  # type: ignore[arg-type]
+
+
+def test_windows_dealt_at_random_keep_the_counts_of_each_cell() -> None:
+    recordings = TinyFleets().recordings_for(0)[0]
+    windows = cut_windows(list(recordings), length=2048, stride=8192)
+    is_test = np.isin(windows.recording_id, [r.recording_id for r in recordings if r.recording_id.endswith("_2")])
+    is_test &= windows.cell_pressure == windows.cell_pressure.max()
+    measured, test = windows.subset(~is_test), windows.subset(is_test)
+    dealt = deal_windows(measured, test, seed=0)
+    assert [each.counts() for each in dealt] == [measured.counts(), test.counts()]
+    assert names(dealt[0]) | names(dealt[1]) == names(windows)
+    assert not names(dealt[0]) & names(dealt[1])
+    assert set(dealt[0].recording_id.tolist()) & set(dealt[1].recording_id.tolist())
+    assert [each.fingerprint() for each in deal_windows(measured, test, seed=0)] == [d.fingerprint() for d in dealt]
+
+
+def names(windows: WindowSet) -> set[tuple[str, int]]:
+    return set(zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True))
+
+
+def test_an_interrupted_training_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    from swashtwin.bench.rivals.models import Model, train_model
+
+    windows = cut_windows(list(TinyFleets().recordings_for(0)[0]), length=2048, stride=8192)
+    model = Model("bitcn", SMALL, replace(plans.TRAINING["quick"], epochs=2))
+    whole = train_model(model, windows, seed=0)
+    path = tmp_path / "training.safetensors"
+
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    from swashtwin.learning import build_network
+
+    network = build_network("bitcn", windows.n_channels, len(windows.classes), **SMALL)
+    with pytest.raises(KeyboardInterrupt):
+        fit(network, windows, settings=model.training, seed=0, checkpoint=path, progress=interrupt)
+    assert path.is_file()
+    resumed = train_model(model, windows, seed=0, checkpoint=path)
+    assert resumed.history == whole.history
+    assert not path.exists()

@@ -106,7 +106,7 @@ def test_the_command_prints_what_came_out(results: dict[str, StudyTable], out: P
     answer = run_json("bench", "paper", "--experiments", "ablation", "--seeds", 3, "--jobs", 1, "--out", out)
     assert [study["study"] for study in answer["studies"]] == ["paper-ablation"]
     assert Path(answer["report"]) == out / "paper" / "report.html"
-    assert "The full network converges" in answer["answer"][0]
+    assert "the full network converges" in answer["answer"][0]
 
 
 def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, StudyTable], tmp_path: Path) -> None:

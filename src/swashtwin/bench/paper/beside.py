@@ -63,7 +63,7 @@ def level_sentence(study: StudyResult, random: StudyResult | None = None) -> str
         if row["level"] == near and figure:
             at_random = "" if random is None else f", {_mean(random, {**key, 'level': 'L0'})} on random windows"
             return (
-                f"{_row_words(study, key)}: accuracy {_mean(study, key)} by recording{at_random}; the paper: {figure}."
+                f"{_row_words(study, key)}, accuracy {_mean(study, key)} by recording{at_random}; the paper {figure}."
             )
     return ""
 

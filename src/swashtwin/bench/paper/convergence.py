@@ -40,7 +40,7 @@ def convergence_sentence(study: StudyResult) -> str:
     fastest = [min(times, key=lambda name: float(np.mean(times[name][kind]))) for kind in (0, 1)]
     named = [classifier_words(name) for name in fastest]
     verdict = "fastest" if fastest == [MAIN, MAIN] else "not fastest in both"
-    return f"The full network converges {verdict}: by epochs {named[0]} is first, by seconds {named[1]}."
+    return f"the full network converges {verdict}: by epochs {named[0]} is first, by seconds {named[1]}."
 
 
 @figure_style()

@@ -161,6 +161,6 @@ def _sentence(name: str, results: Mapping[str, StudyTable]) -> str:
     if study.study == IDENTIFICATION or not isinstance(study, StudyResult):
         return identification_sentence(study)
     if name == "ablation":
-        return f"{TITLES[name]}. {convergence_sentence(study)}"
+        return f"{TITLES[name]}: {convergence_sentence(study)}"
     random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
-    return f"{TITLES[name]}. {level_sentence(study, random if isinstance(random, StudyResult) else None)}"
+    return f"{TITLES[name]}: {level_sentence(study, random if isinstance(random, StudyResult) else None)}"

@@ -94,7 +94,7 @@ def at_random(case: Callable[[str], Plan]) -> Callable[[str], Plan]:
         return replace(
             by_recording,
             study=f"{by_recording.study}-random",
-            title=f"{by_recording.title} on random windows",
+            title=by_recording.title.replace(",", " on random windows,"),
             scenario=replace(by_recording.scenario, levels=levels),
             notes=(
                 "Windows at random: the windows of training and nearer test are dealt anew in each class at the tested "

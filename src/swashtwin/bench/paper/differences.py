@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swashtwin.bench.paper.plans import CASE_TWO, COUNTS, REPEATS, SNRS, TRAINING, noise
+from swashtwin.bench.paper import plans
 from swashtwin.bench.rigs.writing import SIZES
 from swashtwin.calibration import IPINN, PAPER_RATES
 from swashtwin.learning import PAPER_TRAINING
@@ -27,7 +27,7 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
     size : ``"quick"`` or ``"paper"``.
     precisions : number formats that networks were trained in.
     """
-    training, counts, paper = TRAINING[size], COUNTS[size], COUNTS["paper"]
+    training, counts, paper = plans.TRAINING[size], plans.COUNTS[size], plans.COUNTS["paper"]
     rig = SIZES["paper" if size == "paper" else "small"]
     smaller = () if size == "paper" else (
         f"Size small, to end in minutes: {training.epochs} epochs in place of {PAPER_TRAINING.epochs}, batches of "
@@ -66,7 +66,8 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
 
 def comparability(experiment: str, size: str) -> Comparability:
     """What holds for one experiment beside what is common."""
-    case_two = CASE_TWO[size]
+    case_two = plans.CASE_TWO[size]
+    synthetic = case_two.get("synthetic", plans.COUNTS[size].synthetic)
     return {
         "case1": Comparability(
             ("Calibrated twins fill the scarce cell with three windows for each measured one.",),
@@ -81,7 +82,7 @@ def comparability(experiment: str, size: str) -> Comparability:
         ),
         "case2": Comparability(
             (
-                f"No measured window in the scarce cell; {case_two['synthetic']} synthetic ones fill it"
+                f"No measured window in the scarce cell; {synthetic} synthetic ones fill it"
                 + (f"; {case_two['test_windows']} test windows a class." if "test_windows" in case_two else "."),
             ),
             (
@@ -93,7 +94,7 @@ def comparability(experiment: str, size: str) -> Comparability:
         "algorithms": Comparability(
             ("The five networks of the paper on Case I's calibrated training set, by one recipe.",),
             (
-                f"{REPEATS[size]} trainings on the same data (the first fleet), as the paper's ten repeats: the spread "
+                f"{plans.REPEATS[size]} trainings on the same data (the first fleet), as the paper's ten repeats: the spread "
                 "is that of weights and order alone. The spread between pumps is larger: swashtwin bench algorithms.",
                 "Recurrent networks read patches of 16 samples and TCN steps of 8: 2,048 single steps can hardly be "
                 "learned through.",
@@ -107,10 +108,10 @@ def comparability(experiment: str, size: str) -> Comparability:
             ("Seconds are CPU seconds of one thread, which include no test.",),
         ),
         "noise": Comparability(
-            (f"Trained clean, tested with white noise at {', '.join(f'{snr:g}' for snr in SNRS)} dB.",),
+            (f"Trained clean, tested with white noise at {', '.join(f'{snr:g}' for snr in plans.SNRS)} dB.",),
             (
                 "The paper does not define its ratio. Here it is the variance of the whole recording over that of the "
-                f"noise, added before windows are cut; mean of {noise(size).draws} draws.",
+                f"noise, added before windows are cut; mean of {plans.noise(size).draws} draws.",
             ),
         ),
         "identification": Comparability(

@@ -45,7 +45,7 @@ def identification_sentence(study: StudyTable) -> str:
         for name in ERRORS
     ]
     return (
-        f"Identification by the IPINN: on recordings held out the IPINN at the paper's rate changes {', '.join(changes)}; the "
+        f"Identification by the IPINN: at the paper's rate it changes {', '.join(changes)} on recordings held out; the "
         "paper: all three fall."
     )
 

@@ -1,6 +1,6 @@
 """`write_paper_page`: the paper's tables and figures beside ours, on one page with the studies they come from."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     if not results:
         raise InputError("there is no result of any experiment to write a page of.")
     kind = "quick" if size == "small" else size
-    parts = [replace(_part(study), answer=()) for study in results.values()]
+    parts = [replace(_part(study), answer=()) for study in _with_each_twin_once(results.values())]
     experiments = _experiments(results)
     sections = tuple(
         Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, kind, results))) for name in experiments
@@ -96,6 +96,18 @@ def paper_answer(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
 
 def _experiments(results: Mapping[str, StudyTable]) -> list[str]:
     return [name for name, studies in EXPERIMENTS.items() if studies[0] in results]
+
+
+def _with_each_twin_once(studies: Iterable[StudyTable]) -> Iterator[StudyTable]:
+    """Studies without the calibrations that one before has shown."""
+    shown: set[tuple[str, tuple[str, ...]]] = set()
+    for study in studies:
+        if not isinstance(study, StudyResult):
+            yield study
+            continue
+        new = {(each.twin.pump.name, each.recording_ids): each for each in study.calibrations}
+        yield replace(study, calibrations=tuple(each for name, each in new.items() if name not in shown))
+        shown |= new.keys()
 
 
 def _part(study: StudyTable) -> Part:

@@ -94,8 +94,8 @@ def comparability(experiment: str, size: str) -> Comparability:
         "algorithms": Comparability(
             ("The five networks of the paper on Case I's calibrated training set, by one recipe.",),
             (
-                f"{plans.REPEATS[size]} trainings on the same data (the first fleet), as the paper's ten repeats: the spread "
-                "is that of weights and order alone. The spread between pumps is larger: swashtwin bench algorithms.",
+                f"{plans.REPEATS[size]} trainings on the same data (the first fleet), as the paper's ten repeats: the "
+                "spread is that of weights and order alone. Between pumps it is larger: swashtwin bench algorithms.",
                 "Recurrent networks read patches of 16 samples and TCN steps of 8: 2,048 single steps can hardly be "
                 "learned through.",
             ),

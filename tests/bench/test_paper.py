@@ -121,9 +121,9 @@ def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, Study
 
 
 def test_a_page_of_some_experiments_names_the_figures_it_lacks(results: dict[str, StudyTable], tmp_path: Path) -> None:
-    page = write_paper_page({"paper-ablation": results["paper-ablation"]}, "small", tmp_path)
+    page = write_paper_page({"paper-identification": results["paper-identification"]}, "small", tmp_path)
     text = page.read_text(encoding="utf-8")
-    assert "paper_ablation_convergence" in text
+    assert "paper_identification_rates" in text
     assert "none: its experiment was not run" in text
 
 

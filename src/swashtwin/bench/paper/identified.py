@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, mean_parameters
+from swashtwin.bench.results.contrasts import paired_interval
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.pump import PARAMETERS
 from swashtwin.report import (
@@ -58,13 +59,21 @@ def errors_table(study: StudyTable) -> Table:
             Cell(words(twin)),
             Cell("all three fall" if twin == CHOSEN else ""),
             *(_spread(study, metric, twin) for metric in ERRORS),
+            *(_change(study, metric, twin) for metric in ERRORS),
             Cell(str(len(study.of(twin=twin)))),
         )
         for twin in twins
     )
     return Table(
-        "Errors against recordings held out: mean ± standard deviation over n pumps.",
-        ("twin", "the paper, its rig", *(study.metrics[metric] for metric in ERRORS), "n"),
+        "Errors against recordings held out: mean ± standard deviation over n pumps, and what is added to the nominal "
+        "twin's, paired by pump, with Student's 95 % interval.",
+        (
+            "twin",
+            "the paper, its rig",
+            *(study.metrics[metric] for metric in ERRORS),
+            *(f"{metric.upper()} less nominal" for metric in ERRORS),
+            "n",
+        ),
         rows,
     )
 
@@ -148,6 +157,19 @@ def _finite(study: StudyTable, metric: str, twin: str) -> list[float]:
 
 def _mean(study: StudyTable, metric: str, twin: str) -> float:
     return float(np.mean(_finite(study, metric, twin) or [np.nan]))
+
+
+def _change(study: StudyTable, metric: str, twin: str) -> Cell:
+    """Difference from the nominal twin."""
+    if twin == NOMINAL:
+        return Cell("")
+    pairs = zip(study.values(metric, twin=twin), study.values(metric, twin=NOMINAL), strict=True)
+    differences = [after - before for after, before in pairs if np.isfinite(after - before)]
+    if not differences:
+        return Cell("—", "no number: the search failed")
+    low, high = paired_interval(differences)
+    interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
+    return Cell(f"{float(np.mean(differences)):+.3f}{interval}", f"{len(differences)} pumps")
 
 
 def _spread(study: StudyTable, metric: str, twin: str) -> Cell:

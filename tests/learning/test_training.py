@@ -60,6 +60,17 @@ def test_the_defaults_are_the_papers():
     assert (PAPER_TRAINING.epochs, PAPER_TRAINING.batch_size, PAPER_TRAINING.learning_rate) == (200, 30, 1e-3)
 
 
+def test_training_in_16_bits_comes_near_that_in_32():
+    exact, short = (fit(small(), tones(), settings=replace(SHORT, precision=name)) for name in ("float32", "bfloat16"))
+    assert [epoch.loss for epoch in short.history] == pytest.approx([epoch.loss for epoch in exact.history], rel=0.05)
+    assert short.history != exact.history
+    assert {value.dtype for value in weights(short).values()} <= {torch.float32, torch.int64}
+    assert "precision" not in SHORT.to_dict()
+    assert short.settings.to_dict()["precision"] == "bfloat16"
+    with pytest.raises(InputError, match="precision 'float8' is none of float32, bfloat16"):
+        replace(SHORT, precision="float8")
+
+
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_no_network_minds_a_single_window_left_over(name):
     """Their number must not decide whether windows can be learned: normalization has no deviation of one window."""

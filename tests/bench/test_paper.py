@@ -31,7 +31,7 @@ class TinyFleets:
 
     recordings: Sequence[Recording] = ()
 
-    def __init__(self, *_: object) -> None:
+    def __init__(self, *_: object, **__: object) -> None:
         type(self).recordings = type(self).recordings or tiny_recordings()
 
     def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:

@@ -56,7 +56,7 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
             "paper's are of one real rig. The paper's figures are no target that these could meet or miss.",
             "Three accelerometers in place of thirteen: their places on the housing are not public.",
             "The recess is 0.07 mm deep in place of 0.6 mm, which in the model is five to ten times as loud as a "
-            "healthy pump, so that any method would recognize it by its level (docs/rig.md).",
+            "healthy pump, so that any method would recognize it by its level (docs/bench/rig.md).",
             "The paper prints no size of its networks, no length of a window and no scaling: these are our reading. A "
             "window is 80 ms and scaled by itself.",
             "The last epoch counts, never the one best on the test. The paper does not say which it took.",

@@ -72,7 +72,7 @@ def run_paper(
     if not seeds:
         raise InputError("give at least one seed, which draws a fleet of pumps.")
     report = progress or (lambda activity, finished, total: None)
-    fleets = Fleets(Path(out), size, jobs, lambda *count: report("recording on the rig", *count))
+    fleets = Fleets(Path(out), size, jobs=jobs, progress=lambda *count: report("recording on the rig", *count))
     results: dict[str, StudyTable] = {}
     for study in (study for name in EXPERIMENTS if name in experiments for study in EXPERIMENTS[name]):
 

@@ -195,8 +195,8 @@ class _Process:
         with self._lock:
             spent, answered = (0.0, 0) if samples is None else self._spent.get(source.path, (0.0, 0))
             seconds, began = max(source.seconds(answered + size) - spent, _SHORTEST), time.monotonic()
-            asked = {"source": source.request(), "seconds": seconds, "memory": repr(memory_limit() / 1e9), **request}
-            line = json.dumps(asked).encode() + b"\n"
+            question = {"source": source.request(), "seconds": seconds, "memory": repr(memory_limit() / 1e9), **request}
+            line = json.dumps(question).encode() + b"\n"
             others = self._several or self._first not in (None, source.path)
             try:
                 answer = self._exchange(source, line, seconds, samples)

@@ -14,6 +14,10 @@ from .methods.search import Calibrator as Calibrator
 from .methods.tuning import PAPER_RATES as PAPER_RATES
 from .methods.tuning import LearningRates as LearningRates
 from .methods.tuning import choose_learning_rate as choose_learning_rate
+from .next_recording import CandidateRecording as CandidateRecording
+from .next_recording import RecordingPlan as RecordingPlan
+from .next_recording import plan_recording as plan_recording
+from .next_recording import total_width as total_width
 from .notes import is_warning as is_warning
 from .objective.agreement import Agreement as Agreement
 from .objective.agreement import Fit as Fit
@@ -69,6 +73,7 @@ __all__ = [
     "Agreement",
     "Calibration",
     "Calibrator",
+    "CandidateRecording",
     "Difference",
     "Dimension",
     "DirectAdam",
@@ -83,6 +88,7 @@ __all__ = [
     "Population",
     "Posterior",
     "Profile",
+    "RecordingPlan",
     "ResumableCalibrator",
     "Severity",
     "SeveritySearch",
@@ -105,11 +111,13 @@ __all__ = [
     "mean_agreement",
     "measure",
     "objective_of",
+    "plan_recording",
     "profile",
     "register_severity",
     "sample_posterior",
     "search_of",
     "shown_speed",
+    "total_width",
     "twin_from_dict",
     "twin_to_dict",
 ]

@@ -19,7 +19,7 @@ from swashtwin.calibration.methods.search import Calibrator, Progress, Search
 from swashtwin.calibration.methods.widening import widening_search
 from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective.agreement import fit_of
-from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure
+from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure, select_agreeing
 from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
 from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
@@ -58,8 +58,8 @@ def calibrate(
 
     Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are used, with the
     operating condition that each states; the others are listed in `Calibration.left_out` with the reason.
-    Recordings at several operating points are fitted together, with one set of values. Calibrating is training: no
-    recording used here may stand in a test set.
+    Recordings at several operating points are fitted together, with one set of values; so are recordings of several
+    sets of sensors. Calibrating is training: no recording used here may stand in a test set.
 
     Parameters
     ----------
@@ -151,9 +151,19 @@ def build_objective(
     twins = starting_twins(pump, recordings, fault)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
     band = DEFAULT_BAND if band is None else band
-    measurements = [measure(twin, recordings, band, lines, phases=phases) for twin in twins]
-    objective = objective_of(twins, measurements, bounds, nuisances)
+    groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
+    measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
+    objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
     return objective if prior is None else replace(objective, unknowns=prior.prior_of(objective.unknowns))
+
+
+def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """`recordings` once for each set of channels of those that agree with the twin, without those of the other sets."""
+    agreeing = {id(recording): recording.channels for recording in select_agreeing(twin, recordings)[0]}
+    return [
+        [recording for recording in recordings if agreeing.get(id(recording), channels) == channels]
+        for channels in dict.fromkeys(agreeing.values())
+    ]
 
 
 def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
@@ -199,7 +209,7 @@ def build_result(
     """
     measurements = [comparison.measurement for comparison in objective.comparisons]
     estimates = estimates_of(objective, search.point, covariance)
-    posterior = Posterior(objective.unknowns, measurements[0].channels, search.point, covariance)
+    posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
     calibrated = posterior.twin_at(nominal, search.point)
     return Calibration(
         twin=calibrated,

@@ -143,6 +143,7 @@ def _fit(fit: Fit) -> dict[str, Any]:
         **figures,
         "spectra": _arrays(fit.spectra),
         "waveforms": _arrays(fit.waveforms),
+        "duration": fit.duration,
     }
 
 
@@ -208,6 +209,7 @@ def _fit_from(table: dict[str, Any]) -> Fit:
             **{n: np.array(v, dtype=float) for n, v in spectra.items() if n not in ("channels", "orders")},
         ),
         waveforms=Waveforms(**{name: np.array(value, dtype=float) for name, value in table["waveforms"].items()}),
+        duration=table.get("duration"),  # calibrations saved before recordings were planned have none
     )
 
 

@@ -109,6 +109,8 @@ class Fit:
     """Lines before and after."""
     waveforms: Waveforms
     """One revolution before and after."""
+    duration: float | None
+    """Length of the recordings together [s]; None in files that do not state it."""
 
 
 def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:
@@ -135,7 +137,8 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
     times = np.arange(measured.shape[1]) / measurement.recordings[0].sample_rate
     before, after = agreements
     waveforms = Waveforms(times, measured, *excerpts)
-    return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms)
+    duration = sum(recording.duration for recording in measurement.recordings)
+    return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms, duration)
 
 
 def _band(

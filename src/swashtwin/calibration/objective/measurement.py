@@ -197,7 +197,6 @@ def _orders_within(
     twin: Twin, band: tuple[float, float], used: Sequence[Recording], lines: Lines
 ) -> Int[np.ndarray, " order"]:
     low, high = band
-    count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
     if not 0 <= low < high:
         raise InputError(f"band ({low:g}, {high:g}) must be two frequencies [Hz], the lower first.")
     for recording in used:
@@ -206,6 +205,19 @@ def _orders_within(
                 f"band ends at {high:g} Hz, above what {recording.recording_id} holds at {recording.sample_rate:g} "
                 f"samples per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
             )
+    return line_orders(twin, band, lines)
+
+
+def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.ndarray, " order"]:
+    """Shaft orders of the lines within `band` [Hz] at the twin's speed.
+
+    Raises
+    ------
+    InputError
+        There is none, or the twin has none but piston-pass lines although all shaft orders are requested.
+    """
+    low, high = band
+    count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
     if lines == "shaft":
         if not ((twin.orders % count > 0) & (twin.orders > 1)).any():  # the first is unbalance
             raise InputError(

@@ -39,10 +39,25 @@ class Comparison:
     """Amplitude in each line [m/s^2] besides the twin's, at an unrelated phase; None is no background."""
     floor: Float[np.ndarray, "channel order"] | float = FLOOR
     """Least standard deviation of a line [m/s^2]."""
+    searched: tuple[str, ...] = ()
+    """Channels that the search's gains, cross-talk and residues belong to, in their order, where other recordings of it
+    have more than this measurement; empty is the measurement's own."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of the search, in its order."""
+        return self.searched or self.measurement.channels
 
     @cached_property
     def _rows(self) -> Tensor:
-        return torch.tensor([self.twin.pump.channels.index(name) for name in self.measurement.channels])
+        return torch.tensor([self.twin.pump.channels.index(name) for name in self.channels])
+
+    @cached_property
+    def _measured_rows(self) -> Tensor | None:
+        """Indices of the measured channels among those of the search; None where all are measured."""
+        if self.channels == self.measurement.channels:
+            return None
+        return torch.tensor([self.channels.index(name) for name in self.measurement.channels])
 
     @cached_property
     def _columns(self) -> Tensor:
@@ -86,9 +101,10 @@ class Comparison:
             return _sigma(measurement.amplitude, measurement.deviation, self.floor)
         return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation, self.floor).repeat(1, 2)
 
-    def _lines(
-        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], solver: SteadySolver | None
+    def lines(
+        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:
+        """Simulated lines [m/s^2] at `point`, differentiable, at the twin's own shaft position."""
         lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
         lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
         if self._indices is not None:
@@ -98,13 +114,15 @@ class Comparison:
         if mixing is not None:
             lines = mixing.to(lines.dtype) @ lines
         path = unknowns.response_of(point, self._frequency)
-        return lines if path is None else lines * path
+        if path is not None:
+            lines = lines * path
+        return lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
 
     def amplitude(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel order"]:
         """Simulated amplitudes [m/s^2] at `point`, differentiable; the `background` alone where the twin is silent."""
-        lines = self._lines(unknowns, point, solver).abs()
+        lines = self.lines(unknowns, point, solver=solver).abs()
         if self.background is None:
             return lines
         return (lines.square() + torch.as_tensor(self.background).square() + 1e-24).sqrt()
@@ -115,7 +133,7 @@ class Comparison:
         """Simulated observables [m/s^2] at `point`, differentiable."""
         if self.measurement.phasor is None:
             return self.amplitude(unknowns, point, solver=solver)
-        lines = self._lines(unknowns, point, solver)
+        lines = self.lines(unknowns, point, solver=solver)
         weight = self.sigma[:, : len(self._orders)] ** -2
         return _parts(turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
 
@@ -133,6 +151,7 @@ class Comparison:
         limited = replace(twin, bandwidth=self.twin.bandwidth)
         with torch.no_grad():
             lines = limited.acceleration().index_select(-2, self._rows)
+            lines = lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
         columns = np.flatnonzero(np.isin(limited.orders, self.measurement.orders))
         return lines[:, columns].abs().numpy()
 
@@ -156,6 +175,11 @@ class Objective:
     def twin(self) -> Twin:
         """The first condition's twin; the others differ from it in condition only."""
         return self.comparisons[0].twin
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of all comparisons, in the order of the unknowns."""
+        return self.comparisons[0].channels
 
     @property
     def has_phases(self) -> bool:
@@ -295,19 +319,26 @@ def objective_of(
     Parameters
     ----------
     twins : the pump's twin, or several that differ in condition only.
-    measurements : one for each twin; only lines that the twin has are compared.
+    measurements : one for each twin; only lines that the twin has are compared. Their channels may differ.
     bounds : see `search_space`.
     nuisances : what is searched beside the six values.
     """
     twins = [twins] if isinstance(twins, Twin) else list(twins)
     measurements = [measurements] if isinstance(measurements, Measurement) else list(measurements)
+    channels = tuple(dict.fromkeys(name for measurement in measurements for name in measurement.channels))
     pairs = zip(twins, measurements, strict=True)
-    comparisons = tuple(_comparison(*pair) for pair in pairs)
+    comparisons = tuple(comparison_of(*pair, channels) for pair in pairs)
     space = search_space(twins[0], bounds)
-    return Objective(comparisons, space, unknowns_of(twins[0], measurements[0].channels, space, nuisances))
+    return Objective(comparisons, space, unknowns_of(twins[0], channels, space, nuisances))
 
 
-def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
+def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()) -> Comparison:
+    """Comparison within the band that was measured, of the lines that the twin has.
+
+    Parameters
+    ----------
+    channels : those of the search (`Comparison.searched`).
+    """
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders)
@@ -319,4 +350,4 @@ def _comparison(twin: Twin, measurement: Measurement) -> Comparison:
         phasor=None if measurement.phasor is None else measurement.phasor[:, common],
         phasor_deviation=None if measurement.phasor_deviation is None else measurement.phasor_deviation[:, common],
     )
-    return Comparison(twin=limited, measurement=compared)
+    return Comparison(twin=limited, measurement=compared, searched=channels)

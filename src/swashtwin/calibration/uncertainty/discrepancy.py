@@ -24,6 +24,7 @@ wrong twin hides in its coordinates without a trace in the residuals, nobody can
 """
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy.linalg
@@ -135,8 +136,48 @@ def noise_covariance(around: Linearization, discrepancy: Discrepancy) -> Float[n
     names = [name for name, _ in discrepancy.constants]
     shares = [share / getattr(CONSTANTS, name) for name, share in discrepancy.constants]
     shares += [discrepancy.excitation, discrepancy.path, discrepancy.line]
-    parts = _parts(around, names)
-    return np.diag(around.sigma**2) + sum(s**2 * part for s, part in zip(shares, parts, strict=True))
+    noise = np.diag(around.sigma**2) + _repeated_errors(around)
+    if any(shares):
+        noise = noise + sum(s**2 * part for s, part in zip(shares, _parts(around, names), strict=True))
+    return noise
+
+
+def _repeated_errors(around: Linearization) -> np.ndarray:
+    """Covariance between comparisons at one operating point, which are of recordings with different sensors.
+
+    In a channel and line that two of them have, the error that `Comparison.sigma` allows the twin is the same.
+    """
+    comparisons = around.objective.comparisons
+    noise = np.zeros((len(around.sigma), len(around.sigma)))
+    conditions = [comparison.twin.condition for comparison in comparisons]
+    if len(set(conditions)) == len(conditions):
+        return noise
+    level, quarter = _levels(around.objective, around.simulated)
+    deviation = np.concatenate([_deviation(comparison) for comparison in comparisons])
+    error = np.sqrt(np.maximum(around.sigma**2 - deviation**2, 0.0)) / np.hypot(level, quarter)
+    level, quarter = level * error, quarter * error
+    ends = np.cumsum([comparison.measured.numel() for comparison in comparisons])[:-1]
+    rows = zip(np.split(np.arange(len(noise)), ends), comparisons, strict=True)
+    for (one, first), (two, second) in combinations(rows, 2):
+        if first.twin.condition == second.twin.condition:
+            is_same = _line_names(first)[:, None] == _line_names(second)
+            block = is_same * (np.outer(level[one], level[two]) + np.outer(quarter[one], quarter[two]))
+            noise[np.ix_(one, two)], noise[np.ix_(two, one)] = block, block.T
+    return noise
+
+
+def _deviation(comparison: Comparison) -> np.ndarray:
+    """Standard deviation of each observable from the measurement alone [m/s^2]."""
+    measurement = comparison.measurement
+    if measurement.phasor_deviation is None:
+        return measurement.deviation.reshape(-1)
+    return np.tile(measurement.phasor_deviation, 2).reshape(-1)
+
+
+def _line_names(comparison: Comparison) -> np.ndarray:
+    """Channel and order of each observable."""
+    orders = np.tile(comparison.measurement.orders, 2 if comparison.has_phases else 1)
+    return np.array([f"{order} {channel}" for channel in comparison.measurement.channels for order in orders])
 
 
 def _fixed_constants(objective: Objective) -> list[str]:

@@ -174,13 +174,15 @@ def _expected(
     blank = np.zeros((len(comparison.measurement.channels), len(orders)))
     empty = replace(comparison.measurement, orders=orders, amplitude=blank, deviation=blank, recordings=(), left_out=())
     with torch.no_grad():
-        lines = Comparison(twin, empty).amplitude(unknowns, torch.as_tensor(point)).numpy()
-    return Comparison(twin, replace(empty, amplitude=lines))
+        silent = Comparison(twin, empty, searched=comparison.searched)
+        lines = silent.amplitude(unknowns, torch.as_tensor(point)).numpy()
+    return replace(silent, measurement=replace(empty, amplitude=lines))
 
 
 def _with_sensor(objective: Objective, point: np.ndarray, sensor: Sensor) -> tuple[Objective, np.ndarray]:
     """With one more channel in every comparison; its gain and residues are searched where those of the others are."""
-    unknowns, moved = _with_channel(objective.unknowns, point, sensor.name)
+    unknowns, moved = with_channel(objective.unknowns, point, sensor.name)
+    searched = (*objective.channels, sensor.name)
     comparisons = []
     for comparison in objective.comparisons:
         pump = comparison.twin.pump
@@ -194,11 +196,17 @@ def _with_sensor(objective: Objective, point: np.ndarray, sensor: Sensor) -> tup
         )
         channels = (*comparison.measurement.channels, sensor.name)
         wider = replace(comparison.measurement, channels=channels)
-        full = _expected(replace(comparison, measurement=wider), twin, comparison.measurement.orders, unknowns, moved)
+        full = _expected(
+            replace(comparison, measurement=wider, searched=searched),
+            twin,
+            comparison.measurement.orders,
+            unknowns,
+            moved,
+        )
         amplitude = np.concatenate([comparison.measurement.amplitude, full.measurement.amplitude[-1:]])
         deviation = np.concatenate([comparison.measurement.deviation, np.zeros_like(amplitude[-1:])])
         measurement: Measurement = replace(wider, amplitude=amplitude, deviation=deviation)
-        comparisons.append(Comparison(twin, measurement))
+        comparisons.append(Comparison(twin, measurement, searched=searched))
     return replace(objective, comparisons=tuple(comparisons), unknowns=unknowns), moved
 
 
@@ -208,7 +216,7 @@ def _sharing(twin: Twin, other: Twin) -> Twin:
     return other
 
 
-def _with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[Unknowns, np.ndarray]:
+def with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[Unknowns, np.ndarray]:
     """Coordinates with the gain and residues of one more channel, where those of the others are searched."""
     names = list(unknowns.names)
     rows = {name: list(getattr(unknowns, name)) for name in ("start", "center", "deviation", "lower", "upper")}

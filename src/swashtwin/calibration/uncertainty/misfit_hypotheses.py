@@ -9,7 +9,7 @@ another way (the timing of the ports, the place of a defect) shows in the misfit
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -95,19 +95,24 @@ def _refit(objective: Objective) -> tuple[np.ndarray, float]:
 
 
 def _swap_channels(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
-    channels = objective.comparisons[0].measurement.channels
-    for first, second in combinations(channels, 2):
-        renamed = tuple({first: second, second: first}.get(name, name) for name in channels)
-        changed = tuple(
-            Comparison(each.twin, replace(each.measurement, channels=renamed)) for each in objective.comparisons
-        )
+    for first, second in combinations(objective.channels, 2):
+        names = {first: second, second: first}
+        changed = tuple(_renamed(each, names) for each in objective.comparisons)
         _, misfit = _refit(replace(objective, comparisons=changed))
         yield MisfitHypothesis(f"{first} and {second} have each other's name: look at the wiring", misfit, before)
 
 
+def _renamed(comparison: Comparison, names: Mapping[str, str]) -> Comparison:
+    """With other names of some channels."""
+    channels, searched = (
+        tuple(names.get(name, name) for name in row) for row in (comparison.measurement.channels, comparison.searched)
+    )
+    return replace(comparison, measurement=replace(comparison.measurement, channels=channels), searched=searched)
+
+
 def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     other: Topology = "T2" if objective.twin.topology == "T1" else "T1"
-    changed = tuple(Comparison(replace(each.twin, topology=other), each.measurement) for each in objective.comparisons)
+    changed = tuple(replace(each, twin=replace(each.twin, topology=other)) for each in objective.comparisons)
     _, misfit = _refit(replace(objective, comparisons=changed))
     yield MisfitHypothesis(f"the bodies are joined as in topology {other}", misfit, before)
 
@@ -200,7 +205,7 @@ def _with_entry(row: np.ndarray, index: int, value: float) -> np.ndarray:
 
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     """Each channel's gain searched: one that is far from the others' is in another unit."""
-    channels = objective.comparisons[0].measurement.channels
+    channels = objective.channels
     if len(channels) < 2:
         return
     names = tuple(f"gain {name}" for name in channels)

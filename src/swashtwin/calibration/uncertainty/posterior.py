@@ -132,7 +132,7 @@ def estimates_of(
                 nominal=float(space.nominal[i]),
                 value=float(values[i]),
                 log_std=float(std[i]),
-                interval=_interval(float(np.log(values[i])), float(std[i]), low, high),
+                interval=interval_around(float(values[i]), float(std[i]), (space.lower[i], space.upper[i])),
                 bounds=(float(space.lower[i]), float(space.upper[i])),
                 verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high, in_doubt),
                 traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
@@ -141,15 +141,16 @@ def estimates_of(
     return tuple(estimates)
 
 
-def _interval(center: float, std: float, low: float, high: float) -> tuple[float, float]:
+def interval_around(value: float, log_std: float, bounds: tuple[float, float]) -> tuple[float, float]:
     """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is always within."""
-    below, above = (low - center) / std, (high - center) / std
+    center, low, high = (float(np.log(each)) for each in (value, *bounds))
+    below, above = (low - center) / log_std, (high - center) / log_std
     wanted = COVERAGE * (ndtr(above) - ndtr(below))
 
     def surplus(half: float) -> float:
         return float(ndtr(min(above, half)) - ndtr(max(below, -half)) - wanted)
 
-    half = std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
+    half = log_std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
     return math.exp(max(low, center - half)), math.exp(min(high, center + half))
 
 

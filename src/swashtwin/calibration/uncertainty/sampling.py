@@ -99,7 +99,7 @@ def sample_posterior(
         raise InputError(f"walkers ({walkers}) must be even and at least {2 * size}, steps ({steps}) at least 10.")
     density = _Density(objective, point)
     laplace = Posterior(
-        objective.unknowns, _channels(objective), np.asarray(point), posterior_covariance(objective, point)
+        objective.unknowns, objective.channels, np.asarray(point), posterior_covariance(objective, point)
     )
     burn_in, moves = steps // 2, [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
     sampler = emcee.EnsembleSampler(walkers, size, density, moves=moves, vectorize=True)
@@ -112,9 +112,7 @@ def sample_posterior(
     chain = sampler.get_chain(discard=burn_in)
     time, ratio = chain_quality(chain)
     draws = chain.reshape(-1, size)
-    posterior = Posterior(
-        objective.unknowns, _channels(objective), np.asarray(point), np.cov(draws.T), thin(chain, time)
-    )
+    posterior = Posterior(objective.unknowns, objective.channels, np.asarray(point), np.cov(draws.T), thin(chain, time))
     return Sampling(
         posterior=posterior,
         acceptance=float(sampler.acceptance_fraction.mean()),
@@ -164,10 +162,6 @@ def thin(chain: Float[np.ndarray, "step walker unknown"], time: float) -> Float[
     """At most about 2000 draws, no nearer than half an autocorrelation time in each walker."""
     stride = max(1, int(time / 2), len(chain) * chain.shape[1] // 2000)
     return chain[::stride].reshape(-1, chain.shape[-1])
-
-
-def _channels(objective: Objective) -> tuple[str, ...]:
-    return objective.comparisons[0].measurement.channels
 
 
 def _emcee() -> Any:

@@ -1,0 +1,323 @@
+"""What to record next: the interval widths that each candidate recording is expected to leave.
+
+The twin is linearized around the calibrated values. A candidate adds the lines that the calibrated twin has at its
+operating point, with the derivatives, the expected noise and the model error that a calibration would give them; the
+covariance is that of `posterior_covariance` (Gauss-Newton, so everything is normal and no candidate depends on what it
+will read; Lindley 1956, doi:10.1214/aoms/1177728069). Candidates are ranked by the total width of the six 90 %
+intervals, the sum of ln(greatest / least), because narrow intervals of single values are what a calibration is for.
+
+- Noise falls with the root of the length; the model error of a line does not. So a repetition at an operating point
+  that was recorded is worth little, and so is a longer recording, where noise is not what limits the values.
+- Errors at two operating points count as independent, as in a calibration. Candidates should lie well apart.
+- The films are taken as the same at each operating point.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
+from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.objective.unknowns import VALUES, SearchSpace
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.uncertainty.discrepancy import (
+    Linearization,
+    estimate_discrepancy,
+    linearize,
+    noise_covariance,
+)
+from swashtwin.calibration.uncertainty.information import with_channel
+from swashtwin.calibration.uncertainty.posterior import Estimate, interval_around, sandwich
+from swashtwin.foundation import InputError, one_thread
+from swashtwin.physics import Twin
+from swashtwin.pump import OperatingCondition
+
+FACTORS = (2 / 3, 1.0, 3 / 2)
+"""Candidates where nothing is named: these factors on the mean speed and pressure that were calibrated on."""
+
+
+@dataclass(frozen=True)
+class CandidateRecording:
+    """A recording that could be taken, and what it is expected to leave of the interval widths."""
+
+    speed: float
+    """Shaft speed [rad/s]."""
+    discharge_pressure: float
+    """Absolute discharge pressure [Pa]."""
+    duration: float
+    """Length [s]; NaN where it is that of a recording of the calibration, whose file does not state it."""
+    channels: tuple[str, ...]
+    """Sensors."""
+    total_width: float
+    """Expected sum over the six values of ln(greatest / least) of the 90 % interval."""
+    narrower: tuple[tuple[str, float], ...]
+    """By what factor each value's ln interval is expected to shrink, by letter."""
+
+
+@dataclass(frozen=True)
+class RecordingPlan:
+    """What to record next."""
+
+    total_width: float
+    """Present sum over the six values of ln(greatest / least) of the 90 % interval."""
+    candidates: tuple[CandidateRecording, ...]
+    """Candidates, the one with the least expected width first."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        rows = [
+            {
+                **asdict(item),
+                "duration": None if math.isnan(item.duration) else item.duration,
+                "channels": list(item.channels),
+                "narrower": dict(item.narrower),
+            }
+            for item in self.candidates
+        ]
+        return {"total_width": self.total_width, "candidates": rows}
+
+
+def total_width(estimates: Sequence[Estimate]) -> float:
+    """Sum of ln(greatest / least) of the intervals of `estimates`."""
+    return sum(math.log(estimate.interval[1] / estimate.interval[0]) for estimate in estimates)
+
+
+def plan_recording(
+    calibration: Calibration,
+    *,
+    speeds: Sequence[float] | None = None,
+    pressures: Sequence[float] | None = None,
+    durations: Sequence[float] | None = None,
+    sensors: Sequence[Sequence[str]] | None = None,
+) -> RecordingPlan:
+    """Every combination of the given speeds, pressures, durations and sensor sets, the most useful recording first.
+
+    The pump has the fault that it was calibrated with, mostly none.
+
+    Parameters
+    ----------
+    speeds : shaft speeds [rad/s]; by default 2/3, 1 and 3/2 times the mean one calibrated on.
+    pressures : absolute discharge pressures [Pa]; by default the same factors on the mean one.
+    durations : lengths [s]; by default the mean length of the recordings calibrated on.
+    sensors : sets of sensors of the pump, by name; by default those calibrated on. Sensors not used before have gains,
+        cross-talk and residues of their own, with the priors of the others.
+
+    Raises
+    ------
+    InputError
+        A sensor that the pump does not have, no candidate, a speed at which no line lies in the band, or durations for
+        a calibration whose file states none.
+    """
+    sets = _sensor_sets(calibration, sensors)
+    forecast = _Forecast(calibration, sets)
+    speeds = forecast.around("speed") if speeds is None else speeds
+    pressures = forecast.around("discharge_pressure") if pressures is None else pressures
+    conditions = [
+        forecast.present[0].condition.replaced(speed=speed, discharge_pressure=pressure)
+        for speed, pressure in product(speeds, pressures)
+    ]
+    lengths = [forecast.mean_duration] if durations is None else list(durations)
+    if not (conditions and lengths and sets):
+        raise InputError("name at least one speed, pressure, duration and sensor set, or leave the argument out.")
+    if any(not length > 0 or math.isinf(length) for length in lengths):
+        raise InputError(f"durations ({', '.join(f'{length:g}' for length in lengths)}) must be positive numbers [s].")
+    if durations is not None and not forecast.has_durations:
+        raise InputError(
+            "the calibration's file does not state how long its recordings were, as it is of an older version: "
+            "calibrate again, or name no lengths."
+        )
+    with one_thread():
+        before = forecast.covariance(forecast.present)
+        rows = [
+            _candidate(calibration, forecast, before, *choice)
+            for choice in product(conditions, lengths, sets)
+        ]  # fmt: skip
+    return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
+
+
+def _sensor_sets(calibration: Calibration, sensors: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
+    known = calibration.nominal.pump.channels
+    sets = [calibration.posterior.channels] if sensors is None else [tuple(names) for names in sensors]
+    for names in sets:
+        unknown = [name for name in names if name not in known]
+        if unknown or not names or len(set(names)) < len(names):
+            raise InputError(
+                f"sensors ({', '.join(names)}) must be different sensors of the pump, which has {', '.join(known)}; "
+                "add others to the pump file and calibrate with it."
+            )
+    return sets
+
+
+def _candidate(
+    calibration: Calibration,
+    forecast: "_Forecast",
+    before: np.ndarray,
+    condition: OperatingCondition,
+    duration: float,
+    channels: tuple[str, ...],
+) -> CandidateRecording:
+    after = forecast.covariance(forecast.with_recording(condition, duration, channels))
+    share = np.sqrt(np.diag(after) / np.diag(before))
+    estimates = [
+        replace(each, interval=interval_around(each.value, each.log_std * factor, each.bounds))
+        for each, factor in zip(calibration.estimates, share.tolist(), strict=True)
+    ]
+    pairs = zip(calibration.estimates, estimates, strict=True)
+    return CandidateRecording(
+        speed=condition.speed,
+        discharge_pressure=condition.discharge_pressure,
+        duration=duration if forecast.has_durations else math.nan,
+        channels=channels,
+        total_width=total_width(estimates),
+        narrower=tuple((old.letter, total_width([old]) / total_width([new])) for old, new in pairs),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Recordings at one operating point with one set of sensors."""
+
+    condition: OperatingCondition
+    channels: tuple[str, ...]
+    orders: Int[np.ndarray, " order"]
+    deviation: Float[np.ndarray, "channel order"]
+    """Standard deviation of the lines from noise alone [m/s^2]."""
+    recordings: int
+
+    @property
+    def frequency(self) -> Float[np.ndarray, " order"]:
+        """Frequencies of the lines [Hz]."""
+        return self.orders * self.condition.shaft_frequency
+
+    def with_one_more(self, noise: Float[np.ndarray, "channel order"]) -> "_Part":
+        """With a further recording of that deviation in the mean."""
+        count = self.recordings + 1
+        deviation = np.sqrt((self.recordings * self.deviation) ** 2 + noise**2) / count
+        return replace(self, deviation=deviation, recordings=count)
+
+
+class _Forecast:
+    """What a calibration knows, and what a further recording would add."""
+
+    def __init__(self, calibration: Calibration, sets: Sequence[tuple[str, ...]]) -> None:
+        posterior, fits = calibration.posterior, calibration.fits
+        bounds = np.array([estimate.bounds for estimate in calibration.estimates])
+        nominal = np.array([estimate.nominal for estimate in calibration.estimates])
+        self.calibration, self.space = calibration, SearchSpace(nominal, *bounds.T)
+        self.unknowns, self.point, self.channels = posterior.unknowns, posterior.point, posterior.channels
+        self.has_durations = all(fit.duration is not None for fit in fits)
+        self.present = [
+            _Part(
+                fit.condition, fit.spectra.channels, fit.spectra.orders, fit.spectra.deviation, len(fit.recording_ids)
+            )
+            for fit in fits
+        ]
+        self._twins: dict[OperatingCondition, Twin] = {}
+        self._linear: dict[tuple[OperatingCondition, tuple[str, ...]], Linearization] = {}
+        seconds = [float(len(fit.recording_ids)) if fit.duration is None else fit.duration for fit in fits]
+        self.mean_duration = sum(seconds) / len(calibration.recording_ids)
+        self._density = {name: self._noise_density(name, seconds) for name in posterior.channels}
+        measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]
+        around = linearize(Objective(tuple(measured), self.space, self.unknowns), self.point)
+        self._discrepancy = estimate_discrepancy(around)
+        for name in dict.fromkeys(name for names in sets for name in names):
+            if name not in self.channels:
+                self.unknowns, self.point = with_channel(self.unknowns, self.point, name)
+                self.channels = (*self.channels, name)
+
+    def around(self, name: str) -> list[float]:
+        """`FACTORS` on the mean speed or discharge pressure."""
+        mean = float(np.mean([getattr(part.condition, name) for part in self.present]))
+        return [factor * mean for factor in FACTORS]
+
+    def with_recording(self, condition: OperatingCondition, duration: float, channels: tuple[str, ...]) -> list[_Part]:
+        """The present parts and one more recording; at the operating point and with the sensors of one, in its mean."""
+        points = (part.condition for part in self.present)
+        same = next((old for old in points if old.matches(condition, speed=LINE_SPEED_TOLERANCE)), condition)
+        settings = self.calibration.settings
+        orders = line_orders(self._twin(same), settings["band"], settings["lines"])
+        orders = orders[np.isin(orders, self._twin(same).orders)]
+        part = _Part(same, channels, orders, np.empty((len(channels), len(orders))), 1)
+        part = replace(part, deviation=self._noise(part.frequency, channels) / math.sqrt(duration))
+        kin = [old for old in self.present if (old.condition, old.channels) == (same, channels)]
+        others = [old for old in self.present if old not in kin]
+        return [*others, kin[0].with_one_more(part.deviation) if kin else part]
+
+    def covariance(self, parts: Sequence[_Part]) -> Float[np.ndarray, "6 6"]:
+        """Expected covariance of the logarithms of the six values."""
+        linear = [self._linearized(part) for part in parts]
+        around = Linearization(
+            objective=replace(linear[0].objective, comparisons=tuple(one.objective.comparisons[0] for one in linear)),
+            point=self.point,
+            residual=np.concatenate([one.residual for one in linear]),
+            slope=np.concatenate([one.slope for one in linear]),
+            sigma=np.concatenate([one.objective.sigma.numpy() for one in linear]),
+        )
+        return sandwich(around, noise_covariance(around, self._discrepancy))[VALUES, VALUES]
+
+    def _linearized(self, part: _Part) -> Linearization:
+        """The part around the calibrated point, where it reads just what the calibrated twin has.
+
+        Lines and derivatives are computed once, since they do not depend on the noise.
+        """
+        key = (part.condition, part.channels)
+        if key not in self._linear:
+            silent = self._comparison(part, np.zeros(part.deviation.shape))
+            with torch.no_grad():
+                lines = silent.lines(self.unknowns, torch.as_tensor(self.point)).numpy()
+            read = replace(silent.measurement, amplitude=np.abs(lines))
+            if self.calibration.settings["phases"]:
+                read = replace(read, phasor=lines, phasor_deviation=part.deviation)
+            comparison = replace(silent, measurement=read)
+            self._linear[key] = linearize(Objective((comparison,), self.space, self.unknowns), self.point)
+        linear = self._linear[key]
+        (comparison,) = linear.objective.comparisons
+        deviations = {"deviation": part.deviation}
+        if comparison.has_phases:
+            deviations["phasor_deviation"] = part.deviation
+        comparison = replace(comparison, measurement=replace(comparison.measurement, **deviations))
+        return replace(linear, objective=replace(linear.objective, comparisons=(comparison,)))
+
+    def _comparison(self, part: _Part, amplitude: Float[np.ndarray, "channel order"]) -> Comparison:
+        settings = self.calibration.settings
+        measurement = Measurement(
+            channels=part.channels,
+            orders=part.orders,
+            amplitude=amplitude,
+            deviation=part.deviation,
+            recordings=(),
+            left_out=(),
+            band=tuple(settings["band"]),
+            lines=settings["lines"],
+        )
+        return Comparison(self._twin(part.condition), measurement, searched=self.channels)
+
+    def _twin(self, condition: OperatingCondition) -> Twin:
+        """The nominal twin at a condition, kept, since its chamber pressures take long."""
+        if condition not in self._twins:
+            twin = self.calibration.nominal.at(condition)
+            highest = self.calibration.settings["band"][1] + condition.shaft_frequency
+            self._twins[condition] = replace(twin, bandwidth=highest, path=None)
+        return self._twins[condition]
+
+    def _noise_density(self, channel: str, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [Hz] of all lines of a channel, and their variance times the time recorded [(m/s^2)^2 s]."""
+        pairs = [(part, time) for part, time in zip(self.present, seconds, strict=True) if channel in part.channels]
+        frequency = np.concatenate([part.frequency for part, _ in pairs])
+        variance = np.concatenate([time * part.deviation[part.channels.index(channel)] ** 2 for part, time in pairs])
+        order = np.argsort(frequency)
+        return frequency[order], variance[order]
+
+    def _noise(
+        self, frequency: Float[np.ndarray, " order"], channels: tuple[str, ...]
+    ) -> Float[np.ndarray, "channel order"]:
+        """Standard deviation of the lines of a recording of 1 s [m/s^2]; of a new sensor that of the mean variance."""
+        rows = {name: np.interp(frequency, *density) for name, density in self._density.items()}
+        mean = np.mean(list(rows.values()), axis=0)
+        return np.sqrt([rows.get(name, mean) for name in channels])

@@ -26,6 +26,7 @@ from .questions.listening import ListeningStudySettings as ListeningStudySetting
 from .questions.listening import run_listening as run_listening
 from .questions.misspecification import BACKGROUNDS as BACKGROUNDS
 from .questions.misspecification import run_misspecification as run_misspecification
+from .questions.next_recording import run_next_recording as run_next_recording
 from .questions.severity import run_severity as run_severity
 from .questions.tuning import run_tuning as run_tuning
 from .questions.wrong_twin_study import run_wrong_twins as run_wrong_twins
@@ -88,6 +89,7 @@ __all__ = [
     "run_leakage",
     "run_listening",
     "run_misspecification",
+    "run_next_recording",
     "run_paper",
     "run_plan",
     "run_public",

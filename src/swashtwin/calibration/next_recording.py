@@ -124,9 +124,11 @@ def plan_recording(
     ]
     lengths = [forecast.mean_duration] if durations is None else list(durations)
     if not (conditions and lengths and sets):
-        raise InputError("name at least one speed, pressure, duration and sensor set, or leave the argument out.")
+        raise InputError("name at least one speed, pressure, length and set of sensors, or leave it out.")
     if any(not length > 0 or math.isinf(length) for length in lengths):
-        raise InputError(f"durations ({', '.join(f'{length:g}' for length in lengths)}) must be positive numbers [s].")
+        raise InputError(
+            f"lengths of recordings ({', '.join(f'{length:g} s' for length in lengths)}) must be positive."
+        )
     if durations is not None and not forecast.has_durations:
         raise InputError(
             "the calibration's file does not state how long its recordings were, as it is of an older version: "
@@ -134,10 +136,8 @@ def plan_recording(
         )
     with one_thread():
         before = forecast.covariance(forecast.present)
-        rows = [
-            _candidate(calibration, forecast, before, *choice)
-            for choice in product(conditions, lengths, sets)
-        ]  # fmt: skip
+        choices = product(conditions, lengths, sets)
+        rows = [_candidate(calibration, forecast, before, *choice) for choice in choices]
     return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
 
 
@@ -278,10 +278,9 @@ class _Forecast:
             self._linear[key] = linearize(Objective((comparison,), self.space, self.unknowns), self.point)
         linear = self._linear[key]
         (comparison,) = linear.objective.comparisons
-        deviations = {"deviation": part.deviation}
-        if comparison.has_phases:
-            deviations["phasor_deviation"] = part.deviation
-        comparison = replace(comparison, measurement=replace(comparison.measurement, **deviations))
+        phasor_deviation = part.deviation if comparison.has_phases else None
+        read = replace(comparison.measurement, deviation=part.deviation, phasor_deviation=phasor_deviation)
+        comparison = replace(comparison, measurement=read)
         return replace(linear, objective=replace(linear.objective, comparisons=(comparison,)))
 
     def _comparison(self, part: _Part, amplitude: Float[np.ndarray, "channel order"]) -> Comparison:
@@ -320,4 +319,4 @@ class _Forecast:
         """Standard deviation of the lines of a recording of 1 s [m/s^2]; of a new sensor that of the mean variance."""
         rows = {name: np.interp(frequency, *density) for name, density in self._density.items()}
         mean = np.mean(list(rows.values()), axis=0)
-        return np.sqrt([rows.get(name, mean) for name in channels])
+        return np.sqrt(np.stack([rows.get(name, mean) for name in channels]))

@@ -1,5 +1,6 @@
-"""Commands of the group twin that use a twin or a pump file: compare, severity, pump show, pump new, pump list."""
+"""Commands of the group twin that use a twin or a pump file: compare, severity, next, pump show, new and list."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,13 +18,14 @@ from swashtwin.cli.options import (
     as_folder,
     fault_dimensions,
     fault_from,
+    read_words,
 )
-from swashtwin.foundation import plural
+from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-    from swashtwin.calibration import Difference, SeverityTrend
+    from swashtwin.calibration import Difference, RecordingPlan, SeverityTrend
     from swashtwin.pump import Nameplate, Pump
     from swashtwin.recordings import Recording
 
@@ -163,6 +165,81 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
         note(f"note: {text}")
     note_left_out(trend.left_out)
     say(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")
+
+
+def plan_next(
+    calibration: CalibrationFile,
+    speeds: Annotated[
+        str | None,
+        typer.Option(help='Shaft speeds that can be run: "600 rpm, 1200 rpm"; by default 2/3, 1 and 3/2 of the mean.'),
+    ] = None,
+    pressures: Annotated[
+        str | None,
+        typer.Option(help='Absolute discharge pressures that can be run: "5 MPa, 15 MPa"; by default as the speeds.'),
+    ] = None,
+    lengths: Annotated[
+        str | None, typer.Option(help='Lengths of a recording: "2 s, 20 s"; by default that of those calibrated on.')
+    ] = None,
+    sensors: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='Sensors of the pump file that record together: "cover_z, body_y"; repeatable, once for each set. By '
+            "default those calibrated on."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """What to record next: which operating point, length and sensors narrow the calibrated values' intervals most.
+
+    Each combination counts as one further recording in the same state, healthy where the calibration is. Name what your
+    machine can run.
+    """
+    from swashtwin.calibration import load_calibration, plan_recording
+
+    speed, pressure, length = (
+        _quantities(text, unit, option)
+        for text, unit, option in (
+            (speeds, "rad/s", "--speeds"),
+            (pressures, "Pa", "--pressures"),
+            (lengths, "s", "--lengths"),
+        )
+    )
+    sets = [read_words(text) for text in sensors] if sensors else None
+    known = load_calibration(calibration)
+    with progress("expected widths"):
+        plan = plan_recording(known, speeds=speed, pressures=pressure, durations=length, sensors=sets)
+    tell({"calibration": calibration, **plan.to_dict()}, as_json, lambda: _show_plan(plan))
+
+
+def _quantities(text: str | None, unit: str, option: str) -> list[float] | None:
+    """Quantities of an option, with commas between them."""
+    return None if text is None else [parse(part, unit, name=option) for part in read_words(text)]
+
+
+_SHOWN = 10
+"""Candidates that are printed; --json has all."""
+
+
+def _show_plan(plan: "RecordingPlan") -> None:
+    rows = []
+    for item in plan.candidates[:_SHOWN]:
+        letter, factor = max(item.narrower, key=lambda pair: pair[1])
+        rows.append(
+            (
+                f"{item.speed * 30 / math.pi:.0f} rpm",
+                f"{item.discharge_pressure / 1e6:.3g} MPa",
+                "as before" if math.isnan(item.duration) else f"{item.duration:.3g} s",
+                ", ".join(item.channels),
+                f"{item.total_width:.2f}",
+                f"{1 - item.total_width / plan.total_width:.1%}",
+                f"{letter}, {factor:.2g} times",
+            )
+        )
+    header = ("speed", "pressure", "length", "sensors", "width after", "narrower by", "most")
+    table(f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}", header, rows)
+    more = len(plan.candidates) - len(rows)
+    if more > 0:
+        say(f"{more} more, which narrow less: --json")
 
 
 def list_pumps(as_json: Json = False) -> None:

@@ -86,11 +86,11 @@ def _slots(size: RigSize, version: str) -> list[_Slot]:
     return [_Slot(*key, version) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
 
 
-def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None) -> Run:
-    """Measurement `name` of a reassembled pump at a set discharge pressure [Pa], with the condition that held."""
+def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None, speed: float = SPEED) -> Run:
+    """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the condition that held."""
     rng = stream(seed, "condition", name)
     condition = OperatingCondition(
-        speed=SPEED * rng.uniform(0.997, 1.003),
+        speed=speed * rng.uniform(0.997, 1.003),
         discharge_pressure=pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )

@@ -41,6 +41,9 @@ from swashtwin.pump import OperatingCondition
 FACTORS = (2 / 3, 1.0, 3 / 2)
 """Candidates where nothing is named: these factors on the mean speed and pressure that were calibrated on."""
 
+LEAST_REVOLUTIONS = 16
+"""A calibration takes no shorter recording, since the scatter of its lines is that of four parts of it."""
+
 
 @dataclass(frozen=True)
 class CandidateRecording:
@@ -98,7 +101,8 @@ def plan_recording(
 ) -> RecordingPlan:
     """Every combination of the given speeds, pressures, durations and sensor sets, the most useful recording first.
 
-    The pump has the fault that it was calibrated with, mostly none.
+    The pump has the fault that it was calibrated with, mostly none. Combinations of fewer than 16 revolutions are left
+    out, since no calibration takes them.
 
     Parameters
     ----------
@@ -111,8 +115,8 @@ def plan_recording(
     Raises
     ------
     InputError
-        A sensor that the pump does not have, no candidate, a speed at which no line lies in the band, or durations for
-        a calibration whose file states none.
+        A sensor that the pump does not have, no candidate or none of 16 revolutions, a speed at which no line lies in
+        the band, or durations for a calibration whose file states none.
     """
     sets = _sensor_sets(calibration, sensors)
     forecast = _Forecast(calibration, sets)
@@ -134,9 +138,15 @@ def plan_recording(
             "the calibration's file does not state how long its recordings were, as it is of an older version: "
             "calibrate again, or name no lengths."
         )
+    choices = [
+        choice
+        for choice in product(conditions, lengths, sets)
+        if choice[1] * choice[0].shaft_frequency >= LEAST_REVOLUTIONS or not forecast.has_durations
+    ]
+    if not choices:
+        raise InputError(f"each of these recordings is shorter than {LEAST_REVOLUTIONS} revolutions: record longer.")
     with one_thread():
         before = forecast.covariance(forecast.present)
-        choices = product(conditions, lengths, sets)
         rows = [_candidate(calibration, forecast, before, *choice) for choice in choices]
     return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
 

@@ -40,7 +40,7 @@ METRICS = {
 }
 SPEEDS = tuple(map(rpm, (600, 860, 1200, 1500)))
 PRESSURES = tuple(map(MPa, (5, 10, 15)))
-DURATIONS = (1.0, 4.0)
+DURATIONS = (2.0, 4.0)
 """Lengths of candidates [s]."""
 DRAWN = ("cover_z", "body_y", "body_x")
 SETS = (DRAWN, ("cover_z", "body_y", "cover_y"), ("cover_z", "body_y", "body_z"))
@@ -144,7 +144,7 @@ def run_next_recording(
 _NOTES = (
     "Total ln width: sum over the six values of ln(greatest / least) of the 90 % interval. The fall of random choice "
     "is the mean over its draws.",
-    "Candidates: 600, 860, 1200 and 1500 rev/min at 5, 10 and 15 MPa, of 1 or 4 s; own pumps with each of three sets "
+    "Candidates: 600, 860, 1200 and 1500 rev/min at 5, 10 and 15 MPa, of 2 or 4 s; own pumps with each of three sets "
     "of three sensors. A draw takes no candidate twice.",
 )
 

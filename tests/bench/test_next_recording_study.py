@@ -24,8 +24,8 @@ def test_falls_are_paired_by_pump_and_draws_averaged(monkeypatch: pytest.MonkeyP
     assert rows["plan", "2"]["fall"]["values"] == pytest.approx([2.5] * 3)
     assert rows["random", "2"]["fall"]["values"] == pytest.approx([1.0] * 3)
     assert "2.50 times as much" in table["answer"][0]
-    assert "2 times as fast is met" in table["answer"][0]
-    assert "it takes 2.5 drawn recordings to narrow as much as the first planned one" in table["answer"][-1]
+    assert "less 2 times random: 0.50 to 0.50" in table["answer"][0]
+    assert "1 planned less 2 drawn recordings: the width falls by 0.50 more, 0.50 to 0.50" in table["answer"][-1]
 
     def refuse(*_: object) -> None:
         raise InputError("recorded again")

@@ -311,7 +311,8 @@ class _Forecast:
         """The nominal twin at a condition, kept, since its chamber pressures take long."""
         if condition not in self._twins:
             twin = self.calibration.nominal.at(condition)
-            highest = self.calibration.settings["band"][1] + condition.shaft_frequency
+            lowest = twin.pump.rotating_group.piston_count * condition.shaft_frequency
+            highest = max(self.calibration.settings["band"][1], lowest) + condition.shaft_frequency
             self._twins[condition] = replace(twin, bandwidth=highest, path=None)
         return self._twins[condition]
 

@@ -15,7 +15,7 @@ def test_falls_are_paired_by_pump_and_draws_averaged(monkeypatch: pytest.MonkeyP
     def sequence(kind: str, seed: int, way: str, added: int) -> dict[str, Any]:
         step = 2.5 if way == "plan" else (0.8 if way == "random 1" else 1.2)
         widths = [10.0 - min(step * count, 4.0) + 0.01 * seed for count in range(added + 1)]
-        return {"widths": widths, "held": [6] * (added + 1), "recorded": [kind] * (added + 1)}
+        return {"widths": widths, "covered": [6] * (added + 1), "recorded": [kind] * (added + 1)}
 
     monkeypatch.setattr(study, "_sequence", sequence)
     words = ("bench", "next-recording", "--seeds", "100,101,102", "--pumps", "own", "--out", tmp_path)
@@ -43,7 +43,7 @@ def test_a_planned_recording_is_a_candidate_and_is_taken(monkeypatch: pytest.Mon
     result = study._sequence(kind, 100, "plan", 1)
     assert result["recorded"][0] == "860 rpm, 10 MPa, 1.3 s, cover_z body_y body_x"
     assert result["recorded"][1] in [choice.name for choice in study.choices_of(kind)]
-    assert len(result["widths"]) == len(result["held"]) == 2
+    assert len(result["widths"]) == len(result["covered"]) == 2
     assert np.isfinite(result["widths"]).all()
 
 

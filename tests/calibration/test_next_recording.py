@@ -141,8 +141,8 @@ def test_the_command_ranks_what_the_function_ranks(calibration: Calibration, tmp
     )
     expected = plan.to_dict()["candidates"]
     for name in ("speed", "discharge_pressure", "duration", "total_width"):
-        found, wanted = ([row[name] for row in rows] for rows in (answer["candidates"], expected))
-        np.testing.assert_allclose(found, wanted)
+        answered, wanted = ([row[name] for row in rows] for rows in (answer["candidates"], expected))
+        np.testing.assert_allclose(answered, wanted)
     shown = run(*words).stdout
     assert "What to record next" in shown
     assert "1500 rpm" in shown

@@ -152,14 +152,14 @@ def plan_recording(
 
 
 def _sensor_sets(calibration: Calibration, sensors: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
-    known = calibration.nominal.pump.channels
+    available = calibration.nominal.pump.channels
     sets = [calibration.posterior.channels] if sensors is None else [tuple(names) for names in sensors]
     for names in sets:
-        unknown = [name for name in names if name not in known]
+        unknown = [name for name in names if name not in available]
         if unknown or not names or len(set(names)) < len(names):
             raise InputError(
-                f"sensors ({', '.join(names)}) must be different sensors of the pump, which has {', '.join(known)}; "
-                "add others to the pump file and calibrate with it."
+                f"sensors ({', '.join(names)}) must be different sensors of the pump, which has "
+                f"{', '.join(available)}; add others to the pump file and calibrate with it."
             )
     return sets
 
@@ -263,11 +263,11 @@ class _Forecast:
         """Expected covariance of the logarithms of the six values."""
         linear = [self._linearized(part) for part in parts]
         around = Linearization(
-            objective=replace(linear[0].objective, comparisons=tuple(one.objective.comparisons[0] for one in linear)),
+            objective=replace(linear[0].objective, comparisons=tuple(part.objective.comparisons[0] for part in linear)),
             point=self.point,
-            residual=np.concatenate([one.residual for one in linear]),
-            slope=np.concatenate([one.slope for one in linear]),
-            sigma=np.concatenate([one.objective.sigma.numpy() for one in linear]),
+            residual=np.concatenate([part.residual for part in linear]),
+            slope=np.concatenate([part.slope for part in linear]),
+            sigma=np.concatenate([part.objective.sigma.numpy() for part in linear]),
         )
         return sandwich(around, noise_covariance(around, self._discrepancy))[VALUES, VALUES]
 
@@ -330,4 +330,5 @@ class _Forecast:
         """Standard deviation of the lines of a recording of 1 s [m/s^2]; of a new sensor that of the mean variance."""
         rows = {name: np.interp(frequency, *density) for name, density in self._density.items()}
         mean = np.mean(list(rows.values()), axis=0)
-        return np.sqrt(np.stack([rows.get(name, mean) for name in channels]))
+        variance = {**dict.fromkeys(channels, mean), **rows}
+        return np.sqrt(np.stack([variance[name] for name in channels]))

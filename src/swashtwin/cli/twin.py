@@ -205,9 +205,9 @@ def plan_next(
         )
     )
     sets = [read_words(text) for text in sensors] if sensors else None
-    known = load_calibration(calibration)
+    calibrated = load_calibration(calibration)
     with progress("expected widths"):
-        plan = plan_recording(known, speeds=speed, pressures=pressure, durations=length, sensors=sets)
+        plan = plan_recording(calibrated, speeds=speed, pressures=pressure, durations=length, sensors=sets)
     tell({"calibration": calibration, **plan.to_dict()}, as_json, lambda: _show_plan(plan))
 
 

@@ -36,7 +36,7 @@ STUDY = "next-recording"
 METRICS = {
     "width": "total ln width",
     "fall": "fall since the first",
-    "held": "intervals that hold, of 6",
+    "covered": "intervals that hold, of 6",
 }
 SPEEDS = tuple(map(rpm, (600, 860, 1200, 1500)))
 PRESSURES = tuple(map(MPa, (5, 10, 15)))
@@ -157,7 +157,7 @@ def _mean(sequences: Sequence[dict[str, Any]], count: int) -> dict[str, float]:
     """Means over sequences after `count` added recordings."""
     width = float(np.mean([row["widths"][count] for row in sequences]))
     fall = float(np.mean([row["widths"][0] - row["widths"][count] for row in sequences]))
-    return {"width": width, "fall": fall, "held": float(np.mean([row["held"][count] for row in sequences]))}
+    return {"width": width, "fall": fall, "covered": float(np.mean([row["covered"][count] for row in sequences]))}
 
 
 def _finished(kind: str, seed: int, way: str, added: int, out: Path | None) -> dict[str, Any]:
@@ -172,21 +172,21 @@ def _sequence(kind: str, seed: int, way: str, added: int) -> dict[str, Any]:
     machine = _OwnPump(seed) if kind == "own" else _RigPump(seed)
     candidates = choices_of(kind)
     order = stream(seed, STUDY, kind, way).permutation(len(candidates))
-    taken, recordings, truths = [FIRST], [], []
-    widths, held = [], []
+    chosen, recordings, truths = [FIRST], [], []
+    widths, covered = [], []
     for count in range(added + 1):
-        recording, truth = machine.record(taken[-1], taken.count(taken[-1]))
+        recording, truth = machine.record(chosen[-1], chosen.count(chosen[-1]))
         recordings.append(recording)
         truths.append(np.log(truth))
         calibration = calibrate(machine.pump, recordings, method=GaussNewton(starts=1), explain_misfit=False, seed=seed)
         widths.append(total_width(calibration.estimates))
-        held.append(_held(calibration, np.exp(np.mean(truths, axis=0))))
+        covered.append(_covered(calibration, np.exp(np.mean(truths, axis=0))))
         if count < added:
-            taken.append(_planned(calibration, kind) if way == "plan" else candidates[order[count]])
-    return {"widths": widths, "held": held, "recorded": [choice.name for choice in taken]}
+            chosen.append(_planned(calibration, kind) if way == "plan" else candidates[order[count]])
+    return {"widths": widths, "covered": covered, "recorded": [choice.name for choice in chosen]}
 
 
-def _held(calibration: Calibration, truth: np.ndarray) -> int:
+def _covered(calibration: Calibration, truth: np.ndarray) -> int:
     pairs = zip(calibration.estimates, truth, strict=True)
     return sum(bool(each.interval[0] <= value <= each.interval[1]) for each, value in pairs)
 
@@ -227,8 +227,11 @@ class _OwnPump:
 
 def _with_more_sensors(pump: Pump) -> Pump:
     """With the two further sensors of `SETS`, where others sit."""
-    places = {sensor.name: sensor.position for sensor in pump.sensors}
-    more = Sensor("cover_y", places["cover_z"], (0.0, 1.0, 0.0)), Sensor("body_z", places["body_x"], (0.0, 0.0, 1.0))
+    position_of = {sensor.name: sensor.position for sensor in pump.sensors}
+    more = (
+        Sensor("cover_y", position_of["cover_z"], (0.0, 1.0, 0.0)),
+        Sensor("body_z", position_of["body_x"], (0.0, 0.0, 1.0)),
+    )
     return replace(pump, sensors=(*pump.sensors, *more))
 
 
@@ -240,7 +243,7 @@ class _RigPump:
         self._first = self._run(FIRST, "assembly", draw_specimen(self.pump, "A", seed))
 
     def record(self, choice: Choice, number: int) -> tuple[Recording, np.ndarray]:
-        """As of `_OwnPump`; the values that held move with the pressure."""
+        """As of `_OwnPump`; the true values move with the pressure."""
         name = f"{choice.name}, {number}"
         drawn = self._run(choice, name, self._first.specimen)
         condition = drawn.condition.replaced(oil_temperature=self._first.condition.oil_temperature)

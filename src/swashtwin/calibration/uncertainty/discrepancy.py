@@ -157,12 +157,12 @@ def _repeated_errors(around: Linearization) -> np.ndarray:
     error = np.sqrt(np.maximum(around.sigma**2 - deviation**2, 0.0)) / np.hypot(level, quarter)
     level, quarter = level * error, quarter * error
     ends = np.cumsum([comparison.measured.numel() for comparison in comparisons])[:-1]
-    rows = zip(np.split(np.arange(len(noise)), ends), comparisons, strict=True)
-    for (one, first), (two, second) in combinations(rows, 2):
+    pairs = zip(np.split(np.arange(len(noise)), ends), comparisons, strict=True)
+    for (rows, first), (columns, second) in combinations(pairs, 2):
         if first.twin.condition == second.twin.condition:
             is_same = _line_names(first)[:, None] == _line_names(second)
-            block = is_same * (np.outer(level[one], level[two]) + np.outer(quarter[one], quarter[two]))
-            noise[np.ix_(one, two)], noise[np.ix_(two, one)] = block, block.T
+            block = np.outer(level[rows], level[columns]) + np.outer(quarter[rows], quarter[columns])
+            noise[np.ix_(rows, columns)], noise[np.ix_(columns, rows)] = is_same * block, (is_same * block).T
     return noise
 
 

@@ -249,7 +249,7 @@ class _RigPump:
         condition = drawn.condition.replaced(oil_temperature=self._first.condition.oil_temperature)
         run = replace(self._first, condition=condition)
         (signal,) = measure([run], choice.duration, SAMPLE_RATE, [(self.seed, name)])
-        recording = recording_of(name, "normal", choice.pressure, run, signal, choice.speed)
+        recording = recording_of(name, "normal", choice.pressure, run, signal, speed=choice.speed)
         return recording.picked(list(choice.channels)), true_values(run)
 
     def _run(self, choice: Choice, name: str, specimen: Specimen) -> Run:

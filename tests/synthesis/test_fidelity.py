@@ -7,7 +7,14 @@ import pytest
 
 from swashtwin.foundation import DataError, InputError, MPa, stream
 from swashtwin.learning import WindowSet
-from swashtwin.synthesis import Duplicate, NoisyDuplicate, copied_share, discriminative_score, spectral_distance
+from swashtwin.synthesis import (
+    Duplicate,
+    NoisyDuplicate,
+    copied_share,
+    discriminative_score,
+    measure_fidelity,
+    spectral_distance,
+)
 from swashtwin.synthesis.fidelity import train_synthetic_test_real
 
 CLASSES = ("normal", "piston")
@@ -101,3 +108,21 @@ def test_what_cannot_be_compared_is_refused() -> None:
         spectral_distance(replace(measured, channels=("a", "b")), synthetic_windows(1))
     with pytest.raises(DataError, match="no neighbor"):
         copied_share(measured.subset(np.array([0])), synthetic_windows(1))
+
+
+def test_the_report_names_the_features_that_give_windows_away() -> None:
+    measured = windows(0)
+    louder = replace(windows(1), signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32))
+    report = measure_fidelity(measured, louder, seed=0)
+    assert report.auroc is not None
+    assert report.auroc > 0.98
+    assert all(feature.name.startswith("y ") and feature.auroc > 0.95 for feature in report.features)
+    assert (report.n_measured, report.n_recordings, report.n_synthetic) == (60, 6, 60)
+    assert report.to_dict()["spectral_distance_db"]["y"] == pytest.approx(9.5, abs=0.5)
+    assert "AUROC" in repr(report)
+
+
+def test_one_recording_has_no_auroc_and_still_a_report() -> None:
+    report = measure_fidelity(windows(0, recordings=1), synthetic_windows(1), seed=0)
+    assert report.auroc is None
+    assert len(report.features) == 5

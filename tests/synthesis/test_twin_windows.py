@@ -277,6 +277,9 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     twins = [calibration.twin.with_fault(fault).at(fit.condition) for fit in calibration.fits]
     simulated = simulate_windows(twins, count=4, like=measured, seed=0, posterior=[calibration.posterior] * 2)
     np.testing.assert_array_equal(windows.signal, simulated.signal)
+    assert windows.fidelity is not None
+    assert (windows.fidelity.pressures, windows.fidelity.n_synthetic) == ((MPa(10), MPa(15)), 4)
+    assert len(measured + windows) == len(measured) + 4
     elsewhere = twins[0].condition.replaced(discharge_pressure=MPa(5))
     np.testing.assert_array_equal(
         synthesize(calibration, None, count=2, like=measured, condition=elsewhere).discharge_pressure, MPa(5)
@@ -289,6 +292,7 @@ def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: 
     windows = synthesize(healthy, twin.fault, count=2, like=recordings)
     assert windows.classes == ("normal", "swash_plate")
     assert windows.signal.shape == (2, 3, 2048)
+    assert windows.fidelity is None  # no recording of the class
     assert windows.sample_rate == 6400.0
     short = synthesize(healthy, None, count=1, like=recordings, window=1024)
     assert short.length == 1024

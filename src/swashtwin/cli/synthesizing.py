@@ -3,13 +3,16 @@
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_files, require_target
 from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, UsualWindow, fault_from
+
+if TYPE_CHECKING:
+    from swashtwin.synthesis import Fidelity
 
 
 class Background(StrEnum):
@@ -17,6 +20,7 @@ class Background(StrEnum):
 
     spectrum = "spectrum"
     residual = "residual"
+    healthy = "healthy"
     none = "none"
 
 
@@ -37,8 +41,8 @@ def synthesize(
     background: Annotated[
         Background,
         typer.Option(
-            help="Noise of the windows: drawn with the measured spectrum, measured windows less what turns with the "
-            "shaft, or none."
+            help="What the windows are laid over: noise with the measured spectrum, measured windows less what turns "
+            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing."
         ),
     ] = Background.spectrum,
     window: UsualWindow = None,
@@ -48,12 +52,20 @@ def synthesize(
     """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
 
     Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
+    Where --like has measured windows of the class, the answer says how well they are told from the synthetic ones
+    (AUROC, 0.5 is not at all), and by which features.
     """
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse, plural
     from swashtwin.learning import cut_windows, save_windows
     from swashtwin.recordings import join_manifests, load_recordings, usual_window
-    from swashtwin.synthesis import require_same_machine, simulate_windows
+    from swashtwin.synthesis import (
+        SyntheticWindows,
+        comparable_windows,
+        require_same_machine,
+        simulate_windows,
+        specimen_among,
+    )
     from swashtwin.synthesis import synthesize as simulate
 
     require_target(out)
@@ -80,19 +92,45 @@ def synthesize(
             windows = simulate(result, twin.fault, condition=condition, **options)
         else:
             twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
-            windows = simulate_windows([twin.at(point) for point in conditions], **options)
-            windows = replace(windows, manifest=join_manifests([windows.manifest, result.recording_hashes]))
+            specimen = specimen_among(measured, result.recording_hashes)
+            specimens = [specimen] * len(conditions) if background is Background.healthy and specimen else None
+            simulated = simulate_windows([twin.at(point) for point in conditions], specimens=specimens, **options)
+            simulated = replace(simulated, manifest=join_manifests([simulated.manifest, result.recording_hashes]))
+            windows = SyntheticWindows.of(simulated, comparable_windows(measured, simulated, specimen), seed)
+        fidelity = windows.fidelity
     save_windows(windows, out)
     answer = {
         "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,
         "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
-        "notes": notes,
+        "notes": notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
         for text in notes:
             note(f"note: {text}")
         say(f"{out}: {plural(len(windows), 'window')} of {twin.label}")
+        show_fidelity(fidelity, twin.label)
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 
     tell(answer, as_json, show)
+
+
+def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
+    """Print how well synthetic windows are told from measured ones, and by what."""
+    from swashtwin.foundation import plural
+
+    if fidelity is None:
+        say(f"fidelity: not known, for --like has no measured window of {label}")
+        return
+    at = ", ".join(f"{pressure / 1e6:.4g}" for pressure in fidelity.pressures)
+    measured = f"{plural(fidelity.n_measured, 'measured window')} of {plural(fidelity.n_recordings, 'recording')}"
+    measured += f" at {at} MPa" if at else ""
+    if fidelity.auroc is None:
+        say(f"fidelity: {measured}; the AUROC takes two recordings of each")
+    else:
+        say(f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all")
+    table(
+        "Features that tell them most",
+        ("feature", "AUROC alone", "shift [std of measured]"),
+        [(feature.name, f"{feature.auroc:.2f}", f"{feature.shift:+.1f}") for feature in fidelity.features],
+    )

@@ -5,8 +5,11 @@ from .distortion import Jitter as Jitter
 from .duplicates import Duplicate as Duplicate
 from .duplicates import NoisyDuplicate as NoisyDuplicate
 from .duplicates import draw_indices as draw_indices
+from .fidelity import Fidelity as Fidelity
+from .fidelity import TellingFeature as TellingFeature
 from .fidelity import copied_share as copied_share
 from .fidelity import discriminative_score as discriminative_score
+from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance
 from .filler import Filler as Filler
 from .filler import fill_cell as fill_cell
@@ -25,27 +28,37 @@ from .periodic_extension import periodic_extensions as periodic_extensions
 from .registry import FILLERS as FILLERS
 from .registry import has_filler as has_filler
 from .registry import register_filler as register_filler
+from .synthetic_windows import SyntheticWindows as SyntheticWindows
+from .synthetic_windows import comparable_windows as comparable_windows
 from .twin_filler import TwinFiller as TwinFiller
 from .twin_windows import simulate_windows as simulate_windows
+from .twin_windows import specimen_among as specimen_among
 from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
+from .variation import STATED_PRIOR as STATED_PRIOR
 from .variation import Variation as Variation
 from .variation import draw_twin as draw_twin
+from .variation import usual_variation as usual_variation
 
 __all__ = [
     "ADASYN",
     "DEFAULT_VARIATION",
     "FILLERS",
     "SMOTE",
+    "STATED_PRIOR",
     "Background",
     "Duplicate",
+    "Fidelity",
     "Filler",
     "Jitter",
     "NoNeighborsError",
     "NoisyDuplicate",
     "SpectralForm",
+    "SyntheticWindows",
+    "TellingFeature",
     "TwinFiller",
     "Variation",
+    "comparable_windows",
     "copied_share",
     "cut_extensions",
     "discriminative_score",
@@ -55,6 +68,7 @@ __all__ = [
     "fill_cell",
     "has_filler",
     "in_cell",
+    "measure_fidelity",
     "oversampler",
     "periodic_extensions",
     "register_filler",
@@ -62,6 +76,8 @@ __all__ = [
     "require_same_machine",
     "simulate_windows",
     "sources_of",
+    "specimen_among",
     "spectral_distance",
     "synthesize",
+    "usual_variation",
 ]

@@ -14,9 +14,9 @@ from swashtwin.pump import is_healthy
 from swashtwin.signals import inverse_transform, line_frequencies, transform
 from swashtwin.synthesis.synchronous import MINIMUM_WINDOWS, remove_synchronous
 
-Background = Literal["none", "spectrum", "residual"]
-"""What a twin's windows are laid over: nothing, noise of measured windows' spectrum, or measured windows without their
-synchronous part."""
+Background = Literal["none", "spectrum", "residual", "healthy"]
+"""What a twin's windows are laid over: nothing, noise of measured windows' spectrum, measured windows without their
+synchronous part, or measured healthy windows, to which the fault's change is added."""
 
 
 @runtime_checkable

@@ -4,6 +4,10 @@ The docstring of each metric names the measured windows it needs: held-out windo
 windows that the filler drew from.
 """
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float64
 from sklearn.ensemble import ExtraTreesClassifier
@@ -19,6 +23,85 @@ from swashtwin.synthesis.filler import Filler
 
 _FOLDS = 5
 """Folds of the discriminator; fewer where there are fewer measured recordings."""
+_TELLING = 5
+"""Features that are named of those that give synthetic windows away."""
+
+
+@dataclass(frozen=True)
+class TellingFeature:
+    """A vibration feature by which synthetic windows differ from measured ones."""
+
+    name: str
+    """Channel, part, feature, as `extract_features` names it."""
+    auroc: float
+    """AUROC of this feature alone, above 0.5 in either direction."""
+    shift: float
+    """Mean of the synthetic windows less that of the measured ones, in standard deviations of the measured."""
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How well synthetic windows are told from measured ones, and by what."""
+
+    auroc: float | None
+    """`discriminative_score`; None where the measured or the synthetic windows are of one recording."""
+    spectral_distance_db: Mapping[str, float]
+    """`spectral_distance` of each channel [dB]."""
+    features: tuple[TellingFeature, ...]
+    """The features that tell most, the first most."""
+    n_measured: int
+    """Measured windows compared."""
+    n_recordings: int
+    """Recordings that these are of."""
+    n_synthetic: int
+    """Synthetic windows."""
+    pressures: tuple[float, ...]
+    """Discharge pressures of the measured windows [Pa], as far as stated."""
+
+    def __repr__(self) -> str:
+        auroc = "no AUROC" if self.auroc is None else f"AUROC {self.auroc:.2f}"
+        first = f", first told by {self.features[0].name}" if self.features else ""
+        return f"<Fidelity: {auroc} against {self.n_measured} measured windows{first}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it."""
+        return asdict(self)
+
+
+def measure_fidelity(measured: WindowSet, synthetic: WindowSet, *, seed: int) -> Fidelity:
+    """How well synthetic windows are told from measured ones of the class, and by which features.
+
+    Parameters
+    ----------
+    measured : windows of the cell that the filler did not draw from.
+    synthetic : windows of the same layout.
+    seed : of the folds and the trees.
+    """
+    _require_both(measured, synthetic)
+    several = min(len(np.unique(windows.recording_id)) for windows in (measured, synthetic)) > 1
+    stated = measured.discharge_pressure[~np.isnan(measured.discharge_pressure)]
+    distance = spectral_distance(measured, synthetic)
+    return Fidelity(
+        auroc=discriminative_score(measured, synthetic, seed=seed) if several else None,
+        spectral_distance_db=dict(zip(measured.channels, distance.tolist(), strict=True)),
+        features=_telling_features(measured, synthetic),
+        n_measured=len(measured),
+        n_recordings=len(np.unique(measured.recording_id)),
+        n_synthetic=len(synthetic),
+        pressures=tuple(np.unique(stated).tolist()),
+    )
+
+
+def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[TellingFeature, ...]:
+    """The features with the highest AUROC, each alone."""
+    tables = [extract_features(windows) for windows in (measured, synthetic)]
+    is_synthetic = np.repeat([0, 1], [len(measured), len(synthetic)])
+    features = []
+    for name, real, synthesized in zip(tables[0].names, tables[0].values.T, tables[1].values.T, strict=True):
+        auroc = float(roc_auc_score(is_synthetic, np.concatenate([real, synthesized])))
+        shift = float((synthesized.mean() - real.mean()) / max(real.std(), 1e-12))
+        features.append(TellingFeature(name, max(auroc, 1 - auroc), shift))
+    return tuple(sorted(features, key=lambda feature: -feature.auroc)[:_TELLING])
 
 
 def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.ndarray, " channel"]:
@@ -47,7 +130,7 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
     Parameters
     ----------
     measured : held-out windows of the cell, of two recordings at least.
-    synthetic : windows of the same layout, each a recording of its own.
+    synthetic : windows of the same layout; those laid over one measured recording are one recording.
     seed : of the folds and the trees.
 
     Raises

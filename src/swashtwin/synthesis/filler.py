@@ -1,6 +1,7 @@
 """Fillers of scarce cells: the protocol, the measured windows a filler draws from and its result."""
 
 import math
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -87,6 +88,7 @@ def build_windows(
     speed: Float[np.ndarray, " window"],
     specimen: Shaped[np.ndarray, " window"],
     seed: int,
+    source: Sequence[str] | None = None,
 ) -> WindowSet:
     """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
 
@@ -98,15 +100,17 @@ def build_windows(
     label : class of all.
     pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
     specimen : specimen that each window stands for.
-    seed : ends their recordings' ids, with each window's number.
+    seed : in their recordings' ids, which each window's number ends.
+    source : measured recording that each was laid over, which ends its id instead: windows over one recording are one.
     """
     count = len(signal)
     at = ["" if math.isnan(p) else f"_{p / 1e6:.4g}MPa" for p in pressure.tolist()]
+    ends = [str(i) for i in range(count)] if source is None else source
     return WindowSet(
         signal=signal.astype(np.float32),
         target=np.full(count, like.classes.index(label), dtype=np.int64),
         classes=like.classes,
-        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{i}" for i in range(count)], dtype=np.str_),
+        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{ends[i]}" for i in range(count)], dtype=np.str_),
         specimen=specimen,
         discharge_pressure=pressure,
         speed=speed,

@@ -1,8 +1,8 @@
 """Windows made with a twin.
 
 The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies
-from one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which
-`evaluate` refuses.
+from one moment to the next drawn anew, laid over noise as the machine makes it; or a measured healthy window with the
+change that the fault makes in the twin. It carries ``synthetic=True``, which `evaluate` refuses.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,9 +19,11 @@ from swashtwin.pump import Fault, OperatingCondition, is_same_class
 from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
+from swashtwin.synthesis.fault_change import change_windows
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
-from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
+from swashtwin.synthesis.synthetic_windows import SyntheticWindows, comparable_windows
+from swashtwin.synthesis.variation import Variation, draw_twin, usual_variation
 
 _CHUNK = 64
 """Windows simulated at once: this limits memory, and Ctrl-C is handled between chunks."""
@@ -35,11 +37,11 @@ def synthesize(
     like: WindowSet | Iterable[Recording],
     seed: int = 0,
     condition: OperatingCondition | None = None,
-    variation: Variation = DEFAULT_VARIATION,
+    variation: Variation | None = None,
     background: Background = "spectrum",
     window: int | None = None,
-) -> WindowSet:
-    """Synthetic windows of a fault, labeled with its class.
+) -> SyntheticWindows:
+    """Synthetic windows of a fault, labeled with its class; their `fidelity` compares them with measured ones.
 
     Parameters
     ----------
@@ -53,14 +55,15 @@ def synthesize(
     condition : operating condition of the windows; by default the source's, which must then be one that the recordings
         state, as far as they state one (`require_same_machine`). Windows of a calibration at several
         operating points take turns among these.
-    variation : what differs from window to window.
-    background : what the windows are laid over, see `simulate_windows`.
+    variation, background : what differs from window to window, and what the windows are laid over, see
+        `simulate_windows`.
     window : samples per window where `like` is recordings; by default as in `FaultClassifier` (`usual_window`).
 
     Raises
     ------
     InputError
-        The channels differ, there is nothing to take noise from, or the twin is of another pump or operating point.
+        The channels differ, there is nothing to lay the windows over, or the twin is of another pump or operating
+        point.
 
     Examples
     --------
@@ -85,6 +88,8 @@ def synthesize(
         require_same_machine(twin, conditions, like, speed=not is_free, pressure=not is_free)
     twin = replace(twin, bandwidth=min(twin.bandwidth, like.sample_rate / 2.56))
     posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
+    calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
+    specimen = specimen_among(like, calibrated_on)
     windows = simulate_windows(
         [twin.at(condition) for condition in conditions],
         count=count,
@@ -93,9 +98,10 @@ def synthesize(
         variation=variation,
         background=background,
         posterior=posterior,
+        specimens=None if background != "healthy" or specimen is None else [specimen] * len(conditions),
     )
-    calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
-    return replace(windows, manifest=join_manifests([windows.manifest, calibrated_on]))
+    windows = replace(windows, manifest=join_manifests([windows.manifest, calibrated_on]))
+    return SyntheticWindows.of(windows, comparable_windows(like, windows, specimen), seed)
 
 
 def simulate_windows(
@@ -104,7 +110,7 @@ def simulate_windows(
     count: int,
     like: WindowSet,
     seed: int,
-    variation: Variation = DEFAULT_VARIATION,
+    variation: Variation | None = None,
     background: Background = "spectrum",
     posterior: Posterior | Sequence[Posterior] | None = None,
     specimens: Sequence[str] | None = None,
@@ -117,25 +123,42 @@ def simulate_windows(
     count : how many.
     like : measured training windows; they give layout, classes and noise, and must not be test windows.
     seed : addresses every draw.
-    variation : what differs from window to window.
+    variation : what differs from window to window; None takes `STATED_PRIOR` over ``"healthy"`` and
+        `DEFAULT_VARIATION` over all else.
     background : what the windows are laid over. ``"spectrum"``: noise with the spectrum of the measured windows between
-        the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"none"``: nothing, the
-        bare model as the paper simulates it.
+        the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"healthy"``: measured
+        healthy windows as they are, to which the twin adds only the fault's change (`fault_change`). ``"none"``:
+        nothing, the bare model as the paper simulates it.
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
-    specimens : specimen that each twin stands for, whose windows alone lend it noise; without, those of all.
+    specimens : specimen that each twin stands for, whose windows alone it is laid over; without, those of all.
 
     Raises
     ------
     InputError
         The twins' class is not among the windows' classes or differs between them, the channels differ, there is
-        nothing to take noise from, or there are not as many posteriors or specimens as twins.
+        nothing to lay the windows over, or there are not as many posteriors or specimens as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     require_count(count)
     _require_agreement(twins, like)
+    if specimens is not None and len(specimens) != len(twins):
+        raise InputError(f"{len(specimens)} specimens for {len(twins)} twins; name one for each.")
     draw_values = _value_draws(twins, posterior, count, seed)
+    variation = usual_variation(background) if variation is None else variation
+    if background == "healthy":
+        return change_windows(
+            twins,
+            draw_values,
+            label=_class_among(like.classes, twins[0]),
+            count=count,
+            like=like,
+            seed=seed,
+            variation=variation,
+            specimens=[None] * len(twins) if specimens is None else specimens,
+            chunk=_CHUNK,
+        )
     sources = [twins[i % len(twins)] for i in range(count)]
     noises = _noises(twins, like, background, specimens)
     time = np.arange(like.length) / like.sample_rate
@@ -170,8 +193,6 @@ def _noises(
     """The noise of each twin's windows; none where they are to be bare."""
     if background == "none":
         return []
-    if specimens is not None and len(specimens) != len(twins):
-        raise InputError(f"{len(specimens)} specimens for {len(twins)} twins; name one for each.")
     names = [None] * len(twins) if specimens is None else specimens
     keys = [
         (twin.condition, twin.pump.rotating_group.piston_count, name) for twin, name in zip(twins, names, strict=True)
@@ -203,6 +224,12 @@ def _value_draws(
         return posteriors[number].twin_at(twin, points[number][turn])
 
     return draw_values
+
+
+def specimen_among(like: WindowSet, recordings: Iterable[str]) -> str | None:
+    """The one specimen that these recordings are of, as far as windows of them are in `like`; None where unknown."""
+    names = set(like.specimen[np.isin(like.recording_id, list(recordings))].tolist()) - {""}
+    return str(names.pop()) if len(names) == 1 else None
 
 
 def _class_among(classes: Sequence[str], twin: Twin) -> str:

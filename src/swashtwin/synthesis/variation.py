@@ -8,6 +8,7 @@ import numpy as np
 
 from swashtwin.foundation import celsius, stream
 from swashtwin.physics import Twin
+from swashtwin.synthesis.background import Background
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,15 @@ class Variation:
 
 DEFAULT_VARIATION = Variation()
 """Spread around the twin by default."""
+
+STATED_PRIOR = Variation(severity=0.35, angle=math.radians(5))
+"""Spread of somebody who knows a fault's typical size and place, and not how they differ from pump to pump: 95 % of the
+severities are within a factor of two, of the places within 10 degrees. An estimate of ours, wider than the rig's."""
+
+
+def usual_variation(background: Background) -> Variation:
+    """Spread where nobody states one: `STATED_PRIOR` over healthy windows, `DEFAULT_VARIATION` over all else."""
+    return STATED_PRIOR if background == "healthy" else DEFAULT_VARIATION
 
 
 def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:

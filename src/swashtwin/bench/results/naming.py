@@ -7,6 +7,10 @@ TRAINING_SETS = {
     "posterior": "with draws of calibrated twins",
     "residual": "with calibrated twin over measured residuals",
     "every_class": "with calibrated twin, every class",
+    "nominal_change": "with nominal twin's change",
+    "change": "with calibrated twin's change",
+    "posterior_change": "with changes of draws of calibrated twins",
+    "every_class_change": "with calibrated twin's change, every class",
     "calibrated_noise": "with calibrated twin, trained with noise",
     "class_weights": "class weights",
 }

@@ -115,10 +115,17 @@ class StudyDataset:
 
     def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""
+        return [self.calibrations[key] for key in self._calibrations_of(label)]
+
+    def calibrated_specimens(self, label: str) -> list[str]:
+        """Specimens of `calibrations_for`, in their order."""
+        return [specimen for specimen, _ in self._calibrations_of(label)]
+
+    def _calibrations_of(self, label: str) -> list[tuple[str, str]]:
         source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
         if source_label is None:
             source_label = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
-        return [calibration for (_, name), calibration in sorted(self.calibrations.items()) if name == source_label]
+        return [key for key in sorted(self.calibrations) if key[1] == source_label]
 
 
 def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:

@@ -17,7 +17,7 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import DEFAULT_VARIATION, Background, Filler, TwinFiller, discriminative_score, has_filler
+from swashtwin.synthesis import Background, Filler, TwinFiller, discriminative_score, has_filler, usual_variation
 
 TWINS = ("nominal", "calibrated", "posterior")
 """What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""
@@ -62,7 +62,7 @@ class TrainingSet:
         """
         filler = None
         if self.by is not None:
-            filler = repr(FILLERS[self.by] if has_filler(self.by) else DEFAULT_VARIATION)
+            filler = repr(FILLERS[self.by] if has_filler(self.by) else usual_variation(self.background))
         table = {**asdict(self), "filler": filler}
         if self.every_class:
             table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
@@ -83,10 +83,15 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "posterior": TrainingSet("posterior"),
         "residual": TrainingSet("calibrated", background="residual"),
         "every_class": TrainingSet("calibrated", every_class=True),
+        "nominal_change": TrainingSet("nominal", background="healthy"),
+        "change": TrainingSet("calibrated", background="healthy"),
+        "posterior_change": TrainingSet("posterior", background="healthy"),
+        "every_class_change": TrainingSet("calibrated", every_class=True, background="healthy"),
     }
 )
 """What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; calibrated, over what the
-measured windows hold beside their synchronous part; calibrated, for every class alike."""
+measured windows hold beside their synchronous part; calibrated, for every class alike; and, as changes laid over
+measured healthy windows of the same pump, as drawn, calibrated, drawn and for every class."""
 
 
 def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
@@ -160,7 +165,11 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
     twins, posteriors = twins_of(dataset, training_set.by, label)
-    return TwinFiller(twins, posteriors, background=training_set.background)
+    specimens = None
+    if training_set.background == "healthy" and training_set.by in CALIBRATED_TWINS:
+        calibrated = dataset.calibrated_specimens(label)
+        specimens = calibrated * (len(twins) // len(calibrated))
+    return TwinFiller(twins, posteriors, background=training_set.background, specimens=specimens)
 
 
 def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:

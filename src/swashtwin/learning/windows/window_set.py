@@ -125,7 +125,7 @@ class WindowSet:
         return self._with(arrays | joined)
 
     def _with(self, changes: dict[str, Any]) -> "WindowSet":
-        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values = {item.name: getattr(self, item.name) for item in fields(WindowSet)}
         return WindowSet(**{**values, **changes})
 
     def __repr__(self) -> str:

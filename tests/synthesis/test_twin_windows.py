@@ -270,7 +270,7 @@ def calibration(pump: Pump) -> Calibration:
 
 def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured: WindowSet) -> None:
     fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
-    windows = synthesize(calibration, fault, count=4, like=measured)
+    windows = synthesize(calibration, fault, count=4, like=measured, background="spectrum")
     assert set(windows.label) == {"swash_plate"}
     assert windows.synthetic.all()
     np.testing.assert_array_equal(windows.discharge_pressure, [MPa(10), MPa(15)] * 2)
@@ -284,6 +284,20 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     np.testing.assert_array_equal(
         synthesize(calibration, None, count=2, like=measured, condition=elsewhere).discharge_pressure, MPa(5)
     )
+
+
+def test_a_fault_is_laid_over_healthy_windows_where_there_are_some(
+    calibration: Calibration, measured: WindowSet
+) -> None:
+    fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
+    over_healthy = synthesize(calibration, fault, count=2, like=measured)
+    assert all(name.startswith("changed_") for name in over_healthy.recording_id)
+    of_fault = measured.subset(measured.label == "swash_plate")
+    for windows in (
+        synthesize(calibration, fault, count=2, like=of_fault),
+        synthesize(calibration, None, count=2, like=measured),
+    ):
+        assert all(name.startswith("synthetic_") for name in windows.recording_id)
 
 
 def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: Twin, pump: Pump) -> None:

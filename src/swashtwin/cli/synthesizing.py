@@ -39,12 +39,13 @@ def synthesize(
         bool, typer.Option(help="Draw the values of each window from the posterior, or use the estimates.")
     ] = True,
     background: Annotated[
-        Background,
+        Background | None,
         typer.Option(
             help="What the windows are laid over: noise with the measured spectrum, measured windows less what turns "
-            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing."
+            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing. Default: "
+            "healthy for a fault whose machine has healthy recordings there, else spectrum."
         ),
-    ] = Background.spectrum,
+    ] = None,
     window: UsualWindow = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -65,6 +66,7 @@ def synthesize(
         require_same_machine,
         simulate_windows,
         specimen_among,
+        usual_background,
     )
     from swashtwin.synthesis import synthesize as simulate
 
@@ -86,15 +88,21 @@ def synthesize(
     measured = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
     notes = require_same_machine(twin, conditions, recordings, speed=speed is None, pressure=pressure is None)
     is_drawn = draws and not nominal
-    options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": background.value}
+    twins = [twin.at(point) for point in conditions]
+    specimen = specimen_among(measured, result.recording_hashes)
+    specimens = [specimen] * len(twins)
+    laid_over = background.value if background else usual_background(measured, twins, specimens)
+    options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": laid_over}
     with progress("synthesizing"):
         if is_drawn:
             windows = simulate(result, twin.fault, condition=condition, **options)
         else:
-            twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
-            specimen = specimen_among(measured, result.recording_hashes)
-            specimens = [specimen] * len(conditions) if background is Background.healthy and specimen else None
-            simulated = simulate_windows([twin.at(point) for point in conditions], specimens=specimens, **options)
+            bandwidth = min(twin.bandwidth, measured.sample_rate / 2.56)
+            simulated = simulate_windows(
+                [replace(each, bandwidth=bandwidth) for each in twins],
+                specimens=specimens if laid_over == "healthy" else None,
+                **options,
+            )
             simulated = replace(simulated, manifest=join_manifests([simulated.manifest, result.recording_hashes]))
             windows = SyntheticWindows.of(simulated, comparable_windows(measured, simulated, specimen), seed)
         fidelity = windows.fidelity
@@ -102,13 +110,13 @@ def synthesize(
     answer = {
         "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,
         "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
-        "notes": notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
+        "background": laid_over, "notes": notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
         for text in notes:
             note(f"note: {text}")
-        say(f"{out}: {plural(len(windows), 'window')} of {twin.label}")
+        say(f"{out}: {plural(len(windows), 'window')} of {twin.label} over background {laid_over}")
         show_fidelity(fidelity, twin.label)
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 

@@ -27,6 +27,7 @@ from swashtwin.pump import (
     values_match,
 )
 from swashtwin.signals import synchronous_signal
+from swashtwin.synthesis.background import Background
 from swashtwin.synthesis.filler import build_windows
 from swashtwin.synthesis.shaft_alignment import AlignedWindows, align_windows, pass_lines_of
 from swashtwin.synthesis.variation import Variation, draw_twin
@@ -120,6 +121,21 @@ def change_windows(
     )
 
 
+def usual_background(
+    like: WindowSet, twins: Sequence[Twin], specimens: Sequence[str | None] | None = None
+) -> Background:
+    """``"healthy"`` for a fault whose machine has healthy windows of a revolution at every twin's operating point, else
+    ``"spectrum"``."""
+    specimens = [None] * len(twins) if specimens is None else specimens
+    can_change = all(
+        twin.fault is not None
+        and like.length / like.sample_rate * twin.condition.shaft_frequency >= 1
+        and len(_healthy_windows(like, twin.condition, specimen))
+        for twin, specimen in zip(twins, specimens, strict=True)
+    )
+    return "healthy" if can_change else "spectrum"
+
+
 def change_share(windows: WindowSet, twin: Twin) -> Float[np.ndarray, " band"]:
     """How much of the simulated change of a fault one machine follows: 1 is all, in the bands between `_OCTAVES`.
 
@@ -164,10 +180,10 @@ def change_share(windows: WindowSet, twin: Twin) -> Float[np.ndarray, " band"]:
 
 def _base(like: WindowSet, twin: Twin, specimen: str | None) -> _Base:
     """The healthy windows of a twin's machine at its operating point, or of all machines, aligned with the twin."""
-    measured = like.subset(~like.synthetic if specimen is None else ~like.synthetic & (like.specimen == specimen))
-    healthy = measured.subset(_is_healthy(measured))
-    base = healthy.subset(_is_near(healthy, twin.condition))
+    measured = _measured_windows(like, specimen)
+    base = _healthy_windows(like, twin.condition, specimen)
     if not len(base):
+        healthy = measured.subset(_is_healthy(measured))
         stated = np.unique(healthy.discharge_pressure[~np.isnan(healthy.discharge_pressure)])
         others = f" (there are some at {', '.join(f'{value / 1e6:g}' for value in stated)} MPa)" if stated.size else ""
         of = "" if specimen is None else f" of {specimen}"
@@ -181,6 +197,17 @@ def _base(like: WindowSet, twin: Twin, specimen: str | None) -> _Base:
     shares = [change_share(measured.subset(measured.specimen == name), twin) for name in names]
     indices = [(machine, row) for machine, each in enumerate(aligned) for row in range(len(each.windows))]
     return _Base(aligned, shares, np.array(indices))
+
+
+def _measured_windows(like: WindowSet, specimen: str | None) -> WindowSet:
+    """The measured windows of a machine, or of all."""
+    return like.subset(~like.synthetic if specimen is None else ~like.synthetic & (like.specimen == specimen))
+
+
+def _healthy_windows(like: WindowSet, condition: OperatingCondition, specimen: str | None) -> WindowSet:
+    """Those of them that are healthy and at an operating point."""
+    measured = _measured_windows(like, specimen)
+    return measured.subset(_is_healthy(measured) & _is_near(measured, condition))
 
 
 def _is_healthy(windows: WindowSet) -> Bool[np.ndarray, " window"]:

@@ -19,7 +19,7 @@ from swashtwin.pump import Fault, OperatingCondition, is_same_class
 from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
-from swashtwin.synthesis.fault_change import change_windows
+from swashtwin.synthesis.fault_change import change_windows, usual_background
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.synthetic_windows import SyntheticWindows, comparable_windows
@@ -38,7 +38,7 @@ def synthesize(
     seed: int = 0,
     condition: OperatingCondition | None = None,
     variation: Variation | None = None,
-    background: Background = "spectrum",
+    background: Background | None = None,
     window: int | None = None,
 ) -> SyntheticWindows:
     """Synthetic windows of a fault, labeled with its class; their `fidelity` compares them with measured ones.
@@ -56,7 +56,8 @@ def synthesize(
         state, as far as they state one (`require_same_machine`). Windows of a calibration at several
         operating points take turns among these.
     variation, background : what differs from window to window, and what the windows are laid over, see
-        `simulate_windows`.
+        `simulate_windows`. Without a background it is ``"healthy"`` for a fault whose machine has healthy windows at
+        every operating point, else ``"spectrum"`` (`usual_background`).
     window : samples per window where `like` is recordings; by default as in `FaultClassifier` (`usual_window`).
 
     Raises
@@ -90,15 +91,17 @@ def synthesize(
     posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
     calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
     specimen = specimen_among(like, calibrated_on)
+    twins = [twin.at(condition) for condition in conditions]
+    background = background or usual_background(like, twins, [specimen] * len(twins))
     windows = simulate_windows(
-        [twin.at(condition) for condition in conditions],
+        twins,
         count=count,
         like=like,
         seed=seed,
         variation=variation,
         background=background,
         posterior=posterior,
-        specimens=None if background != "healthy" or specimen is None else [specimen] * len(conditions),
+        specimens=[specimen] * len(twins) if background == "healthy" else None,
     )
     windows = replace(windows, manifest=join_manifests([windows.manifest, calibrated_on]))
     return SyntheticWindows.of(windows, comparable_windows(like, windows, specimen), seed)
@@ -113,7 +116,7 @@ def simulate_windows(
     variation: Variation | None = None,
     background: Background = "spectrum",
     posterior: Posterior | Sequence[Posterior] | None = None,
-    specimens: Sequence[str] | None = None,
+    specimens: Sequence[str | None] | None = None,
 ) -> WindowSet:
     """Synthetic windows of twins as they are, of the layout and the classes of `like`.
 
@@ -132,7 +135,7 @@ def simulate_windows(
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
-    specimens : specimen that each twin stands for, whose windows alone it is laid over; without, those of all.
+    specimens : specimen that each twin stands for, whose windows alone it is laid over; without, or None, those of all.
 
     Raises
     ------
@@ -188,7 +191,7 @@ def simulate_windows(
 
 
 def _noises(
-    twins: Sequence[Twin], like: WindowSet, background: Background, specimens: Sequence[str] | None
+    twins: Sequence[Twin], like: WindowSet, background: Background, specimens: Sequence[str | None] | None
 ) -> list[BackgroundNoise]:
     """The noise of each twin's windows; none where they are to be bare."""
     if background == "none":

@@ -24,9 +24,8 @@ from swashtwin.physics import Twin
 from swashtwin.physics.recess import slipper_profile, stages
 from swashtwin.physics.solvers.runge_kutta import rk4_limit, rk4_map, state_matrix
 from swashtwin.physics.solvers.trajectories import Trajectory, rk4_trajectory_with_breaks
+from swashtwin.plot import CALIBRATED, MEASURED, NOMINAL, figure_style, name_decades, panels
 from swashtwin.pump import Interfaces, SwashPlateDefect
-from swashtwin.report import CALIBRATED, MEASURED, figure_style, name_decades, panels
-from swashtwin.report.style import NOMINAL
 
 PARTS = 64
 """Moments of one passage at which motions are compared."""

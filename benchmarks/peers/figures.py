@@ -12,7 +12,7 @@ from matplotlib.ticker import NullLocator
 from peers import throughput
 from peers.measuring import Entry, alone, times_over_steps
 from peers.problem import STEPS_PER_REVOLUTION
-from swashtwin.report import CALIBRATED, MEASURED, figure_style, name_decades, panels, spread_labels
+from swashtwin.plot import CALIBRATED, MEASURED, figure_style, name_decades, panels, spread_labels
 
 STEPS = (1_000, 3_000, 10_000, 30_000, 72_000, 288_000)
 SETS = (1, 3, 10, 30, 100, 300, 1000)

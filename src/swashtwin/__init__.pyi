@@ -1,5 +1,6 @@
 """Public names, and where each lives."""
 
+from . import plot as plot
 from . import presets as presets
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
@@ -89,6 +90,7 @@ __all__ = [
     "load_recording",
     "load_recordings",
     "mm",
+    "plot",
     "presets",
     "register_fault",
     "register_filler",

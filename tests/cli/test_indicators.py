@@ -13,10 +13,10 @@ import pytest
 from commandline import one_line, run, run_json
 
 from swashtwin.foundation import MPa
+from swashtwin.plot.signal_figures import MOST_POINTS
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.report import spectrum_drawing
-from swashtwin.report.indicator_figures import MOST_POINTS
 from swashtwin.signals import IndicatorTable, LineSpectrum, long_indicators, spectrum_of
 
 RATE, SHAFT = 4000.0, 15.0

@@ -20,7 +20,6 @@ from swashtwin.cli.options import (
     Preset,
     PresetName,
     PumpName,
-    ReportFolder,
     Resample,
     SampleRate,
     Seed,
@@ -40,6 +39,7 @@ from swashtwin.cli.options import (
     read_settings,
     solver_from,
 )
+from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import is_collection, load_sources
 from swashtwin.foundation import parse, plural
 
@@ -143,7 +143,7 @@ def calibrate(
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
-    report: ReportFolder = None,
+    report: Report = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -293,12 +293,12 @@ class _Job:
                 **storage,
             )
 
-    def write_page(self, result: "Calibration", folder: Path) -> Path:
+    def write_page(self, result: "Calibration", target: Path) -> Path | None:
         """Page of the calibration and of what the recordings can determine."""
         from swashtwin.calibration import identifiability
-        from swashtwin.report import write_report
 
-        return write_report(result, identifiability(self.objective(result), result.posterior.point), folder=folder)
+        limits = identifiability(self.objective(result), result.posterior.point)
+        return write_page(target, result, limits, recordings=self.recordings, about={"Calibration": self.out})
 
 
 def _kinds() -> dict[Method, Any]:

@@ -7,6 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, note_merged, progress, say, table, tell, with_bar
 from swashtwin.cli.exits import NO_VERDICT
+from swashtwin.cli.pages import page_entry, write_page
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -24,7 +25,13 @@ def are_healthy(recordings: "Recordings") -> bool:
 
 
 def train_detector(
-    recordings: "Recordings", source: Path, out: Path, error_rate: float | None, as_json: bool, **others: Any
+    recordings: "Recordings",
+    source: Path,
+    out: Path,
+    error_rate: float | None,
+    report: Path | None,
+    as_json: bool,
+    **others: Any,
 ) -> None:
     """Write a detector of deviations from healthy recordings.
 
@@ -45,10 +52,12 @@ def train_detector(
         detector = fit_healthy(recordings, error_rate=error_rate, progress=bar)
     detector.save(out)
     healthy = detector.healthy
+    page = write_page(report, detector, recordings=recordings, about={"Model": out})
     result = {
         "model": out, "kind": "anomaly detector", "recordings": sorted(detector.manifest),
         "operating_points": len(healthy.points), "levels": len(detector.layout.levels),
         "error_rate": detector.error_rate, "notes": detector.notes,
+        **page_entry(page),
     }  # fmt: skip
 
     def show() -> None:
@@ -59,6 +68,8 @@ def train_detector(
         )
         for text in detector.notes:
             note(f"note: {text}")
+        if page is not None:
+            say(str(page))
         say(f"Next: swashtwin diagnose {out} FILE")
 
     tell(result, as_json, show)
@@ -73,10 +84,8 @@ def diagnose_anomalies(
     as_json: bool,
 ) -> None:
     """Tell for each recording whether it deviates, and in what; exit code 4 if one has no verdict."""
-    from swashtwin.cli.diagnosing import write_page
-
     verdicts = [detector.diagnose(recording, error_rate=error_rate) for recording in with_bar(recordings, "diagnosing")]
-    page = None if report is None else write_page(verdicts, report)
+    page = write_page(report, *verdicts, about={"Model": model})
 
     def show() -> None:
         rows = [
@@ -108,7 +117,12 @@ def _moved(verdict: "AnomalyVerdict") -> str:
 
 
 def evaluate_detector(
-    detector: "AnomalyDetector", model: Path, recordings: "Recordings", ids: list[str] | None, as_json: bool
+    detector: "AnomalyDetector",
+    model: Path,
+    recordings: "Recordings",
+    ids: list[str] | None,
+    report: Path | None,
+    as_json: bool,
 ) -> None:
     """Print false alarms and alarms by class on the recordings that had no part in a detector."""
     from swashtwin.diagnosis import score_alarms
@@ -122,6 +136,7 @@ def evaluate_detector(
             raise DataError(f"all {plural(len(chosen), 'recording')} had a part in the detector; test on others.")
         test = [recording for recording in chosen if recording.recording_id not in seen]
         scores = score_alarms(detector, test)
+    page = write_page(report, scores, recordings=test, about={"Model": model})
     if seen:
         note(f"left out: {plural(len(seen), 'recording')} that had a part in the detector.")
 
@@ -136,5 +151,8 @@ def evaluate_detector(
         header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC against healthy")
         table(f"Alarms at a false-alarm rate of {scores.error_rate:g}", header, rows)
 
+        if page is not None:
+            say(str(page))
+
     names = [recording.recording_id for recording in test]
-    tell({"model": model, "recordings": names, **scores.to_dict()}, as_json, show)
+    tell({"model": model, "recordings": names, **scores.to_dict(), **page_entry(page)}, as_json, show)

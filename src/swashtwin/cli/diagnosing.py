@@ -7,7 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
 from swashtwin.cli.detecting import diagnose_anomalies
-from swashtwin.cli.exits import NO_VERDICT, require_files, require_target
+from swashtwin.cli.exits import NO_VERDICT, require_files
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -22,6 +22,7 @@ from swashtwin.cli.options import (
     Unit,
     as_folder,
 )
+from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
@@ -29,7 +30,7 @@ from swashtwin.foundation import plural
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, Evidence
+    from swashtwin.diagnosis import Diagnosis
 
 EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
@@ -51,10 +52,7 @@ def diagnose(
         typer.Option(help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."),
     ] = None,
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(help="Folder for report.html with its data, or one .html file: the evidence of each verdict."),
-    ] = None,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Name the class of each recording, or whether it deviates, and what to know before trusting it.
@@ -63,10 +61,6 @@ def diagnose(
     """
     import swashtwin.diagnosis as diagnosis
 
-    if report is not None and report.suffix == ".html":
-        require_target(report)
-    elif report is not None:
-        as_folder(report)
     classifier = diagnosis.load_model(model)
     facts = file_facts(locals())
     recordings = load_distinct(paths, **facts)
@@ -86,7 +80,7 @@ def diagnose(
         ]
         by_id = {item.recording_id: item for item in evidence}
         items = [item for verdict in verdicts for item in (verdict, by_id.get(verdict.recording_id))]
-        page = write_page([item for item in items if item is not None], report)
+        page = write_page(report, *(item for item in items if item is not None), about={"Model": model})
 
     def show() -> None:
         _show_verdicts(verdicts, len(classifier.manifest))
@@ -100,16 +94,6 @@ def diagnose(
     tell({**result, "evidence": [item.to_dict() for item in evidence]}, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
-
-
-def write_page(items: "Sequence[Diagnosis | Evidence | AnomalyVerdict]", target: Path) -> Path:
-    """Path of the page: `target` itself where it is an HTML file, which needs no other."""
-    from swashtwin.foundation import write_text
-    from swashtwin.report import page_text, write_report
-
-    if target.suffix == ".html":
-        return write_text(target, page_text(*items))
-    return write_report(*items, folder=target)
 
 
 def _note_reasons(verdicts: "Sequence[Diagnosis]") -> None:

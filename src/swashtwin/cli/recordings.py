@@ -17,7 +17,6 @@ from swashtwin.cli.options import (
     Json,
     Names,
     Overwrite,
-    ReportFolder,
     Resample,
     SampleRate,
     Seed,
@@ -28,6 +27,7 @@ from swashtwin.cli.options import (
     Window,
     read_pairs,
 )
+from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
@@ -146,7 +146,7 @@ def check(
     source: Index,
     window: Window = 2048,
     error_rate: Annotated[float, typer.Option(help="Error rate that the confidence of a classifier is to hold.")] = 0.1,
-    report: ReportFolder = None,
+    report: Report = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -155,7 +155,6 @@ def check(
     Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to train and to test.
     """
     from swashtwin.learning import check_recordings
-    from swashtwin.report import write_report
 
     with progress("checking recordings") as bar:
         unreadable: list[Finding] = []
@@ -163,7 +162,7 @@ def check(
         result = check_recordings(
             recordings, window=window, error_rate=error_rate, unreadable=unreadable, seed=seed, progress=bar
         )
-    page = None if report is None else write_report(result, folder=report)
+    page = write_page(report, result, recordings=recordings)
 
     def show() -> None:
         show_check(result)

@@ -9,6 +9,7 @@ from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.detecting import evaluate_detector
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import Index, Json, ModelFile, Seed
+from swashtwin.cli.pages import Report, page_entry, write_page
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def evaluate(
     ids: Annotated[
         list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
     ] = None,
+    report: Report = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -35,7 +37,7 @@ def evaluate(
     classifier = load_model(model)
     recordings = load_recordings(source)
     if isinstance(classifier, AnomalyDetector):
-        evaluate_detector(classifier, model, recordings, ids, as_json)
+        evaluate_detector(classifier, model, recordings, ids, report, as_json)
         return
     with progress("evaluating"):
         chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
@@ -54,11 +56,15 @@ def evaluate(
         note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")
     result = {"model": model, "recordings": names, **scores.to_dict()}
     result["confidence"] = None if confidence is None else confidence.to_dict()
+    page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})
+    result |= page_entry(page)
 
     def show() -> None:
         _show_scores(scores)
         if confidence is not None:
             _show_confidence(confidence)
+        if page is not None:
+            say(str(page))
 
     tell(result, as_json, show)
 

@@ -12,7 +12,6 @@ from swashtwin.cli.options import (
     CalibrationFile,
     Index,
     Json,
-    ReportFolder,
     Specimen,
     as_calibration,
     as_folder,
@@ -20,6 +19,7 @@ from swashtwin.cli.options import (
     fault_from,
     read_words,
 )
+from swashtwin.cli.pages import Report, write_page
 from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def compare(
     first: CalibrationFile,
     second: CalibrationFile,
-    report: ReportFolder = None,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Say which values of two calibrations differ by more than their uncertainty, and what else differs."""
@@ -41,11 +41,7 @@ def compare(
 
     calibrations = [load_calibration(path) for path in (first, second)]
     differences = difference(*calibrations)
-    page = None
-    if report is not None:
-        from swashtwin.report import write_report
-
-        page = write_report(differences, *calibrations, folder=report)
+    page = write_page(report, differences, *calibrations, about={"First": first, "Second": second})
     result = {"first": first, "second": second, **differences.to_dict(), "report": page}
     tell(result, as_json, lambda: _show_differences(differences, first.name, second.name))
 

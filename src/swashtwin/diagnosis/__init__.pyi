@@ -12,6 +12,7 @@ from .evidence import explain as explain
 from .evidence_bands import Band as Band
 from .evidence_bands import hertz as hertz
 from .fault_classifier import FaultClassifier as FaultClassifier
+from .healthy_spectrum import HealthySpectrum as HealthySpectrum
 from .level_change import LevelChange as LevelChange
 from .level_change import level_changes as level_changes
 from .model_file import load_model as load_model
@@ -31,6 +32,7 @@ __all__ = [
     "Diagnosis",
     "Evidence",
     "FaultClassifier",
+    "HealthySpectrum",
     "LevelChange",
     "diagnose",
     "explain",

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from swashtwin.diagnosis.detector_file import read_detector, write_detector
+from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, detector_spectrum
 from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.level_change import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError
@@ -21,7 +22,15 @@ from swashtwin.learning import (
     measure_healthy,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import Manifest, Recording, manifest_of, seen_recordings, stated_speed
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    RecordingFacts,
+    facts_of,
+    manifest_of,
+    seen_recordings,
+    stated_speed,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +59,10 @@ class AnomalyVerdict:
     """All levels' changes; None without a verdict."""
     levels: tuple[Level, ...] = ()
     """What each level is."""
+    facts: RecordingFacts = field(default_factory=RecordingFacts)
+    """Machine, date, condition and file of the recording, as far as it states them."""
+    spectrum: HealthySpectrum | None = None
+    """Its levels over those of the healthy recordings; None without a verdict."""
 
     def __repr__(self) -> str:
         return f"<AnomalyVerdict on {self.recording_id}: {self.sentence()}>"
@@ -134,15 +147,14 @@ class AnomalyDetector:
         rate = self.error_rate if error_rate is None else error_rate
         require_allowed(self.healthy.n_recordings, rate)
         require_layout(self.layout, recording)
-        count = self.healthy.n_recordings
         try:
             deviation = self.healthy.deviation(recording)
             seen = seen_recordings(self.manifest, manifest_of([recording]))
         except DataError as cause:
-            return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), str(cause))
+            return self._no_verdict(recording, rate, str(cause))
         if not math.isfinite(deviation.score):
             reason = "its levels are no finite numbers: a sample is far too large; cut it out or repair the file."
-            return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), reason)
+            return self._no_verdict(recording, rate, reason)
         notes = deviation.notes
         if seen:
             notes = (
@@ -155,13 +167,19 @@ class AnomalyDetector:
             alarm=deviation.p_value <= rate * (1 + 1e-9),
             p_value=deviation.p_value,
             error_rate=rate,
-            n_healthy=count,
+            n_healthy=self.healthy.n_recordings,
             shifts=shifts,
             changes=changes,
             notes=notes,
             deviation=deviation,
             levels=self.layout.levels,
+            facts=facts_of([recording]),
+            spectrum=detector_spectrum(self.layout, deviation, self.healthy.members(recording)),
         )
+
+    def _no_verdict(self, recording: Recording, rate: float, reason: str) -> AnomalyVerdict:
+        count, facts = self.healthy.n_recordings, facts_of([recording])
+        return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), reason, facts=facts)
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the detector was written to it whole."""

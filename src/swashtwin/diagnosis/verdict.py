@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
+from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, classifier_spectrum
 from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.observation import observe
 from swashtwin.diagnosis.reasons import reasons_of
@@ -22,7 +23,7 @@ from swashtwin.learning import (
     pooled_probabilities,
     window_batches,
 )
-from swashtwin.recordings import Recording, manifest_of, seen_recordings, stated_speed
+from swashtwin.recordings import Recording, RecordingFacts, facts_of, manifest_of, seen_recordings, stated_speed
 
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
@@ -54,6 +55,10 @@ class Diagnosis:
     is one."""
     choice: Choice | None = None
     """How the classifier was chosen; None where its network was named."""
+    facts: RecordingFacts = field(default_factory=RecordingFacts)
+    """Machine, date, condition and file of the recording, as far as it states them."""
+    spectrum: HealthySpectrum | None = field(default=None, compare=False)
+    """Its levels over those of healthy recordings; None without a verdict, or where the training had no healthy one."""
 
     def __repr__(self) -> str:
         if self.no_verdict is not None:
@@ -108,13 +113,14 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
             "--network, with --validation-fraction 0.2, or learn_confidence(classifier, validation)."
         )
     require_layout(classifier.layout, recording)
+    facts = facts_of([recording])
     try:
         scaled_classifier, parts = fit_to_recording(classifier, recording)
         observation = observe(scaled_classifier, parts())
         reasons = reasons_of(classifier, observation.condition, observation.facts)
         notes = (*_notes(classifier, recording), *reasons)
     except DataError as cause:
-        return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause))
+        return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause), facts=facts)
     probability, features = observation.probability, observation.features
     likeliest = likeliest_class(probability)
     window_labels = tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist())
@@ -122,12 +128,12 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if judged else True)
     if not has_verdict.all():
         reason = _not_finite(recording, classifier.layout.length, has_verdict)
-        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
+        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason, facts=facts)
     pooled = pooled_probabilities(probability, classifier.confidence)
     trust = trust_in(classifier, observation, reasons, error_rate)
     if not np.isfinite(pooled).all() or (trust is not None and not math.isfinite(trust.ood_score)):
         reason = "the numbers that the model's confidence rests on are not finite; train it again."
-        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason)
+        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason, facts=facts)
     label = classifier.classes[int(pooled.argmax())]
     return Diagnosis(
         recording_id=recording.recording_id,
@@ -138,6 +144,8 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
         notes=notes,
         trust=trust,
         choice=classifier.choice if isinstance(classifier, FittedClassifier) else None,
+        facts=facts,
+        spectrum=classifier_spectrum(classifier, observation),
     )
 
 

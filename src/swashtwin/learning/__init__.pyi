@@ -39,6 +39,7 @@ from .evaluation.unseen import unseen_recordings as unseen_recordings
 from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features
+from .features import level_spectrum as level_spectrum
 from .healthy.healthy_levels import USUAL_ERROR_RATE as USUAL_ERROR_RATE
 from .healthy.healthy_levels import Deviation as Deviation
 from .healthy.healthy_levels import HealthyLevels as HealthyLevels
@@ -177,6 +178,7 @@ __all__ = [
     "least_validation",
     "level_between",
     "level_layout",
+    "level_spectrum",
     "likeliest_class",
     "load_windows",
     "measure_healthy",

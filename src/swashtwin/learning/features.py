@@ -22,7 +22,7 @@ from swashtwin.signals import (
 N_BANDS = 32
 """Logarithmic bands per spectrum."""
 
-_N_LINES, _LINE_SHARE, _N_LEVEL_BANDS = 72, 0.08, 48
+_N_SHAPE, _N_LINES, _LINE_SHARE, _N_LEVEL_BANDS = 5, 72, 0.08, 48
 
 ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "crest_factor")
 """Those of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
@@ -98,6 +98,32 @@ def _line_levels(power: Float64[np.ndarray, "window line"]) -> Float64[np.ndarra
     edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
     widths = np.diff([*edges, lowest.shape[1]])
     return np.log10(np.maximum(np.add.reduceat(lowest, edges, axis=1) / widths, 1e-30))
+
+
+def level_spectrum(
+    features: Float[np.ndarray, "row feature"], n_channels: int, length: int, sample_rate: float
+) -> tuple[Float64[np.ndarray, " band"], Float64[np.ndarray, " band"], Float64[np.ndarray, "row channel band"]]:
+    """(lower edges [Hz], upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` hold.
+
+    The narrow bands of the lowest twelfth of the spectrum, then the logarithmic bands above them.
+
+    Parameters
+    ----------
+    features : of windows, or their means.
+    n_channels, length, sample_rate : those of the windows; the rate in Hz.
+    """
+    n_lines, spacing = length // 2, sample_rate / length
+    lowest = max(1, round(_LINE_SHARE * n_lines))
+    starts = np.linspace(0, lowest, min(_N_LINES, lowest), endpoint=False).astype(np.int64)
+    narrow = (np.append(starts, lowest) + 0.5) * spacing
+    wide = np.geomspace(0.5, n_lines + 0.5, _N_LEVEL_BANDS + 1) * spacing
+    above = wide[:-1] >= narrow[-1] * (1 - 1e-9)
+    rows = features.reshape(len(features), n_channels, -1)
+    lines = 10 * rows[:, :, _N_SHAPE : _N_SHAPE + len(starts)] - 10 * np.log10(spacing)
+    bands = 10 * rows[:, :, -_N_LEVEL_BANDS:] - 10 * np.log10(np.diff(wide))
+    low = np.concatenate([narrow[:-1], wide[:-1][above]])
+    high = np.concatenate([narrow[1:], wide[1:][above]])
+    return low, high, np.concatenate([lines, bands[:, :, above]], axis=2)
 
 
 def band_energies(

@@ -15,6 +15,8 @@ from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
 from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
+from .facts import RecordingFacts as RecordingFacts
+from .facts import facts_of as facts_of
 from .formats.raw import RATES as RATES
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
@@ -68,6 +70,7 @@ __all__ = [
     "Options",
     "RawFile",
     "Recording",
+    "RecordingFacts",
     "RecordingReport",
     "Recordings",
     "acceleration_factor",
@@ -75,6 +78,7 @@ __all__ = [
     "clipped_samples",
     "condition_names",
     "declared_classes",
+    "facts_of",
     "inspect_recording",
     "inspect_recordings",
     "is_store",

@@ -5,11 +5,7 @@ from .calibration_part import comparison_table as comparison_table
 from .calibration_part import verdict_counts as verdict_counts
 from .confusion import confusion_drawing as confusion_drawing
 from .drawing import Drawing as Drawing
-from .drawing import name_decades as name_decades
-from .drawing import panels as panels
-from .drawing import ratio_axis as ratio_axis
 from .drawing import render_drawing as render_drawing
-from .drawing import spread_labels as spread_labels
 from .drawing import tabulate as tabulate
 from .indicator_figures import spectrum_drawing as spectrum_drawing
 from .indicator_figures import trend_drawing as trend_drawing
@@ -24,24 +20,14 @@ from .page import SectionOrder as SectionOrder
 from .page import Table as Table
 from .page import drawings as drawings
 from .scores_part import levels_table as levels_table
-from .style import CALIBRATED as CALIBRATED
-from .style import LIGHT as LIGHT
-from .style import MEASURED as MEASURED
-from .style import class_colors as class_colors
-from .style import figure_style as figure_style
-from .style import series_colors as series_colors
 from .wording import facts_table as facts_table
 from .wording import flatten_settings as flatten_settings
 from .wording import number as number
 from .wording import score as score
-from .wording import words as words
 from .writing import page_text as page_text
 from .writing import write_report as write_report
 
 __all__ = [
-    "CALIBRATED",
-    "LIGHT",
-    "MEASURED",
     "Bullets",
     "Cell",
     "Drawing",
@@ -53,27 +39,19 @@ __all__ = [
     "SectionOrder",
     "Table",
     "calibration_blocks",
-    "class_colors",
     "comparison_table",
     "confusion_drawing",
     "drawings",
     "facts_table",
-    "figure_style",
     "flatten_settings",
     "levels_table",
-    "name_decades",
     "number",
     "page_text",
-    "panels",
-    "ratio_axis",
     "render_drawing",
     "score",
-    "series_colors",
     "spectrum_drawing",
-    "spread_labels",
     "tabulate",
     "trend_drawing",
     "verdict_counts",
-    "words",
     "write_report",
 ]

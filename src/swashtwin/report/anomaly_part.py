@@ -3,11 +3,13 @@
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from swashtwin.diagnosis import AnomalyVerdict
-from swashtwin.report.drawing import Drawing, panels, render_drawing
-from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
-from swashtwin.report.wording import number, percent, words
+from swashtwin.diagnosis import AnomalyVerdict, next_checks
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
+from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance
+from swashtwin.report.drawing import Drawing, render_drawing
+from swashtwin.report.origin import fact_entries, rig_notice
+from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
+from swashtwin.report.wording import number, percent
 
 _NOT_CHECKED = (
     "Which fault it is: healthy recordings say what is usual, not what a fault looks like.",
@@ -20,21 +22,50 @@ _NOT_CHECKED = (
 
 def anomaly_part(verdict: AnomalyVerdict, key: str) -> Part:
     """Part of the page about one verdict."""
-    title = f"Deviation of {verdict.recording_id}"
-    answer = f"Recording {verdict.recording_id}: {verdict.sentence()}"
-    blocks: tuple = (
-        Bullets("What to know before trusting it", verdict.notes),
-        Bullets("Channels that moved as a whole", verdict.shifts),
-    )
+    blocks: tuple = (Bullets("Channels that moved as a whole", verdict.shifts),)
     if verdict.deviation is not None:
         blocks += (_change_table(verdict), Picture(level_drawing(verdict, key)))
     blocks += (Bullets("What was not checked", _NOT_CHECKED),)
+    moved = "; ".join((*verdict.shifts, *(change.sentence for change in verdict.changes[:3])))
+    spectrum = () if verdict.spectrum is None else (verdict.spectrum.sentence(),)
+    answers = {
+        True: (f"It differs from the healthy recordings. Moved: {moved or 'no single level'}.", *spectrum),
+        False: ("It differs no more from the healthy recordings than these from each other.", *spectrum),
+        None: (f"{(verdict.no_verdict or '')[:1].upper()}{(verdict.no_verdict or '')[1:]}",),
+    }
+    checks = next_checks(unknown=True) if verdict.alarm else ()
+    actions = {
+        True: tuple(check.what for check in checks),
+        False: ("Nothing now. Record again at the same speed and pressure, and keep this recording as a reference.",),
+        None: NO_VERDICT_ACTIONS,
+    }
     return Part(
-        title=title,
-        answer=(answer,),
-        notice="",
-        sections=(Section(SectionOrder.VERDICT, title, blocks),),
+        title=f"Deviation of {verdict.recording_id}",
+        answer=answers[verdict.alarm],
+        notice=rig_notice(verdict.facts),
+        sections=(Section(SectionOrder.VERDICT, "What moved, and what was not checked", blocks),),
         results={"diagnoses": [verdict.to_dict()]},
+        verdict=_VERDICTS[verdict.alarm],
+        tone=_TONES[verdict.alarm],
+        certainty=(*(() if verdict.alarm is None else (_certainty(verdict),)), *verdict.notes),
+        actions=actions[verdict.alarm],
+        glance=glance(verdict, key, ()),
+        subject=verdict.recording_id,
+        facts=fact_entries(verdict.facts),
+    )
+
+
+_VERDICTS = {True: "Alarm: unlike the healthy recordings", False: "No alarm", None: "No verdict"}
+_TONES: dict[bool | None, Tone] = {True: "bad", False: "good", None: "unsure"}
+
+
+def _certainty(verdict: AnomalyVerdict) -> str:
+    """How sure the alarm is, in words."""
+    least = 1 / (verdict.n_healthy + 1)
+    p_value = f"{verdict.p_value:.3g}" + (" or less" if verdict.p_value <= least * (1 + 1e-9) else "")
+    return (
+        f"The p-value is {p_value}, by {verdict.n_healthy} healthy recordings; an alarm is raised at a false-alarm "
+        f"rate of {100 * verdict.error_rate:.3g} %."
     )
 
 

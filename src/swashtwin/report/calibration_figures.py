@@ -9,10 +9,23 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
 from swashtwin.physics import Twin, recess_of, slipper_displacements
+from swashtwin.plot import (
+    CALIBRATED,
+    INTERFACE_COLORS,
+    LIGHT,
+    MEASURED,
+    NOMINAL,
+    excitation,
+    figure_style,
+    name_decades,
+    panels,
+    ratio_axis,
+    spread_labels,
+    words,
+)
 from swashtwin.pump import PARAMETERS
-from swashtwin.report.drawing import Drawing, name_decades, panels, ratio_axis, render_drawing, spread_labels, tabulate
-from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, NOMINAL, figure_style
-from swashtwin.report.wording import parameter_words, words
+from swashtwin.report.drawing import Drawing, render_drawing, tabulate
+from swashtwin.report.wording import parameter_words
 
 _POINTS = 701
 """Points over one revolution of the excitation."""
@@ -28,7 +41,7 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
     key : start of each file name.
     with_excitation : draw the defect's displacement, if the twin has a swash plate defect.
     """
-    figures = [] if not with_excitation else excitation(calibration.nominal, key)
+    figures = [] if not with_excitation else excitation_drawing(calibration.nominal, key)
     band = calibration.settings.get("band", (math.nan, math.nan))
     for fit in calibration.fits:
         prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
@@ -42,7 +55,7 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
 
 
 @figure_style()
-def excitation(twin: Twin, key: str) -> list[Drawing]:
+def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
     """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
     recess = recess_of(twin.fault)
     if recess is None:
@@ -50,24 +63,13 @@ def excitation(twin: Twin, key: str) -> list[Drawing]:
     time = np.linspace(0, twin.condition.period, _POINTS)
     each = slipper_displacements(twin.pump, twin.condition, recess, time)
     columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
-    figure, axes = panels(2, 1, 4.8, sharex=True)
-    (above,), (below,) = axes
-    turn = np.exp(2j * np.pi * time / twin.condition.period)
-    for j, row in enumerate(each):
-        shade = f"{0.15 + 0.5 * j / max(1, len(each) - 1):.2f}"
-        above.plot(time * 1e3, row * 1e3, color=shade)
-        middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
-        above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
-    below.plot(time * 1e3, columns["total_m"] * 1e3, color=CALIBRATED)
-    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
-    below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
-    below.set_ylim(0, columns["total_m"].max() * 1.15e3)
     size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
     caption = (
         f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
         "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
     )
-    return [render_drawing(f"{key}_excitation", figure, columns, title="Excitation by the defect", caption=caption)]
+    name, title = f"{key}_excitation", "Excitation by the defect"
+    return [render_drawing(name, excitation(twin), columns, title=title, caption=caption)]
 
 
 @figure_style()

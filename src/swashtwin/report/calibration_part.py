@@ -7,17 +7,10 @@ from dataclasses import asdict
 
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.foundation import plural
+from swashtwin.plot import words
 from swashtwin.report.calibration_figures import calibration_drawings
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import (
-    facts_table,
-    flatten_settings,
-    number,
-    number_cell,
-    parameter_words,
-    percent,
-    words,
-)
+from swashtwin.report.wording import facts_table, flatten_settings, number, number_cell, parameter_words, percent
 
 _FIGURES = (
     ("rmse", "RMSE of the waveforms [m/s²]"),
@@ -30,16 +23,45 @@ _FIGURES = (
 
 def calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
+    counts = Counter(estimate.verdict for estimate in calibration.estimates)
+    has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
-        answer=calibration_answer(calibration),
+        answer=calibration_answer(calibration)[:1],
         notice="",
         sections=(
             Section(SectionOrder.CALIBRATION, "Calibration", calibration_blocks(calibration, key)),
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
         ),
         results={"calibrations": [calibration.to_dict()]},
+        verdict=f"{counts['identified']} of the six values identified",
+        tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
+        certainty=(calibration_answer(calibration)[1], _NO_TEST, *calibration.notes[:2]),
+        actions=_actions(calibration, has_improved),
+        facts=_facts(calibration),
     )
+
+
+_ENOUGH = 3
+_NO_TEST = "The errors are on the recordings that the twin was fitted to: they are no test of it."
+
+
+def _facts(calibration: Calibration) -> tuple[tuple[str, str], ...]:
+    return (
+        ("Pump", calibration.twin.pump.name),
+        ("Condition", condition_words(calibration)),
+        ("Method", calibration.method),
+        ("Recordings", str(len(calibration.recording_ids))),
+    )
+
+
+def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
+    """What to do with the result."""
+    if not has_improved:
+        return ("Do not use this twin: check speed, pressure, units and the pump's parameters first.",)
+    weak = [estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"]
+    caution = (f"Do not read {', '.join(weak)} as measured values of the pump.",) if weak else ()
+    return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
 
 
 def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
@@ -48,8 +70,7 @@ def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
     return (
         f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
-        f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s². These are the recordings it "
-        "was calibrated on, so neither number is a test.",
+        f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
         f"Of the six values {verdict_counts(calibration)}.",
     )
 

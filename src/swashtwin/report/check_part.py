@@ -2,8 +2,9 @@
 
 from swashtwin.foundation import plural
 from swashtwin.learning import DataCheck
+from swashtwin.plot import words
 from swashtwin.report.page import Bullets, Cell, Part, Section, SectionOrder, Table
-from swashtwin.report.wording import number, words
+from swashtwin.report.wording import number
 
 _STATES = {"yes": "yes", "partly": "in part", "no": "no"}
 _SEVERITIES = {
@@ -12,7 +13,7 @@ _SEVERITIES = {
     "note": "Worth knowing",
 }
 
-_NOTICE = (
+_LIMITS = (
     "The check reads the files and what their index states of them. It cannot see whether a class, a specimen or a "
     "speed was written down wrongly where the signals do not contradict it."
 )
@@ -34,13 +35,17 @@ def check_part(check: DataCheck, key: str) -> Part:
     )
     return Part(
         title="Check of the recordings",
-        answer=(check.answer, f"{total} of {classes} class{'es' * (classes != 1)}."),
-        notice=_NOTICE,
+        answer=(f"{total} of {classes} class{'es' * (classes != 1)}.",),
+        notice="",
         sections=(
             Section(SectionOrder.VERDICT, "What can be done with them", (uses, _counts_table(check))),
             Section(SectionOrder.SCORES, "What was found", _findings(check)),
         ),
         results={"checks": [check.to_dict()]},
+        verdict=check.answer,
+        tone="good" if check.is_sound and check.is_enough else "bad" if not check.is_sound else "unsure",
+        certainty=(_LIMITS,),
+        actions=tuple(f"{use.name}: {use.reason}" for use in check.uses if use.state != "yes"),
     )
 
 

@@ -2,13 +2,23 @@
 
 from matplotlib.ticker import PercentFormatter
 
-from swashtwin.diagnosis import Diagnosis
-from swashtwin.foundation import plural
-from swashtwin.report.drawing import Drawing, panels, render_drawing
-from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.style import class_colors, figure_style
-from swashtwin.report.wording import percent, words
+from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, next_checks
+from swashtwin.plot import class_colors, figure_style, panels, words
+from swashtwin.pump import is_healthy
+from swashtwin.report.cutaway import Cutaway, cutaway_of
+from swashtwin.report.drawing import Drawing, render_drawing
+from swashtwin.report.origin import fact_entries, rig_notice
+from swashtwin.report.page import Bullets, Part, Picture, Section, SectionOrder, Tone
+from swashtwin.report.spectrum_figure import spectrum_over_healthy
+from swashtwin.report.training_part import choice_blocks
+from swashtwin.report.wording import percent
 
+_UNCALIBRATED = "The model's confidence was not calibrated, so the score ranks the classes and is no probability."
+_MOST_NOTES, _MOST_CHECKS = 3, 4
+NO_VERDICT_ACTIONS = (
+    "Look at what the reason names: the sensor, its cable, the file.",
+    "Then record again at the same speed and pressure; swashtwin inspect says whether a recording can be used.",
+)
 _NOT_CHECKED = (
     "Whether the pump has a fault of a class that was never trained: the answer is always one of the classes listed.",
     "Whether it has two faults at once.",
@@ -31,58 +41,85 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     trust = diagnosis.trust
     kind = "score" if trust is None else "probability"
-    answer = (
-        f"Recording {diagnosis.recording_id}: {words(diagnosis.label)}. Taken alone, {agreeing} of "
-        f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}); all windows together give this class "
-        f"a {kind} of {percent(diagnosis.probabilities[diagnosis.label])} among {len(diagnosis.probabilities)} "
-        "classes.",
-        *(() if trust is None else (trust.sentence(),)),
+    certainty = (
+        f"Of {len(diagnosis.probabilities)} classes this one has a {kind} of "
+        f"{percent(diagnosis.probabilities[diagnosis.label])}, all windows together; taken alone, {agreeing} of "
+        f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}).",
+        *((_UNCALIBRATED,) if trust is None else (trust.sentence(),)),
+        *diagnosis.notes[:_MOST_NOTES],
     )
+    unknown = trust is not None and trust.unknown
+    labels = (diagnosis.label,) if trust is None else trust.prediction_set
+    checks = next_checks(*labels, unknown=unknown)
     blocks = (
-        Bullets("What to know before trusting it", diagnosis.notes),
+        Bullets("More to know before trusting it", diagnosis.notes[_MOST_NOTES:]),
         Picture(probability_drawing(diagnosis, key)),
         Picture(window_drawing(diagnosis, key)),
-        *_choice_blocks(diagnosis),
+        *choice_blocks(diagnosis.choice),
         Bullets("What was not checked", _NOT_CHECKED if trust is None else _NOT_CHECKED_BY_TRUST),
     )
     return Part(
         title=f"Diagnosis of {diagnosis.recording_id}",
-        answer=answer,
-        notice="",
-        sections=(Section(SectionOrder.VERDICT, f"Diagnosis of {diagnosis.recording_id}", blocks),),
+        answer=_answer(diagnosis),
+        notice=rig_notice(diagnosis.facts),
+        sections=(Section(SectionOrder.VERDICT, "How the verdict came about", blocks),),
         results={"diagnoses": [diagnosis.to_dict()]},
+        verdict=_verdict(diagnosis),
+        tone=_tone(diagnosis),
+        certainty=certainty,
+        actions=tuple(check.what for check in checks[:_MOST_CHECKS]),
+        glance=glance(diagnosis, key, () if unknown or is_healthy(diagnosis.label) else labels[:1]),
+        subject=diagnosis.recording_id,
+        facts=fact_entries(diagnosis.facts),
     )
 
 
-def _choice_blocks(diagnosis: Diagnosis) -> tuple[Paragraph | Table, ...]:
-    """How the model was chosen, where training chose it."""
-    choice = diagnosis.choice
-    if choice is None:
-        return ()
-    rows = tuple(
-        (
-            Cell(f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate),
-            Cell(percent(trial.clean)),
-            Cell(percent(trial.disturbed)),
-            Cell("yes" if trial.is_tied else ""),
-        )
-        for trial in choice.trials
-    )
-    caption = (
-        f"What training tried: share of the windows of {choice.group}s that were left out told right, mean over the "
-        f"classes, {plural(choice.n_folds, 'fold')}. Of those as good as the best within one standard error the first "
-        "was taken."
-    )
-    header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
-    return (Paragraph(choice.sentence()), *((Table(caption, header, rows),) if rows else ()))
+def _verdict(diagnosis: Diagnosis) -> str:
+    """The verdict in a few words."""
+    assert diagnosis.label is not None
+    label, trust = words(diagnosis.label), diagnosis.trust
+    if trust is not None and trust.unknown:
+        return f"Unknown; nearest class: {label}"
+    if trust is not None and len(trust.prediction_set) > 1:
+        return f"Not certain: {' or '.join(map(words, trust.prediction_set))}"
+    return "No fault found" if is_healthy(diagnosis.label) else f"Suspected fault: {label}"
+
+
+def _tone(diagnosis: Diagnosis) -> Tone:
+    trust = diagnosis.trust
+    if trust is not None and (trust.unknown or len(trust.prediction_set) > 1):
+        return "unsure"
+    return "good" if is_healthy(diagnosis.label) else "bad"
+
+
+def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """The verdict in a sentence, and how the spectrum differs from healthy ones."""
+    nearest = f"The vibration is most like that of recordings of the class {words(diagnosis.label or '')}."
+    return (nearest, *(() if diagnosis.spectrum is None else (diagnosis.spectrum.sentence(),)))
+
+
+def glance(verdict: Diagnosis | AnomalyVerdict, key: str, labels: tuple[str, ...]) -> tuple[Picture | Cutaway, ...]:
+    """The spectrum over healthy recordings, and the pump with the part of each label marked."""
+    facts, spectrum = verdict.facts, verdict.spectrum
+    pictures = () if spectrum is None else (Picture(spectrum_over_healthy(spectrum, facts, key)),)
+    return (*(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)), *pictures)
 
 
 def _no_verdict_part(diagnosis: Diagnosis) -> Part:
-    title = f"Diagnosis of {diagnosis.recording_id}"
-    reason = f"Recording {diagnosis.recording_id}: no verdict. {diagnosis.no_verdict}"
-    blocks = (Bullets("Why there is no verdict", (diagnosis.no_verdict or "",)), Bullets("Notes", diagnosis.notes))
-    section = Section(SectionOrder.VERDICT, title, blocks)
-    return Part(title, (reason,), "", (section,), {"diagnoses": [diagnosis.to_dict()]})
+    reason = diagnosis.no_verdict or ""
+    blocks = (Bullets("Why there is no verdict", (reason,)), Bullets("Notes", diagnosis.notes))
+    return Part(
+        title=f"Diagnosis of {diagnosis.recording_id}",
+        answer=(f"{reason[:1].upper()}{reason[1:]}",),
+        notice=rig_notice(diagnosis.facts),
+        sections=(Section(SectionOrder.VERDICT, "Why there is no verdict", blocks),),
+        results={"diagnoses": [diagnosis.to_dict()]},
+        verdict="No verdict",
+        tone="unsure",
+        actions=NO_VERDICT_ACTIONS,
+        subject=diagnosis.recording_id,
+        facts=fact_entries(diagnosis.facts),
+    )
 
 
 @figure_style()

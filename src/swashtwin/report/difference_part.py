@@ -22,6 +22,7 @@ def difference_part(difference: Difference, key: str) -> Part:
         notice="",
         sections=(Section(SectionOrder.CALIBRATION, "Two calibrations side by side", _blocks(difference)),),
         results={"differences": [difference.to_dict()]},
+        verdict=f"{len(telling)} of the six values differ" if telling else "No value differs clearly",
     )
 
 

@@ -1,24 +1,35 @@
 """Figures together with the data they show."""
 
+import base64
 import io
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.gridspec import GridSpec
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import FuncFormatter
 
 from swashtwin.foundation import csv_text, escape_controls
-from swashtwin.report.style import WIDTH
 
+NARROW = 4.3
+"""Width of the form for a phone [inch]: 10 points are about 12 pixels on a screen 390 pixels wide."""
+_LABEL = 18
+"""Characters of a label in that form, after which it is wrapped."""
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+_PAGE_COLORS = {
+    "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
+    "#e6e6e6": "grid", "#efefef": "faint", "#009e73": "green", "#d55e00": "orange", "#aa4499": "purple",
+    "#888888": "gray",
+}  # fmt: skip
+"""Colors of figures that the page has a dark form of, by the name of its variable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +46,10 @@ class Drawing:
     """The figure as a file of its own."""
     columns: Mapping[str, Sequence[Any] | np.ndarray]
     """Its data, one entry of each column per row."""
+    narrow: str = ""
+    """The same figure, as high and narrow as a phone; where empty, the page shows `svg` on a phone too."""
+    description: str = ""
+    """What it shows, for those who cannot see it; where empty, the page takes what the columns range over."""
 
     @property
     def csv(self) -> str:
@@ -44,110 +59,136 @@ class Drawing:
         )
 
     @property
-    def inline(self) -> str:
-        """The figure as part of a page: without its own prolog and size, ids made unique by the name."""
-        body = self.svg[self.svg.index("<svg") :]
-        body = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", body, count=1)
-        body = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", body, count=1)
-        body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
-        body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
-        return re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
+    def link(self) -> str:
+        """The data as an address that holds them, so that a page alone is enough."""
+        return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(self.csv.encode()).decode()}"
+
+    @property
+    def forms(self) -> list[tuple[str, str]]:
+        """(class of its frame, SVG within a page) of each form: for wide screens and paper, and for phones."""
+        forms = [("wide", self.svg), ("narrow", self.narrow)] if self.narrow else [("any", self.svg)]
+        return [(name, _within_page(svg, f"{self.name}-{name}")) for name, svg in forms]
+
+    @property
+    def words(self) -> str:
+        """Title and description, for a screen reader."""
+        ranges = [_range(name, column) for name, column in self.columns.items()]
+        return f"{self.title}. {self.description or '; '.join(filter(None, ranges))}"
+
+
+def _range(name: str, column: Sequence[Any] | np.ndarray) -> str:
+    """Which values a column has, in words."""
+    values = list(map(_plain, column))
+    numbers = [value for value in values if isinstance(value, int | float) and math.isfinite(value)]
+    if numbers:
+        return f"{name.replace('_', ' ')} from {min(numbers):.3g} to {max(numbers):.3g}"
+    texts = list(dict.fromkeys(str(value) for value in values if value not in ("", None)))
+    if not texts:
+        return ""
+    return f"{name.replace('_', ' ')}: {', '.join(texts)}" if len(texts) <= 6 else f"{len(texts)} of {name}"
+
+
+def _within_page(svg: str, prefix: str) -> str:
+    """A figure as part of a page: without its prolog and size, its ids unique, its colors the page's."""
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", body, count=1)
+    body = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", body, count=1)
+    body = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', body)
+    body = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}-\1"', body)
+    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", body)
+    return re.sub(r'style="[^"]*"', _in_page_colors, body)
+
+
+def _in_page_colors(style: re.Match[str]) -> str:
+    return re.sub(r"#[0-9a-f]{6}\b", lambda color: _page_color(color[0]), style[0])
+
+
+def _page_color(color: str) -> str:
+    return f"var(--{_PAGE_COLORS[color]})" if color in _PAGE_COLORS else color
 
 
 def render_drawing(
-    name: str, figure: Figure, columns: Mapping[str, Sequence[Any] | np.ndarray], *, title: str, caption: str
+    name: str,
+    figure: Figure,
+    columns: Mapping[str, Sequence[Any] | np.ndarray],
+    *,
+    title: str,
+    caption: str,
+    description: str = "",
 ) -> Drawing:
-    """The figure as SVG, with its data; call it within `figure_style`."""
-    _escape_texts(figure)
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata=_NO_METADATA)
-    return Drawing(name, title, caption, text.getvalue(), columns)
-
-
-def _escape_texts(figure: Figure) -> None:
-    """Show control characters of names as codes: XML does not allow them, and a lone surrogate has no glyph."""
-    for text in figure.findobj(Text):
-        text.set_text(escape_controls(text.get_text(), keep="\n"))
-    for axis in figure.findobj(Axis):
-        if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):  # which set_ticks makes of its labels
-            formatter.func = partial(_escaped_label, formatter.func)
-
-
-def _escaped_label(label_of: Callable[..., str], *position: Any) -> str:
-    return escape_controls(label_of(*position), keep="\n")
-
-
-def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """Empty figure of the common width, and its axes as an array of (row, column).
+    """The figure as SVG, once wide and once for a phone, with its data; call it within `figure_style`.
 
     Parameters
     ----------
-    height : height of the whole figure [inch].
+    description : what it shows in words, for those who cannot see it.
     """
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    _rewrite_labels(figure, partial(escape_controls, keep="\n"))
+    wide = _saved(figure)
+    _narrow(figure)
+    return Drawing(name, title, caption, wide, columns, _saved(figure), description)
+
+
+def _saved(figure: Figure) -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata=_NO_METADATA)
+    return text.getvalue()
+
+
+def _narrow(figure: Figure) -> None:
+    """Make a figure as narrow as a phone: panels side by side go below each other, long labels are wrapped."""
+    height, specs = figure.get_figheight(), [axes.get_subplotspec() for axes in figure.axes]
+    grids = {(spec.get_gridspec().nrows, spec.get_gridspec().ncols) for spec in specs if spec is not None}
+    rows, columns = max(grids, default=(1, 1))
+    if columns > 1:
+        grid = GridSpec(rows * columns, 1, figure=figure)
+        for axes, spec in zip(figure.axes, specs, strict=True):
+            if spec is not None:
+                axes.set_subplotspec(grid[spec.rowspan.start * columns + spec.colspan.start])
+                if axes.yaxis.get_label_position() == "left":
+                    axes.tick_params(labelleft=True, labelbottom=True)
+        height *= 0.85 * columns
+    for legend in figure.legends:
+        legend.set_ncols(min(2, getattr(legend, "_ncols", 1)))
+    figure.set_size_inches(NARROW, height)
+    _rewrite_labels(figure, _wrapped)
+    for axes in figure.axes:
+        axes.title.set_wrap(True)
+        if axes.get_xscale() == "linear" and not isinstance(axes.xaxis.get_major_formatter(), FuncFormatter):
+            axes.locator_params(axis="x", nbins=5)
+
+
+def _wrapped(text: str) -> str:
+    if len(text) <= _LABEL or "\n" in text:
+        return text
+    return textwrap.fill(text, _LABEL, break_long_words=False, break_on_hyphens=False)
+
+
+def _rewrite_labels(figure: Figure, rewrite: Callable[[str], str]) -> None:
+    """Rewrite the texts of a figure; where they are wrapped, those beside and along its axes only.
+
+    Control characters of names are shown as codes: XML does not allow them, and a lone surrogate has no glyph.
+    """
+    is_wrapping = rewrite is _wrapped
+    for text in figure.findobj(Text):
+        if not is_wrapping or isinstance(text, Annotation):
+            text.set_text(rewrite(text.get_text()))
+    for axis in figure.findobj(Axis):
+        if is_wrapping:
+            axis.label.set_text(textwrap.fill(axis.label.get_text(), 2 * _LABEL))
+        if is_wrapping and isinstance(axis, XAxis):
+            continue
+        if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):  # which set_ticks makes of its labels
+            formatter.func = partial(_rewritten_label, formatter.func, rewrite)
+
+
+def _rewritten_label(label_of: Callable[..., str], rewrite: Callable[[str], str], *position: Any) -> str:
+    return rewrite(label_of(*position))
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Columns of rows that all have the same names."""
     rows = list(rows)
     return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
-
-
-def spread_labels(
-    positions: Sequence[float], gap: float, low: float = -math.inf, high: float = math.inf
-) -> list[float]:
-    """Positions moved as little as possible so that labels are `gap` apart, in order, and between `low` and `high`.
-
-    Examples
-    --------
-    >>> spread_labels([0.0, 0.1, 5.0], gap=1.0)
-    [-0.45, 0.55, 5.0]
-    >>> spread_labels([0.0, 0.1, 5.0], gap=1.0, low=0.0)
-    [0.0, 1.0, 5.0]
-    """
-    order = np.argsort(positions, kind="stable")
-    clusters: list[tuple[float, int]] = []  # (center, labels), each cluster's labels being `gap` apart
-    for position in np.asarray(positions, dtype=float)[order]:
-        clusters.append((float(position), 1))
-        while len(clusters) > 1 and _overlap(clusters[-2], clusters[-1], gap):
-            (below, n_below), (above, n_above) = clusters[-2:]
-            count = n_below + n_above
-            clusters[-2:] = [((below * n_below + above * n_above) / count, count)]
-    spots = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
-    steps = gap * np.arange(len(spots))
-    moved = np.empty(len(spots))
-    moved[order] = np.maximum(np.minimum(spots, high - steps[::-1]), low + steps)
-    return [round(float(spot), 12) for spot in moved]
-
-
-def _overlap(below: tuple[float, int], above: tuple[float, int], gap: float) -> bool:
-    return above[0] - below[0] < gap * (below[1] + above[1]) / 2
-
-
-def ratio_axis(axes: Axes, along: str, label: str) -> None:
-    """Logarithmic axis of values over a reference, with ticks such as 0.1, 0.2, 0.5, 1, 2."""
-    axes.set(**{f"{along}scale": "log", f"{along}label": label})
-    axis = axes.xaxis if along == "x" else axes.yaxis
-    low, high = axes.get_xlim() if along == "x" else axes.get_ylim()
-    ticks = [
-        step * 10.0**decade
-        for decade in range(-6, 7)
-        for step in ((1, 2, 5) if high / low < 200 else (1, 3) if high / low < 2000 else (1,))
-    ]
-    axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def name_decades(axes: Axes) -> None:
-    """Label a logarithmic vertical axis 0.1, 1, 10, and between them if it spans few decades."""
-    low, high = axes.get_ylim()
-    steps = (1,) if high / low > 100 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-    ticks = [step * 10.0**decade for decade in range(-12, 13) for step in steps]
-    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _plain(value: Any) -> Any:

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.diagnosis import Band, Evidence, hertz
-from swashtwin.report.drawing import Drawing, panels, render_drawing
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
+from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.style import CALIBRATED, LIGHT, MEASURED, figure_style
-from swashtwin.report.wording import number, number_cell, percent, words
+from swashtwin.report.wording import number, number_cell, percent
 
 _AGAINST = "#d55e00"
 _NAMED = (1, *range(5, 100, 5))  # orders
@@ -59,6 +59,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
             Section(SectionOrder.VERDICT, f"Why {words(evidence.label)}: evidence in {evidence.recording_id}", blocks),
         ),
         results={"evidence": [evidence.to_dict()]},
+        subject=evidence.recording_id,
     )
 
 

@@ -4,10 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.calibration import THRESHOLD, IdentifiabilityReport, Profile
+from swashtwin.plot import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, ON_DARK, ON_SHADE, figure_style, panels, words
 from swashtwin.pump import LETTERS
-from swashtwin.report.drawing import Drawing, panels, render_drawing, tabulate
-from swashtwin.report.style import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, figure_style
-from swashtwin.report.wording import words
+from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 
 _COLOR_OF = {letter: INTERFACE_COLORS[name.split(".")[0]] for name, letter in LETTERS.items()}
 
@@ -81,7 +80,7 @@ def correlations(report: IdentifiabilityReport, key: str) -> Drawing:
     if count <= 12:
         for i, j in np.ndindex(count, count):
             value = report.correlation[i, j]
-            color = "white" if abs(value) > 0.6 else "black"
+            color = ON_DARK if abs(value) > 0.6 else ON_SHADE
             panel.text(j, i, f"{value:.1f}".replace("-0.0", "0.0"), ha="center", va="center", fontsize=8, color=color)
     figure.colorbar(image, ax=panel, label="correlation [1]")
     caption = (

@@ -16,6 +16,7 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
             Section(SectionOrder.CALIBRATION, "What the measurement can tell", identifiability_blocks(report, key)),
         ),
         results={"identifiability": [report.to_dict()]},
+        verdict="What the measurement can tell",
     )
 
 

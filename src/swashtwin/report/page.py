@@ -3,9 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from swashtwin.report.drawing import Drawing
+
+Tone = Literal["good", "bad", "unsure", "plain"]
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Group:
     blocks: tuple[Any, ...]
     """Blocks of any other kind."""
     is_open: bool = True
-    """Whether it starts unfolded; print always shows it."""
+    """Whether it starts unfolded; print leaves out what is folded away."""
 
 
 class SectionOrder(IntEnum):
@@ -109,6 +111,20 @@ class Part:
     """Everything else."""
     results: dict[str, list[Any]]
     """The same as JSON values, by kind."""
+    verdict: str = ""
+    """The result in a few words, in large type."""
+    tone: Tone = "plain"
+    """Whether that is good news."""
+    certainty: tuple[str, ...] = ()
+    """How sure it is."""
+    actions: tuple[str, ...] = ()
+    """What to do."""
+    glance: tuple[Any, ...] = ()
+    """Blocks right below: what a reader wants to see at a glance."""
+    subject: str = ""
+    """What it is about, such as a recording; parts of one subject share a card."""
+    facts: tuple[tuple[str, str], ...] = ()
+    """What stands below the title: machine, date, condition, file; by name."""
 
 
 def drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:

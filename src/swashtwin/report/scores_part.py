@@ -1,12 +1,14 @@
 """Part of the page about the scores of one test set."""
 
+import math
 from collections.abc import Sequence
 
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Scores
+from swashtwin.plot import words
 from swashtwin.report.confusion import confusion_drawing
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import number, number_cell, words
+from swashtwin.report.wording import number, number_cell
 
 _METRICS = {
     "accuracy": "accuracy",
@@ -30,7 +32,7 @@ def scores_part(scores: Scores, key: str) -> Part:
         f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if has_interval else "no interval"
     )
     level = f"{scores.level} ({LEVELS[scores.level]})" if scores.level else "at a level that the caller did not state"
-    answer = (
+    counted = (
         f"Of {plural(scores.n_windows, 'measured test window')} from {plural(scores.n_recordings, 'recording')}, "
         f"{100 * scores.accuracy:.1f} % were classified correctly ({interval}); of the recordings, "
         f"{100 * scores.recording_accuracy:.1f} %. Level of generalization: {level}.",
@@ -50,7 +52,53 @@ def scores_part(scores: Scores, key: str) -> Part:
             )
         ),
     )
-    return Part("Scores", answer, "", (Section(SectionOrder.SCORES, "Scores", blocks),), {"scores": [scores.to_dict()]})
+    weakest = _weakest(scores)
+    return Part(
+        title="Test of a model",
+        answer=(f"Weakest class: {weakest}.",) if weakest else (),
+        notice="",
+        sections=(Section(SectionOrder.SCORES, "Scores", blocks),),
+        results={"scores": [scores.to_dict()]},
+        verdict=f"{100 * scores.recording_accuracy:.1f} % of {plural(scores.n_recordings, 'recording')} right",
+        tone="good" if scores.recording_accuracy >= _GOOD else "unsure",
+        certainty=(*counted, _mistakes(scores)),
+        actions=_actions(scores),
+    )
+
+
+_GOOD, _FEW = 0.9, 20
+
+
+def _weakest(scores: Scores) -> str:
+    """The class least often found, and what it is taken for."""
+    rows = [(value, name) for name, value in scores.recall.items() if math.isfinite(value)]
+    if not rows or min(rows)[0] == 1:
+        return ""
+    value, name = min(rows)
+    counts = scores.confusion[scores.classes.index(name)].copy()
+    counts[scores.classes.index(name)] = 0
+    other = (*scores.classes, "no verdict")[int(counts.argmax())]
+    return f"{words(name)}, {100 * value:.0f} % of its windows found, most of the others called {words(other)}"
+
+
+def _mistakes(scores: Scores) -> str:
+    """False alarms and missed faults."""
+    shares = (number(100 * share) for share in (scores.false_alarm_rate, scores.missed_fault_rate))
+    alarms, missed = (text if text == "—" else f"{text} %" for text in shares)
+    return f"False alarms: {alarms} of the healthy windows. Missed faults: {missed} of the faulty ones."
+
+
+def _actions(scores: Scores) -> tuple[str, ...]:
+    """What would make the result better, or surer."""
+    actions = []
+    if scores.n_recordings < _FEW:
+        actions.append(f"Test on more recordings: {scores.n_recordings} leave a wide interval.")
+    if weakest := _weakest(scores):
+        name = weakest.split(",")[0]
+        actions.append(f"Record more of {name}, or add synthetic windows of it (swashtwin synthesize).")
+    if not scores.level:
+        actions.append("Say with --level how far the test is from the training: another recording, another machine.")
+    return (*actions, "Use it: swashtwin diagnose MODEL FILE --report page.html.")
 
 
 def levels_table(levels: Sequence[str]) -> Table:

@@ -75,11 +75,6 @@ def number_cell(value: float | None, reason: str = "") -> Cell:
     return Cell(f"{text} *" if reason else text, reason)
 
 
-def words(label: str) -> str:
-    """Name of a class, a sensor or a setting in words."""
-    return label.replace("_", " ")
-
-
 def parameter_words(name: str) -> str:
     """Name of an interface value in words.
 

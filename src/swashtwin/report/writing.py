@@ -3,42 +3,65 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, singledispatch
-from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
-from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, Evidence
-from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, replacing
-from swashtwin.learning import DataCheck, Scores
+from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence
+from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
+from swashtwin.learning import DataCheck, FittedClassifier, Scores
+from swashtwin.recordings import Recording, facts_of
+from swashtwin.report.alarms_part import alarms_part
 from swashtwin.report.anomaly_part import anomaly_part
 from swashtwin.report.calibration_part import calibration_part
+from swashtwin.report.cards import Card, cards_of, folded_sections, overview_of
 from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
+from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
+from swashtwin.report.glossary import Glossary
 from swashtwin.report.identifiability_part import identifiability_part
-from swashtwin.report.page import Part, Section, drawings
+from swashtwin.report.indicators_part import indicators_part
+from swashtwin.report.origin import fact_entries, rig_notice
+from swashtwin.report.page import Part, Section, Table, drawings
 from swashtwin.report.scores_part import scores_part
+from swashtwin.report.training_part import detector_part, training_part
+from swashtwin.report.trend_part import trend_part
+from swashtwin.signals import IndicatorTable, Trend
 
 FORMAT = "swashtwin report 1"
 
-_UNKNOWN_ORIGIN = "The recordings do not state their source. What holds for them need not hold for another pump."
-
 
 Item = (
-    Calibration | Difference | IdentifiabilityReport | Scores | DataCheck | Diagnosis | AnomalyVerdict | Evidence | Part
+    Calibration
+    | Difference
+    | IdentifiabilityReport
+    | FittedClassifier
+    | AnomalyDetector
+    | AlarmScores
+    | Scores
+    | DataCheck
+    | Diagnosis
+    | AnomalyVerdict
+    | Evidence
+    | IndicatorTable
+    | Trend
+    | Part
 )
 """What a report can be made of."""
 
 
-def page_text(*items: Item) -> str:
+def page_text(
+    *items: Item, recordings: Sequence[Recording] = (), about: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """The page of `write_report` as text.
 
     Raises
@@ -46,11 +69,15 @@ def page_text(*items: Item) -> str:
     InputError
         No item, or an item of an unknown type.
     """
-    parts, sections = _contents(items)
-    return _page(parts, sections)
+    return _page(_contents(items, recordings, about), has_folder=False)
 
 
-def write_report(*items: Item, folder: Path | str) -> Path:
+def write_report(
+    *items: Item,
+    folder: Path | str,
+    recordings: Sequence[Recording] = (),
+    about: Mapping[str, str] = MappingProxyType({}),
+) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
 
     Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as ``figures/NAME.csv``. All
@@ -61,6 +88,9 @@ def write_report(*items: Item, folder: Path | str) -> Path:
     ----------
     items : in the order of the page; each adds its answer at the top and its sections below.
     folder : created if it does not exist.
+    recordings : those that the results are of. Machine, date, condition and file that they state stand below the
+        title, and a notice if they are of no real pump. A diagnosis states those of its recording by itself.
+    about : further facts to stand below the title, by name, such as the file of the model.
 
     Raises
     ------
@@ -70,10 +100,10 @@ def write_report(*items: Item, folder: Path | str) -> Path:
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
-    parts, sections = _contents(items)
-    figures = [drawing for section in sections for drawing in drawings(section.blocks)]
-    texts = {folder / "report.html": _page(parts, sections)}  # the first to be opened, so the last to be replaced
-    texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
+    content = _contents(items, recordings, about)
+    figures = list(content.drawings())
+    texts = {folder / "report.html": _page(content, has_folder=True)}  # the first to open, so the last to be replaced
+    texts[folder / "results.json"] = _results(content.parts, [drawing.name for drawing in figures])
     for drawing in figures:
         texts[folder / "figures" / f"{drawing.name}.svg"] = drawing.svg
         texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
@@ -111,14 +141,49 @@ part_of.register(DataCheck)(check_part)
 part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(AnomalyVerdict)(anomaly_part)
 part_of.register(Evidence)(evidence_part)
+part_of.register(Trend)(trend_part)
+part_of.register(IndicatorTable)(indicators_part)
+part_of.register(FittedClassifier)(training_part)
+part_of.register(AnomalyDetector)(detector_part)
+part_of.register(AlarmScores)(alarms_part)
 
 
-def _contents(items: Sequence[Item]) -> tuple[list[Part], list[Section]]:
-    """The part of each item, and all sections in the order of the page."""
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """All that a page shows."""
+
+    parts: list[Part]
+    cards: list[Card]
+    overview: Table | None
+    sections: list[Section]
+    facts: list[tuple[str, str]]
+    notices: list[str]
+
+    def drawings(self) -> Iterator[Drawing]:
+        """Every figure, in the order of the page."""
+        if self.overview is None:
+            for card in self.cards:
+                yield from drawings(card.glance)
+        for section in self.sections:
+            yield from drawings(section.blocks)
+
+
+def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Mapping[str, str]) -> _Content:
     if not items:
         raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
     parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
-    return parts, _sections(items, parts)
+    cards, sections = cards_of(parts), _sections(items, parts)
+    overview = overview_of(parts, cards)
+    if overview is not None:
+        sections = folded_sections(sections, parts)
+    stated = facts_of(recordings)
+    subjects = {part.subject for part in parts}
+    facts = dict(parts[0].facts if len(subjects) == 1 else ()) | dict(fact_entries(stated)) | dict(about)
+    notices = [part.notice for part in parts] + [rig_notice(stated)]
+    return _Content(
+        parts, [] if overview else cards, overview, sections, list(facts.items()),
+        list(dict.fromkeys(filter(None, notices))),
+    )  # fmt: skip
 
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
@@ -136,13 +201,6 @@ def _short(title: str) -> str:
     return title.split(",")[0].split(":")[0]
 
 
-def _answers(parts: Sequence[Part]) -> list[str]:
-    """Every sentence; with several parts, the first of each begins with its title."""
-    if len({part.title for part in parts}) == 1:
-        return [sentence for part in parts for sentence in part.answer]
-    return [f"{_short(part.title)}. {text}" if i == 0 else text for part in parts for i, text in enumerate(part.answer)]
-
-
 def _keys(items: Sequence[object]) -> list[str]:
     """Name of each item, numbered if there are several of its kind; several studies go by their own names."""
     kinds = [type(item).__name__.lower() for item in items]
@@ -153,23 +211,41 @@ def _keys(items: Sequence[object]) -> list[str]:
     return keys
 
 
-def _page(parts: Sequence[Part], sections: Sequence[Any]) -> str:
+def _page(content: _Content, *, has_folder: bool) -> str:
+    parts = content.parts
+    titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
     page = _template().render(
-        title=parts[0].title if len(parts) == 1 else "Report",
-        answer=_answers(parts),
-        notices=list(dict.fromkeys(part.notice for part in parts if part.notice)) or [_UNKNOWN_ORIGIN],
-        sections=sections,
+        title=parts[0].title if len(titles) == 1 or len({part.subject for part in parts}) == 1 else _joint_title(parts),
+        facts=content.facts,
+        cards=content.cards,
+        overview=content.overview,
+        notices=content.notices,
+        sections=content.sections,
+        glossary=Glossary(),
         version=VERSION,
+        has_folder=has_folder,
     )
     return escape_controls(page, keep="\n")
 
 
+def _joint_title(parts: Sequence[Part]) -> str:
+    """Title of a page about several subjects."""
+    subjects = list(dict.fromkeys(part.subject for part in parts))
+    if "" not in subjects:
+        return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
+    return " and ".join(list(dict.fromkeys(_short(part.title) for part in parts))[:3])
+
+
 @cache
 def _template() -> Template:
-    text = files("swashtwin.report").joinpath("report.html.jinja").read_text(encoding="utf-8")
-    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(
-        text
+    environment = Environment(
+        loader=PackageLoader("swashtwin.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    return environment.get_template("report.html.jinja")
 
 
 def _results(parts: Sequence[Part], figures: list[str]) -> str:

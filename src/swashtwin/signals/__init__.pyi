@@ -14,6 +14,7 @@ from .filtering import add_noise as add_noise
 from .filtering import band_limited as band_limited
 from .filtering import unit_noise as unit_noise
 from .indicators.line_spectra import LineSpectrum as LineSpectrum
+from .indicators.line_spectra import LineSpectrumKind as LineSpectrumKind
 from .indicators.line_spectra import Mark as Mark
 from .indicators.line_spectra import spectrum_of as spectrum_of
 from .indicators.registry import BANDS as BANDS
@@ -60,6 +61,7 @@ __all__ = [
     "Indicator",
     "IndicatorTable",
     "LineSpectrum",
+    "LineSpectrumKind",
     "Mark",
     "NoiseKind",
     "OrderSpectrum",

@@ -11,16 +11,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.foundation import plural
-from swashtwin.report import (
-    Drawing,
-    figure_style,
-    panels,
-    render_drawing,
-    series_colors,
-    spread_labels,
-    tabulate,
-    words,
-)
+from swashtwin.plot import figure_style, panels, series_colors, spread_labels, words
+from swashtwin.report import Drawing, render_drawing, tabulate
 
 NAMING = ("classifier", "training_set", "level")
 """Factors that every study has; a further one is what curves run along."""

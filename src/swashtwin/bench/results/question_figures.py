@@ -8,18 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.bench.results.table import StudyTable
-from swashtwin.report import (
-    CALIBRATED,
-    LIGHT,
-    MEASURED,
-    Drawing,
-    figure_style,
-    panels,
-    ratio_axis,
-    render_drawing,
-    tabulate,
-    words,
-)
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ratio_axis, words
+from swashtwin.report import Drawing, render_drawing, tabulate
 
 
 @figure_style()

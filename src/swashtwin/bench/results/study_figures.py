@@ -17,18 +17,8 @@ from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Embedding, Outcome
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS
-from swashtwin.report import (
-    Drawing,
-    class_colors,
-    confusion_drawing,
-    figure_style,
-    name_decades,
-    panels,
-    render_drawing,
-    series_colors,
-    tabulate,
-    words,
-)
+from swashtwin.plot import class_colors, figure_style, name_decades, panels, series_colors, words
+from swashtwin.report import Drawing, confusion_drawing, render_drawing, tabulate
 
 _LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
 """Marker of each level of generalization."""

@@ -20,6 +20,7 @@ from swashtwin.bench.results.study_figures import (
     training_drawing,
 )
 from swashtwin.learning import LEVELS
+from swashtwin.plot import words
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.report import (
     Bullets,
@@ -40,7 +41,6 @@ from swashtwin.report import (
     number,
     score,
     verdict_counts,
-    words,
 )
 
 _METRICS = {
@@ -67,7 +67,7 @@ def study_part(study: StudyResult, key: str) -> Part:
     return Part(
         title=study.title,
         answer=case_answer(study) if study.study.removeprefix(PAPER_STUDY) in ("case1", "case2") else study.answer,
-        notice=study.origin,
+        notice=study.origin if "virtual rig" in study.origin else "",
         sections=tuple(sections),
         results={
             "studies": [study.to_dict()],

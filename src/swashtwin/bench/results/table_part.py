@@ -9,9 +9,8 @@ import numpy as np
 from swashtwin.bench.results.question_figures import fault_map_drawing, severity_drawing
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.foundation import plural
+from swashtwin.plot import CALIBRATED, MEASURED, figure_style, panels, words
 from swashtwin.report import (
-    CALIBRATED,
-    MEASURED,
     Bullets,
     Cell,
     Drawing,
@@ -23,12 +22,9 @@ from swashtwin.report import (
     Table,
     confusion_drawing,
     facts_table,
-    figure_style,
     flatten_settings,
     number,
-    panels,
     render_drawing,
-    words,
 )
 
 MOST_ROWS = 40

@@ -122,6 +122,16 @@ class HealthyLevels:
         p_value = conformal_p_value(scores)
         return Deviation(float(scores[-1]), p_value, change, change / scatter, words, len(members), notes)
 
+    def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
+        """Levels [dB] of the healthy recordings of a recording's machine and operating point.
+
+        Raises
+        ------
+        DataError
+            It is of a machine or operating point that has none.
+        """
+        return self.levels[self.point_index == self._point_of(recording)[0]]
+
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
         """Index of a recording's point, and notes on what it does not state."""
         stated = (recording.specimen or "", *_stated_point(recording))

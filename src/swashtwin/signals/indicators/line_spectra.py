@@ -14,8 +14,8 @@ from swashtwin.signals.orders.resampling import resampled_by_angle
 from swashtwin.signals.orders.shaft_angle import ShaftAngle, stated_angle
 from swashtwin.signals.spectra import amplitude_spectrum
 
-Kind = Literal["amplitude", "envelope", "order", "cepstrum"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+LineSpectrumKind = Literal["amplitude", "envelope", "order", "cepstrum"]
+KINDS: tuple[LineSpectrumKind, ...] = get_args(LineSpectrumKind)
 """Spectra that `spectrum_of` makes."""
 
 _SHAFT_MARKS, _PISTON_MARKS = 2, 5
@@ -37,7 +37,7 @@ class Mark:
 class LineSpectrum:
     """A spectrum of each channel."""
 
-    kind: Kind
+    kind: LineSpectrumKind
     """Which spectrum."""
     recording_id: str
     """Of which recording."""
@@ -70,7 +70,7 @@ class LineSpectrum:
 
 def spectrum_of(
     recording: Recording,
-    kind: Kind = "amplitude",
+    kind: LineSpectrumKind = "amplitude",
     *,
     angle: ShaftAngle | None = None,
     pistons: int | None = None,

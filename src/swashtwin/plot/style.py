@@ -16,6 +16,10 @@ NOMINAL = "#e69f00"
 CALIBRATED = "#0072b2"
 LIGHT = "#d9d9d9"
 """Gray behind the data: bounds, chance level, the best step."""
+ON_SHADE = "#101010"
+"""Text on a light shade of its own, which stays dark on a dark page."""
+ON_DARK = "#fefefe"
+"""Text on a dark shade of its own, which stays light."""
 
 TRAINING_SET_COLORS = {"measured": MEASURED, "nominal": NOMINAL, "calibrated": CALIBRATED}
 """Color of each training set; the twin before and after calibration has the color of its training set."""
@@ -34,7 +38,7 @@ INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "pisto
 """Color of each interface; its damping is drawn solid, its stiffness dashed."""
 
 WIDTH = 9.0
-"""Width of a figure [inch]; the page scales it down, and lets a phone scroll it."""
+"""Width of a figure [inch]."""
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",

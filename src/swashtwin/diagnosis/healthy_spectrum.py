@@ -1,0 +1,117 @@
+"""The spectrum of a recording over those of the healthy recordings that a model holds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+
+from swashtwin.diagnosis.observation import Observation
+from swashtwin.learning import (
+    Deviation,
+    DiagnosingClassifier,
+    LevelLayout,
+    TrainingReference,
+    level_spectrum,
+)
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
+
+_LEAST = 3
+"""Healthy recordings from which a range is shown, where there are so many."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthySpectrum:
+    """Levels of a recording, band by band, and the range of those of healthy recordings."""
+
+    channels: tuple[str, ...]
+    """Channels."""
+    unit: str
+    """Unit of the samples."""
+    low: Float64[np.ndarray, " band"]
+    """Lower edge of each band [Hz]."""
+    high: Float64[np.ndarray, " band"]
+    """Upper edge of each band [Hz]."""
+    level: Float64[np.ndarray, "channel band"]
+    """Mean power density of the recording in each band [dB re 1 unit^2/Hz]."""
+    healthy: Float64[np.ndarray, "recording channel band"]
+    """The same of each healthy recording."""
+    basis: str
+    """Which healthy recordings these are, in words."""
+
+    @property
+    def n_healthy(self) -> int:
+        """Number of healthy recordings."""
+        return len(self.healthy)
+
+    @property
+    def excess(self) -> Float64[np.ndarray, "channel band"]:
+        """How far the recording is above the greatest of the healthy ones, or below the least where negative [dB]."""
+        above, below = self.level - self.healthy.max(axis=0), self.level - self.healthy.min(axis=0)
+        return np.where(above > 0, above, np.minimum(below, 0.0))
+
+    def sentence(self) -> str:
+        """How much of the spectrum lies outside the healthy range, and where it is furthest off."""
+        excess = self.excess
+        share = 100 * float(np.mean(excess != 0))
+        if share == 0:
+            return f"Every band lies within the range of {self.basis}."
+        channel, band = np.unravel_index(np.abs(excess).argmax(), excess.shape)
+        value = float(excess[channel, band])
+        where = "above the greatest" if value > 0 else "below the least"
+        edges = f"{self.low[band]:.0f} to {self.high[band]:.0f} Hz"
+        return (
+            f"{share:.0f} % of the bands lie outside the range of {self.basis}. Furthest off: {abs(value):.1f} dB "
+            f"{where} of them, {edges}, channel {self.channels[channel]}."
+        )
+
+
+def classifier_spectrum(classifier: DiagnosingClassifier, observation: Observation) -> HealthySpectrum | None:
+    """Levels of a recording over the healthy recordings of the training; None where there are none.
+
+    Those of the same machine and operating point are taken, or else of the same point, or else all.
+    """
+    reference = classifier.training_reference
+    if reference is None:
+        return None
+    chosen, basis = _healthy_rows(reference, observation)
+    if not chosen.any():
+        return None
+    layout = classifier.layout
+    rows = np.vstack([observation.features.mean(axis=0), reference.features[chosen].astype(np.float64)])
+    low, high, density = level_spectrum(rows, len(layout.channels), layout.length, layout.sample_rate)
+    return HealthySpectrum(layout.channels, layout.unit, low, high, density[0], density[1:], basis)
+
+
+def _healthy_rows(reference: TrainingReference, observation: Observation) -> tuple[Bool[np.ndarray, " recording"], str]:
+    """(which recordings of the training are compared with, what they are in words)."""
+    healthy = np.array([is_healthy(label) for label in reference.label])
+    at_point = np.ones(len(healthy), dtype=bool)
+    for column, tolerance in enumerate((SPEED_TOLERANCE, PRESSURE_TOLERANCE)):
+        if np.isfinite(observation.condition[column]):
+            at_point &= values_match(reference.condition[:, column], observation.condition[column], tolerance)
+    of_machine = np.array([bool(name) and name == observation.specimen for name in reference.specimen])
+    choices = (
+        (healthy & at_point & of_machine, "of this machine at this operating point"),
+        (healthy & at_point, "at this operating point, of all machines"),
+        (healthy, "of all machines and operating points"),
+    )
+    rows, words = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
+    return rows, f"the {rows.sum()} healthy training recordings {words}"
+
+
+def detector_spectrum(
+    layout: LevelLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
+) -> HealthySpectrum:
+    """Levels of a recording in the detector's bands, over those of the healthy recordings of its point.
+
+    Parameters
+    ----------
+    healthy : levels of the healthy recordings that it was compared with.
+    """
+    bands = [index for index, level in enumerate(layout.levels) if level.is_band]
+    each = len(bands) // len(layout.channels)
+    edges = np.array([(layout.levels[index].low, layout.levels[index].high) for index in bands[:each]])
+    rows = np.vstack([healthy.mean(axis=0) + deviation.change, healthy])[:, bands]
+    density = rows.reshape(len(rows), len(layout.channels), each) - 10 * np.log10(edges[:, 1] - edges[:, 0])
+    basis = f"the {len(healthy)} healthy recordings of its operating point"
+    return HealthySpectrum(layout.channels, layout.unit, edges[:, 0], edges[:, 1], density[0], density[1:], basis)

@@ -1,0 +1,53 @@
+"""Names that other rooms import, and where each lives: six figures, then what all figures share."""
+
+from .confusion_figure import confusion as confusion
+from .excitation_figure import excitation as excitation
+from .layout import name_decades as name_decades
+from .layout import panels as panels
+from .layout import ratio_axis as ratio_axis
+from .layout import spread_labels as spread_labels
+from .layout import words as words
+from .order_figures import order_map as order_map
+from .order_figures import waterfall as waterfall
+from .signal_figures import marked_spectrum as marked_spectrum
+from .signal_figures import spectrum as spectrum
+from .signal_figures import unit_words as unit_words
+from .signal_figures import waveform as waveform
+from .style import CALIBRATED as CALIBRATED
+from .style import INTERFACE_COLORS as INTERFACE_COLORS
+from .style import LIGHT as LIGHT
+from .style import MEASURED as MEASURED
+from .style import NOMINAL as NOMINAL
+from .style import ON_DARK as ON_DARK
+from .style import ON_SHADE as ON_SHADE
+from .style import WIDTH as WIDTH
+from .style import class_colors as class_colors
+from .style import figure_style as figure_style
+from .style import series_colors as series_colors
+
+__all__ = [
+    "CALIBRATED",
+    "INTERFACE_COLORS",
+    "LIGHT",
+    "MEASURED",
+    "NOMINAL",
+    "ON_DARK",
+    "ON_SHADE",
+    "WIDTH",
+    "class_colors",
+    "confusion",
+    "excitation",
+    "figure_style",
+    "marked_spectrum",
+    "name_decades",
+    "order_map",
+    "panels",
+    "ratio_axis",
+    "series_colors",
+    "spectrum",
+    "spread_labels",
+    "unit_words",
+    "waterfall",
+    "waveform",
+    "words",
+]

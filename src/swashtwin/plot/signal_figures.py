@@ -1,0 +1,193 @@
+"""A recording's samples over time, and its spectra, with the lines of shaft and pistons marked."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from swashtwin.foundation import InputError
+from swashtwin.plot.layout import name_decades, panels, spread_labels, words
+from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style
+from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
+
+MOST_POINTS = 3000
+"""Most points drawn of one spectrum; each is the greatest line of its group."""
+
+_TURNS = 3
+"""Revolutions that a waveform shows where the speed is stated."""
+_PISTONS, _SHAFT = CALIBRATED, "#009e73"
+_MARK_KINDS = ((False, _SHAFT, "shaft"), (True, _PISTONS, "piston pass"))
+
+
+@figure_style()
+def waveform(recording: Recording, *, start: float = 0.0, duration: float | None = None) -> Figure:
+    """Samples of each channel over time [s], with a line at each turn of the shaft where its speed is stated.
+
+    Parameters
+    ----------
+    start : time of the first sample shown [s].
+    duration : length shown [s]; by default three turns of the shaft, or 0.2 s where no speed is stated.
+
+    Raises
+    ------
+    InputError
+        The recording has no samples there.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(4000) / 10)[None]
+    >>> len(waveform(Recording(wave, 1000.0, "a"), duration=1.5).axes)
+    1
+    """
+    shaft = stated_speed(recording)
+    length = duration if duration is not None else _TURNS / shaft if shaft else 0.2
+    first, last = round(start * recording.sample_rate), round((start + length) * recording.sample_rate)
+    if not 0 <= first < min(last, recording.n_samples):
+        raise InputError(
+            f"{recording.recording_id} is {recording.duration:.4g} s long and has no samples from {start:g} s on for "
+            f"{length:.4g} s; choose start and duration within it."
+        )
+    part = recording.slice(first, min(last, recording.n_samples))
+    time = start + part.time
+    figure, axes = panels(part.n_channels, 1, 1.0 + 1.4 * part.n_channels, sharex=True)
+    for panel, name, row in zip(axes[:, 0], part.channels, part.signal, strict=True):
+        for turn in np.arange(math.ceil(start * shaft), time[-1] * shaft) if shaft else ():
+            panel.axvline(turn / shaft, color=LIGHT, linewidth=1.2, zorder=0)
+        panel.plot(time, row, color=MEASURED, linewidth=0.8)
+        panel.set_title(words(name), loc="left")
+        panel.set_ylabel(f"[{unit_words(recording.unit)}]")
+    axes[-1, 0].set(xlabel="time [s]", xlim=(time[0], time[-1]))
+    return figure
+
+
+@figure_style()
+def spectrum(
+    source: Recording | LineSpectrum,
+    kind: LineSpectrumKind = "amplitude",
+    *,
+    pistons: int | None = None,
+    top: float | None = None,
+) -> Figure:
+    """A spectrum of each channel, with the lines that are expected of the shaft and of the pistons.
+
+    Parameters
+    ----------
+    source : recording, or what `swashtwin.signals.spectrum_of` gave.
+    kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of the shaft's
+        frequency, ``cepstrum`` over quefrency.
+    pistons : of a recording: number of pistons, to mark their lines.
+    top : end of the axis, in its unit; by default a little beyond the last marked line, or the whole axis.
+
+    Raises
+    ------
+    InputError
+        A `top` that leaves nothing to draw, or orders of a recording that states no speed.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(4000) / 10)[None]
+    >>> spectrum(Recording(wave, 1000.0, "a"), top=50.0).axes[0].get_xlabel()
+    'frequency [Hz]'
+    """
+    spectrum = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    figure, _ = marked_spectrum(spectrum, top)
+    return figure
+
+
+@figure_style()
+def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, list[Mark]]:
+    """(the figure, the lines that it marks)."""
+    end = _end(spectrum, top)
+    start = spectrum.position[1] if spectrum.kind != "cepstrum" else end / 50
+    is_shown = (spectrum.position >= start) & (spectrum.position <= end)
+    if top is not None and not (end > 0 and is_shown.any()):
+        raise InputError(
+            f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
+            f"the {spectrum.axis} has lines from {spectrum.position[1]:.4g} to {spectrum.position[-1]:.4g}."
+        )
+    count = len(spectrum.channels)
+    figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
+    scale = 1000.0 if spectrum.axis_unit == "s" else 1.0
+    marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
+    for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
+        x, y = _thin_out(spectrum.position[is_shown] * scale, row[is_shown])
+        panel.plot(x, y, color=MEASURED, linewidth=0.8)
+        _level_axis(panel, spectrum, y)
+        title = words(name)
+        if spectrum.bands:
+            low, high = spectrum.bands[number]
+            title += f", envelope of {low:.0f} to {high:.0f} Hz"
+        panel.set_title(title, loc="left")
+        for mark in marks:
+            color = _PISTONS if mark.of_pistons else _SHAFT
+            panel.axvline(mark.at * scale, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
+    axes[0, 0].set_xlim(0, end * scale)
+    _name_marks(axes[0, 0], marks, scale, end * scale)
+    unit = "ms" if spectrum.axis_unit == "s" else spectrum.axis_unit or "turns of the shaft"
+    label = "order" if spectrum.kind == "order" else spectrum.axis
+    axes[-1, 0].set_xlabel(f"{label} [{'1' if spectrum.kind == 'order' else unit}]")
+    _mark_legend(axes[0, 0], marks)
+    return figure, marks
+
+
+def _end(spectrum: LineSpectrum, top: float | None) -> float:
+    last = float(spectrum.position[-1])
+    if top is not None:
+        return min(top, last)
+    if not spectrum.marks:
+        return last
+    return min(last, max(mark.at for mark in spectrum.marks) * (1.1 if spectrum.kind != "cepstrum" else 2.5))
+
+
+def unit_words(unit: str) -> str:
+    """Unit as figures show it."""
+    return unit.replace("^2", "²") or "1"
+
+
+def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Greatest of each group of neighbors, so that no line is lost."""
+    size = math.ceil(len(x) / MOST_POINTS)
+    if size == 1:
+        return x, y
+    whole = len(x) // size * size
+    best = y[:whole].reshape(-1, size).argmax(axis=1) + size * np.arange(whole // size)
+    return x[best], y[best]
+
+
+def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
+    if spectrum.kind == "cepstrum":
+        panel.set_ylabel("cepstrum [1]")
+        return
+    panel.set_ylabel(f"peak amplitude\n[{unit_words(spectrum.unit)}]")
+    if spectrum.kind == "envelope":
+        panel.set_ylim(bottom=0)
+        return
+    positive = amplitudes[amplitudes > 0]
+    panel.set_yscale("log")
+    if positive.size:
+        panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
+        name_decades(panel)
+
+
+def _name_marks(panel: Axes, marks: Sequence[Mark], scale: float, width: float) -> None:
+    spots = spread_labels([mark.at * scale for mark in marks], gap=0.035 * width)
+    for mark, spot in zip(marks, spots, strict=True):
+        color = _PISTONS if mark.of_pistons else _SHAFT
+        panel.annotate(
+            mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", va="bottom", fontsize=8, color=color, annotation_clip=False,
+        )  # fmt: skip
+    if marks:
+        panel.set_title(panel.get_title(loc="left"), loc="left", pad=16)
+
+
+def _mark_legend(panel: Axes, marks: Sequence[Mark]) -> None:
+    kinds = {mark.of_pistons for mark in marks}
+    names = [(color, name) for pistons, color, name in _MARK_KINDS if pistons in kinds]
+    if names:
+        lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in names]
+        panel.figure.legend(lines, [name for _, name in names], loc="outside upper right", ncols=2)

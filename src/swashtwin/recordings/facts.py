@@ -1,0 +1,95 @@
+"""What recordings state of themselves, in words, for the head of a page."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings.grouping import stated_pressure, stated_speed
+from swashtwin.recordings.recording import Recording
+
+_DATES = ("date", "datetime", "timestamp", "measured", "recorded", "time")
+"""Attributes that say when a recording was made."""
+_MOST = 3
+"""Values that are listed one by one."""
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """Facts of one recording, or of several together; empty where none is stated."""
+
+    machine: str = ""
+    """Which machine."""
+    date: str = ""
+    """When it was recorded."""
+    condition: str = ""
+    """Speed, pressure and oil temperature."""
+    file: str = ""
+    """File as the index or the command names it."""
+    origin: str = ""
+    """Where recordings come from that are of no machine, such as the virtual rig."""
+    shaft: float | None = None
+    """Shaft frequency [Hz], where it is one for all."""
+    pistons: int | None = None
+    """Number of pistons, where it is one for all."""
+
+
+def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
+    """What recordings state; several values are listed, or counted where there are more than three.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> names = ("A", "B")
+    >>> facts_of([Recording(np.ones((1, 4)), 1.0, name, specimen=name) for name in names]).machine
+    'A, B'
+    """
+    texts = {
+        "machine": [recording.specimen or "" for recording in recordings],
+        "date": [_date(recording) for recording in recordings],
+        "condition": [_condition(recording) for recording in recordings],
+        "file": [str(recording.attributes.get("file", "")) for recording in recordings],
+    }
+    nouns = {"machine": "machines", "date": "dates", "condition": "conditions", "file": "files"}
+    origins = dict.fromkeys(str(recording.attributes.get("origin", "")) for recording in recordings)
+    shafts = {_shaft(recording) for recording in recordings}
+    pistons = {_pistons(recording) for recording in recordings}
+    return RecordingFacts(
+        **{name: _listed(values, nouns[name]) for name, values in texts.items()},
+        origin="; ".join(origin for origin in origins if origin),
+        shaft=shafts.pop() if len(shafts) == 1 else None,
+        pistons=pistons.pop() if len(pistons) == 1 else None,
+    )
+
+
+def _listed(values: Sequence[str], noun: str) -> str:
+    distinct = sorted(set(values) - {""})
+    if len(distinct) <= _MOST:
+        return ", ".join(distinct)
+    return f"{distinct[0]} to {distinct[-1]}" if noun == "dates" else f"{len(distinct)} {noun}"
+
+
+def _date(recording: Recording) -> str:
+    stated = [str(recording.attributes[name]) for name in _DATES if recording.attributes.get(name)]
+    return " ".join(stated[0].replace("T", " ").split())[:40] if stated else ""
+
+
+def _condition(recording: Recording) -> str:
+    shaft, pressure = _shaft(recording), stated_pressure(recording)
+    parts = [] if shaft is None else [f"{60 * shaft:.4g} rev/min"]
+    parts += [] if math.isnan(pressure) else [f"{pressure / 1e6:.4g} MPa"]
+    if recording.has_speed and parts:
+        parts[0] = f"about {parts[0]}"
+    return ", ".join(parts)
+
+
+def _shaft(recording: Recording) -> float | None:
+    try:
+        return stated_speed(recording)
+    except DataError:  # along an angle, without samples per turn
+        return None
+
+
+def _pistons(recording: Recording) -> int | None:
+    text = str(recording.attributes.get("pistons", ""))
+    return int(text) if text.isdecimal() and 0 < int(text) < 100 else None

@@ -1,0 +1,84 @@
+"""The first screen of a page: a card for each subject, or a table where there are many."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from swashtwin.foundation import plural
+from swashtwin.report.page import Cell, Group, Part, Section, Table, Tone
+
+MOST_CARDS = 2
+"""Subjects that each have a card; of more, a table says what came out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """What the first screen says of one subject."""
+
+    about: str
+    """What it is about; empty where the title says it."""
+    verdict: str
+    """The result in a few words."""
+    tone: Tone
+    """Whether that is good news."""
+    answer: tuple[str, ...]
+    """The result in plain words."""
+    certainty: tuple[str, ...]
+    """How sure it is."""
+    actions: tuple[str, ...]
+    """What to do."""
+    glance: tuple[Any, ...]
+    """Blocks right below."""
+
+
+def cards_of(parts: Sequence[Part]) -> list[Card]:
+    """A card for each subject, in the order of the parts."""
+    groups: dict[str, list[Part]] = {}
+    for number, part in enumerate(parts):
+        groups.setdefault(part.subject or f"part {number}", []).append(part)
+    return [_card(group, len(groups) > 1) for group in groups.values()]
+
+
+def _card(parts: Sequence[Part], is_named: bool) -> Card:
+    first = parts[0]
+    about = ", ".join([first.title, *(value for _, value in first.facts)]) if is_named else ""
+    return Card(
+        about,
+        first.verdict,
+        first.tone,
+        tuple(text for part in parts for text in part.answer),
+        tuple(text for part in parts for text in part.certainty),
+        tuple(dict.fromkeys(text for part in parts for text in part.actions)),
+        tuple(block for part in parts for block in part.glance),
+    )
+
+
+def overview_of(parts: Sequence[Part], cards: Sequence[Card]) -> Table | None:
+    """Table of what came out for each subject, where there are many; None otherwise."""
+    subjects = list(dict.fromkeys(part.subject for part in parts))
+    if len(cards) <= MOST_CARDS or "" in subjects:
+        return None
+    firsts = [next(part for part in parts if part.subject == subject) for subject in subjects]
+    names = list(dict.fromkeys(name for part in firsts for name, _ in part.facts if name != "File"))
+    rows = [
+        (
+            Cell(part.subject),
+            Cell(part.verdict),
+            *(Cell(dict(part.facts).get(name, "—")) for name in names),
+            Cell(part.certainty[0] if part.certainty else " ".join(part.answer)),
+        )
+        for part in firsts
+    ]
+    caption = f"What came out for {plural(len(rows), 'recording')}; the details are below, each to be unfolded."
+    return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
+
+
+def folded_sections(sections: Sequence[Section], parts: Sequence[Part]) -> list[Section]:
+    """The sections of many subjects, each folded away, with what its card would have shown."""
+    first_of = {id(part.sections[0]): part for part in parts if part.sections}
+    folded = []
+    for section in sections:
+        part = first_of.get(id(section))
+        blocks = (*(part.glance if part else ()), *section.blocks)
+        folded.append(replace(section, blocks=(Group("Show", blocks, is_open=False),)))
+    return folded

@@ -1,0 +1,118 @@
+"""A drawing of the pump, cut open, with the part that a class stands for marked, and the orders that it excites."""
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar, Literal
+
+from swashtwin.report.wording import number
+
+Family = Literal["pistons", "shaft"]
+
+_PISTONS = "Lines at the number of pistons times the shaft, and at multiples of that"
+_SHAFT = "Lines at every multiple of the shaft, between the piston-pass lines"
+_MULTIPLES = 3
+"""Multiples of the piston-pass line that the strip of orders reaches beyond."""
+_UNKNOWN_PISTONS = 7
+
+
+@dataclass(frozen=True)
+class _Mark:
+    parts: tuple[str, ...]
+    """Parts of the drawing."""
+    family: Family
+    """Which orders rise."""
+    why: str
+    """Why these."""
+
+
+_MARKS = MappingProxyType(
+    {
+        "swash_plate": _Mark(
+            ("swash plate", "slipper"),
+            "pistons",
+            "each slipper in turn rides over the same spot of the plate, so it happens once per piston.",
+        ),
+        "piston": _Mark(
+            ("piston",), "shaft", "one piston leaks or knocks more than the others, so it happens once per turn."
+        ),
+        "cylinder_block": _Mark(
+            ("cylinder block",),
+            "shaft",
+            "one bore or one side of the block differs from the others, so it happens once per turn.",
+        ),
+        "valve_plate": _Mark(
+            ("valve plate",),
+            "pistons",
+            "every cylinder passes the same plate, which stands still, so it happens once per piston.",
+        ),
+        "loose_slipper": _Mark(
+            ("slipper",), "shaft", "one slipper strikes its stop twice per turn, and the others do not."
+        ),
+    }
+)
+"""By class. A test compares the families with the lines of the twin (docs/physics.md, section 5)."""
+
+
+@dataclass(frozen=True)
+class Cutaway:
+    """The pump, cut open, with a part marked, beside the orders that the part excites."""
+
+    kind: ClassVar[str] = "cutaway"
+    label: str
+    """Class whose part is marked."""
+    pistons: int | None = None
+    """Number of pistons; without it the strip of orders names none."""
+    shaft: float | None = None
+    """Shaft frequency [Hz], to say where the orders are."""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Parts that are marked."""
+        return _MARKS[self.label].parts
+
+    @property
+    def family(self) -> Family:
+        """Which orders rise."""
+        return _MARKS[self.label].family
+
+    @property
+    def sentence(self) -> str:
+        """Which lines rise, and why."""
+        mark = _MARKS[self.label]
+        return f"{_PISTONS if mark.family == 'pistons' else _SHAFT}: {mark.why}"
+
+    @property
+    def description(self) -> str:
+        """The drawing in words."""
+        return f"Section through an axial piston pump; marked: {' and '.join(self.parts)}. {self.sentence}"
+
+    @property
+    def bars(self) -> list[tuple[int, bool, str]]:
+        """(order, whether the part excites it, what stands below it) of each order in the strip."""
+        count = self.pistons or _UNKNOWN_PISTONS
+        return [
+            (order, (order % count == 0) == (self.family == "pistons"), self._name(order, count))
+            for order in range(1, _MULTIPLES * count + count // 2 + 1)
+        ]
+
+    def _name(self, order: int, count: int) -> str:
+        if order % count:
+            return "1×" if order == 1 else ""
+        if self.pistons is None:
+            return "z×" if order == count else f"{order // count}z×"
+        return f"{order}×"
+
+    @property
+    def legend(self) -> str:
+        """What the strip shows."""
+        text = "Orders of the shaft: orange ones rise with this fault, gray ones hardly."
+        if self.pistons is None:
+            text += " z is the number of pistons."
+        if self.shaft is not None:
+            text += f" 1× is {number(self.shaft)} Hz."
+        return text
+
+
+def cutaway_of(label: str, pistons: int | None = None, shaft: float | None = None) -> tuple[Cutaway, ...]:
+    """The drawing for a class; none for a healthy pump, or for a class whose part is not known."""
+    return (Cutaway(label, pistons, shaft),) if label in _MARKS else ()

@@ -1,0 +1,168 @@
+"""Part of the page about a training: of a classifier, or of a detector of deviations."""
+
+from collections import Counter
+
+import numpy as np
+from matplotlib.ticker import PercentFormatter
+
+from swashtwin.diagnosis import AnomalyDetector
+from swashtwin.foundation import plural
+from swashtwin.learning import Choice, FittedClassifier
+from swashtwin.plot import CALIBRATED, NOMINAL, figure_style, panels, words
+from swashtwin.report.drawing import Drawing, render_drawing
+from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.wording import facts_table, number, percent
+
+_NO_TEST = "Shares of a training are no test: evaluate the model on recordings that had no part in it."
+
+
+def training_part(classifier: FittedClassifier, key: str) -> Part:
+    """Part of the page about one classifier."""
+    choice, confidence = classifier.choice, classifier.confidence
+    basis = "The model's confidence is not calibrated: its scores rank the classes and are no probabilities."
+    if confidence is not None:
+        rate = percent(confidence.error_rate)
+        basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
+    pictures = (Picture(trials_drawing(choice, key)),) if choice is not None and choice.trials else ()
+    return Part(
+        title="Training of a model",
+        answer=(() if choice is None else (choice.sentence(),)),
+        notice="",
+        sections=(
+            *((Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),) if pictures else ()),
+            Section(SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)),
+        ),
+        results={"trainings": [_summary(classifier)]},
+        verdict=f"A model of {len(classifier.classes)} classes, from {plural(len(classifier.manifest), 'recording')}",
+        certainty=(basis, _NO_TEST),
+        actions=(
+            "Test it on recordings that had no part in it: swashtwin evaluate MODEL INDEX --report FOLDER.",
+            "Then diagnose new recordings: swashtwin diagnose MODEL FILE --report page.html.",
+        ),
+        glance=pictures,
+        facts=(("Classes", ", ".join(map(words, classifier.classes))),),
+    )
+
+
+def detector_part(detector: AnomalyDetector, key: str) -> Part:
+    """Part of the page about one detector of deviations.
+
+    Parameters
+    ----------
+    key : not used; it has no figures.
+    """
+    healthy = detector.healthy
+    entries = [
+        ("healthy recordings", healthy.n_recordings),
+        ("machines and operating points", len(healthy.points)),
+        ("levels compared", len(detector.layout.levels)),
+        ("channels", list(detector.layout.channels)),
+        ("sample rate", f"{detector.layout.sample_rate:g} Hz"),
+    ]
+    blocks = (Bullets("Notes", detector.notes), facts_table("What the detector was made of.", entries))
+    return Part(
+        title="Training of a detector of deviations",
+        answer=("It was made from healthy recordings alone: it raises an alarm, and names no fault.",),
+        notice="",
+        sections=(Section(SectionOrder.TRAINING, "What it was made of", blocks),),
+        results={"detectors": [{"error_rate": detector.error_rate, "recordings": sorted(detector.manifest)}]},
+        verdict=f"A detector from {plural(healthy.n_recordings, 'healthy recording')}",
+        certainty=(
+            f"Its false-alarm rate is {percent(detector.error_rate)} of the healthy recordings like these, at the "
+            "machines and operating points that were recorded; elsewhere it gives no verdict.",
+        ),
+        actions=(
+            "Judge new recordings: swashtwin diagnose MODEL FILE --report page.html.",
+            "Add healthy recordings of other speeds, pressures and oil temperatures, and train again.",
+        ),
+    )
+
+
+def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
+    layout, reference = classifier.layout, classifier.training_reference
+    entries = [
+        ("network", classifier.network.name),
+        ("window", f"{layout.length} samples, {number(layout.length / layout.sample_rate)} s"),
+        ("sample rate", f"{layout.sample_rate:g} Hz"),
+        ("channels", list(layout.channels)),
+        ("pressures [MPa]", [number(pressure / 1e6) for pressure in classifier.pressures]),
+        ("speeds [rev/min]", [number(speed * 30 / np.pi) for speed in classifier.speeds]),
+        ("epochs", classifier.history[-1].number if classifier.history else None),
+        ("seed", classifier.seed),
+    ]
+    facts = facts_table("The model.", entries)
+    if reference is None:
+        return (facts,)
+    counts = Counter(zip(reference.label, reference.specimen, strict=True))
+    machines = sorted(set(reference.specimen))
+    rows = tuple(
+        (Cell(words(label)), *(Cell(str(counts[label, machine] or "–")) for machine in machines))
+        for label in dict.fromkeys(reference.label)
+    )
+    header = ("class", *(machine or "machine not stated" for machine in machines))
+    return (Table("Measured recordings of the training, by class and machine.", header, rows), facts)
+
+
+def _summary(classifier: FittedClassifier) -> dict[str, object]:
+    return {
+        "classes": list(classifier.classes),
+        "network": classifier.network.name,
+        "recordings": sorted(classifier.manifest),
+        "seed": classifier.seed,
+        "choice": None if classifier.choice is None else classifier.choice.to_dict(),
+    }
+
+
+def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table, ...]:
+    """How a model was chosen, where training chose it."""
+    if choice is None:
+        return ()
+    rows = tuple(
+        (
+            Cell(f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate),
+            Cell(percent(trial.clean)),
+            Cell(percent(trial.disturbed)),
+            Cell("yes" if trial.is_tied else ""),
+        )
+        for trial in choice.trials
+    )
+    caption = (
+        f"What training tried: share of the windows of {choice.group}s that were left out told right, mean over the "
+        f"classes, {plural(choice.n_folds, 'fold')}. Of those as good as the best within one standard error the first "
+        "was taken."
+    )
+    header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
+    return (Paragraph(choice.sentence()), *((Table(caption, header, rows),) if rows else ()))
+
+
+@figure_style()
+def trials_drawing(choice: Choice, key: str) -> Drawing:
+    """Score of each candidate, as measured and under noise, gain and speed, the best on top."""
+    trials = sorted(choice.trials, key=lambda trial: trial.score)[-12:]
+    figure, axes = panels(1, 1, 1.1 + 0.32 * len(trials))
+    panel = axes[0, 0]
+    for height, trial in enumerate(trials):
+        panel.plot([trial.disturbed, trial.clean], [height, height], color="#888888", linewidth=1)
+    spots = range(len(trials))
+    panel.plot([trial.clean for trial in trials], spots, "o", color=CALIBRATED, label="as measured")
+    panel.plot([trial.disturbed for trial in trials], spots, "D", color=NOMINAL, label="with noise, gain and speed")
+    names = [f"{trial.candidate}{' (chosen)' * (trial.candidate == choice.chosen)}" for trial in trials]
+    panel.set(yticks=list(spots), yticklabels=names, xlabel="mean share of each class that is told right")
+    panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %", decimals=0))
+    panel.grid(axis="y", visible=False)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    columns: dict[str, list] = {
+        "candidate": [trial.candidate for trial in choice.trials],
+        "clean": [trial.clean for trial in choice.trials],
+        "disturbed": [trial.disturbed for trial in choice.trials],
+        "as_good_as_the_best": [trial.is_tied for trial in choice.trials],
+    }
+    return render_drawing(
+        f"{key}_trials",
+        figure,
+        columns,
+        title="What training tried",
+        caption=f"Windows of {choice.group}s that were left out; the {len(trials)} best candidates of "
+        f"{len(choice.trials)}.",
+        description=choice.sentence(),
+    )

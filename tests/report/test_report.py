@@ -76,6 +76,11 @@ def page(folder) -> str:
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+def plain(page: str) -> str:
+    """The page without the buttons that explain words."""
+    return re.sub(r'<button class="term"[^>]*>(.*?)</button>', r"\1", page)
+
+
 def columns(path: Path) -> dict[str, list[str]]:
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -91,6 +96,8 @@ def test_the_page_asks_for_no_other_file_and_no_network(page):
     assert "<link" not in page
     assert "@import" not in page
     assert "<img" not in page
+    assert re.findall(r'href="(?!#|data:text/csv;)[^"]*"', page) == []
+    page = re.sub(r'href="data:text/csv;charset=utf-8;base64,[A-Za-z0-9+/=]*"', "", page)
     references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(r"url\(([^)]*)\)", page)
     assert references
     assert all(reference.startswith("#") for reference in references)
@@ -105,7 +112,7 @@ def test_every_reference_within_the_page_has_one_target(page):
 
 def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
     names = json.loads((folder / "results.json").read_text())["figures"]
-    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
+    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>") / 2
     names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
     assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
     kinds = {name.rsplit("_", 1)[-1] for name in names}
@@ -181,10 +188,10 @@ def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_
 
 def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
     page = write_report(diagnosis, folder=tmp_path / "deep" / "report").read_text(encoding="utf-8")
-    assert "piston. Taken alone, 3 of 4 windows say so (75 %)" in page
-    assert "score of 90 % among 2 classes" in page
+    assert "taken alone, 3 of 4 windows say so (75 %)" in plain(page)
+    assert "Of 2 classes this one has a score of 90 %" in plain(page)
     assert "What was not checked" in page
-    assert "The recordings do not state their source" in page
+    assert "Suspected fault: piston" in page
     results = json.loads((tmp_path / "deep" / "report" / "results.json").read_text())
     assert results["diagnoses"] == [diagnosis.to_dict()]
 
@@ -194,7 +201,7 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
     page = write_report(scores, folder=tmp_path).read_text(encoding="utf-8")
     reason = "no test window of swash_plate, cylinder_block, valve_plate"
     assert f'<td title="{reason}">—</td>' in page
-    assert f"<li>G-mean (of all declared classes): {reason}</li>" in page
+    assert f"<li>G-mean (of all declared classes): {reason}</li>" in plain(page)
     assert re.search(rf'<td title="{reason}">0\.\d+ \*</td>', page)
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace("nano", "")
     assert json.loads((tmp_path / "results.json").read_text())["scores"][0]["g_mean"] is None

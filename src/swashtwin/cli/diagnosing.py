@@ -1,5 +1,6 @@
 """Commands that end a user's work: diagnose, report."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -71,6 +72,8 @@ def diagnose(
         diagnosis.diagnose(classifier, recording, error_rate=error_rate)
         for recording in with_bar(recordings, "diagnosing")
     ]
+    if pistons is not None:
+        verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
     page, evidence = None, []
     if report is not None:
         pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]

@@ -15,8 +15,8 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
 
-_LEAST = 3
-"""Healthy recordings from which a range is shown, where there are so many."""
+_LEAST = 5
+"""Healthy recordings that a range takes at least, where there are so many."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ class RecordingFacts:
     date: str = ""
     """When it was recorded."""
     condition: str = ""
-    """Speed, pressure and oil temperature."""
+    """Speed and discharge pressure."""
     file: str = ""
     """File as the index or the command names it."""
     origin: str = ""
@@ -47,14 +47,14 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     texts = {
         "machine": [recording.specimen or "" for recording in recordings],
         "date": [_date(recording) for recording in recordings],
-        "condition": [_condition(recording) for recording in recordings],
         "file": [str(recording.attributes.get("file", "")) for recording in recordings],
     }
-    nouns = {"machine": "machines", "date": "dates", "condition": "conditions", "file": "files"}
+    nouns = {"machine": "machines", "date": "dates", "file": "files"}
     origins = dict.fromkeys(str(recording.attributes.get("origin", "")) for recording in recordings)
     shafts = {_shaft(recording) for recording in recordings}
     pistons = {_pistons(recording) for recording in recordings}
     return RecordingFacts(
+        condition=_condition(recordings),
         **{name: _listed(values, nouns[name]) for name, values in texts.items()},
         origin="; ".join(origin for origin in origins if origin),
         shaft=shafts.pop() if len(shafts) == 1 else None,
@@ -74,13 +74,22 @@ def _date(recording: Recording) -> str:
     return " ".join(stated[0].replace("T", " ").split())[:40] if stated else ""
 
 
-def _condition(recording: Recording) -> str:
-    shaft, pressure = _shaft(recording), stated_pressure(recording)
-    parts = [] if shaft is None else [f"{60 * shaft:.4g} rev/min"]
-    parts += [] if math.isnan(pressure) else [f"{pressure / 1e6:.4g} MPa"]
-    if recording.has_speed and parts:
-        parts[0] = f"about {parts[0]}"
-    return ", ".join(parts)
+def _condition(recordings: Sequence[Recording]) -> str:
+    shafts = [60 * shaft for recording in recordings if (shaft := _shaft(recording)) is not None]
+    pressures = [stated_pressure(recording) / 1e6 for recording in recordings]
+    about = "about " if any(recording.has_speed for recording in recordings) else ""
+    texts = (_numbers(shafts, "rev/min"), _numbers([value for value in pressures if not math.isnan(value)], "MPa"))
+    return about * bool(texts[0]) + ", ".join(text for text in texts if text)
+
+
+def _numbers(values: Sequence[float], unit: str) -> str:
+    """Values as a list, or as a range where there are more than three."""
+    texts = [f"{value:.4g}" for value in sorted(set(values))]
+    distinct = list(dict.fromkeys(texts))
+    if not distinct:
+        return ""
+    few = len(distinct) <= _MOST
+    return f"{' / '.join(distinct) if few else f'{distinct[0]} to {distinct[-1]}'} {unit}"
 
 
 def _shaft(recording: Recording) -> float | None:

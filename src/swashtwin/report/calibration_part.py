@@ -25,25 +25,35 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
+    more = Bullets("More to know", tuple(map(_sentence, calibration.notes[_MOST_NOTES:])))
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
         answer=calibration_answer(calibration)[:1],
         notice="",
         sections=(
-            Section(SectionOrder.CALIBRATION, "Calibration", calibration_blocks(calibration, key)),
+            Section(SectionOrder.CALIBRATION, "Calibration", (more, *calibration_blocks(calibration, key)[1:])),
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
         ),
         results={"calibrations": [calibration.to_dict()]},
-        verdict=f"{counts['identified']} of the six values identified",
+        verdict=f"Spectrum error {_change(calibration)}; {counts['identified']} of 6 values identified",
         tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
-        certainty=(calibration_answer(calibration)[1], _NO_TEST, *calibration.notes[:2]),
+        certainty=(*calibration_answer(calibration)[:0:-1], *map(_sentence, calibration.notes[:_MOST_NOTES])),
         actions=_actions(calibration, has_improved),
         facts=_facts(calibration),
     )
 
 
-_ENOUGH = 3
-_NO_TEST = "The errors are on the recordings that the twin was fitted to: they are no test of it."
+_ENOUGH, _MOST_NOTES = 3, 3
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _change(calibration: Calibration) -> str:
+    """Change of the spectrum's error, such as ``-51 %``."""
+    share = calibration.improvement.get("spectrum_value_error", math.nan)
+    return f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "not known"
 
 
 def _facts(calibration: Calibration) -> tuple[tuple[str, str], ...]:
@@ -71,6 +81,7 @@ def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
         f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
         f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
+        "These are the recordings it was calibrated on, so neither number is a test.",
         f"Of the six values {verdict_counts(calibration)}.",
     )
 

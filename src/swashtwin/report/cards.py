@@ -1,11 +1,11 @@
 """The first screen of a page: a card for each subject, or a table where there are many."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from swashtwin.foundation import plural
-from swashtwin.report.page import Cell, Group, Part, Section, Table, Tone
+from swashtwin.report.page import Bullets, Cell, Group, Paragraph, Part, Section, SectionOrder, Table, Tone
 
 MOST_CARDS = 2
 """Subjects that each have a card; of more, a table says what came out."""
@@ -73,12 +73,17 @@ def overview_of(parts: Sequence[Part], cards: Sequence[Card]) -> Table | None:
     return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
 
 
-def folded_sections(sections: Sequence[Section], parts: Sequence[Part]) -> list[Section]:
-    """The sections of many subjects, each folded away, with what its card would have shown."""
-    first_of = {id(part.sections[0]): part for part in parts if part.sections}
-    folded = []
-    for section in sections:
-        part = first_of.get(id(section))
-        blocks = (*(part.glance if part else ()), *section.blocks)
-        folded.append(replace(section, blocks=(Group("Show", blocks, is_open=False),)))
-    return folded
+def folded_section(parts: Sequence[Part], cards: Sequence[Card]) -> Section:
+    """One section with a group for each of many subjects, folded away: its card and all of its sections."""
+    groups = []
+    for card, subject in zip(cards, dict.fromkeys(part.subject for part in parts), strict=True):
+        sections = [section for part in parts if part.subject == subject for section in part.sections]
+        blocks = (
+            *map(Paragraph, card.answer),
+            Bullets("How sure", card.certainty),
+            Bullets("What to do", card.actions),
+            *card.glance,
+            *(Group(section.title, section.blocks) for section in sections),
+        )
+        groups.append(Group(f"{subject}: {card.verdict}", blocks, is_open=False))
+    return Section(SectionOrder.VERDICT, "Each recording", tuple(groups))

@@ -8,7 +8,7 @@ from swashtwin.pump import is_healthy
 from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.origin import fact_entries, rig_notice
-from swashtwin.report.page import Bullets, Part, Picture, Section, SectionOrder, Tone
+from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
 from swashtwin.report.spectrum_figure import spectrum_over_healthy
 from swashtwin.report.training_part import choice_blocks
 from swashtwin.report.wording import percent
@@ -55,7 +55,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         Bullets("More to know before trusting it", diagnosis.notes[_MOST_NOTES:]),
         Picture(probability_drawing(diagnosis, key)),
         Picture(window_drawing(diagnosis, key)),
-        *choice_blocks(diagnosis.choice),
+        *_folded_choice(diagnosis),
         Bullets("What was not checked", _NOT_CHECKED if trust is None else _NOT_CHECKED_BY_TRUST),
     )
     return Part(
@@ -103,6 +103,11 @@ def glance(verdict: Diagnosis | AnomalyVerdict, key: str, labels: tuple[str, ...
     facts, spectrum = verdict.facts, verdict.spectrum
     pictures = () if spectrum is None else (Picture(spectrum_over_healthy(spectrum, facts, key)),)
     return (*(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)), *pictures)
+
+
+def _folded_choice(diagnosis: Diagnosis) -> tuple[Group, ...]:
+    blocks = choice_blocks(diagnosis.choice)
+    return (Group("How the model was chosen", blocks, is_open=False),) if blocks else ()
 
 
 def _no_verdict_part(diagnosis: Diagnosis) -> Part:

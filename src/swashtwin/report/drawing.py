@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
@@ -23,6 +24,10 @@ NARROW = 4.3
 """Width of the form for a phone [inch]: 10 points are about 12 pixels on a screen 390 pixels wide."""
 _LABEL = 18
 """Characters of a label in that form, after which it is wrapped."""
+_LINE, _MARGIN = 0.155, 1.1
+"""Height of a line of a label, and of what stands above and below the axes [inch]."""
+_UPRIGHT = 0.042
+"""Width of an upright label over that of the axis."""
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 _PAGE_COLORS = {
     "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
@@ -61,7 +66,8 @@ class Drawing:
     @property
     def link(self) -> str:
         """The data as an address that holds them, so that a page alone is enough."""
-        return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(self.csv.encode()).decode()}"
+        content = base64.b64encode(self.csv.encode("utf-8", "backslashreplace"))
+        return f"data:text/csv;charset=utf-8;base64,{content.decode()}"
 
     @property
     def forms(self) -> list[tuple[str, str]]:
@@ -147,14 +153,42 @@ def _narrow(figure: Figure) -> None:
                 if axes.yaxis.get_label_position() == "left":
                     axes.tick_params(labelleft=True, labelbottom=True)
         height *= 0.85 * columns
-    for legend in figure.legends:
-        legend.set_ncols(min(2, getattr(legend, "_ncols", 1)))
-    figure.set_size_inches(NARROW, height)
+    for legend in list(figure.legends):
+        texts = [text.get_text() for text in legend.get_texts()]
+        legend.remove()
+        columns = 2 if max(map(len, texts), default=0) <= _LABEL else 1
+        figure.legend(legend.legend_handles, texts, loc="outside upper center", ncols=columns)
     _rewrite_labels(figure, _wrapped)
+    figure.set_size_inches(NARROW, max([height, *map(_label_height, figure.axes)]))
     for axes in figure.axes:
         axes.title.set_wrap(True)
+        _thin_out(axes)
         if axes.get_xscale() == "linear" and not isinstance(axes.xaxis.get_major_formatter(), FuncFormatter):
             axes.locator_params(axis="x", nbins=5)
+
+
+def _label_height(axes: Axes) -> float:
+    """Height [inch] at which the names along the vertical axis do not overlap; 0 where it has none."""
+    formatter, ticks = axes.yaxis.get_major_formatter(), axes.get_yticks()
+    if not isinstance(formatter, FuncFormatter):
+        return 0.0
+    lines = max((formatter(tick, place).count("\n") + 1 for place, tick in enumerate(ticks)), default=0)
+    return _MARGIN + _LINE * lines * len(ticks)
+
+
+def _thin_out(axes: Axes) -> None:
+    """Leave out names along the horizontal axis that stand upright and would overlap."""
+    labels = axes.get_xticklabels()
+    if axes.get_xscale() != "linear" or not any(label.get_rotation() == 90 for label in labels):
+        return
+    left, right = axes.get_xlim()
+    nearest, ticks = _UPRIGHT * (right - left), list[float]()
+    for tick in axes.get_xticks():
+        if not ticks or tick - ticks[-1] >= nearest:
+            ticks.append(tick)
+    formatter = axes.xaxis.get_major_formatter()
+    names = [formatter(tick, place) for place, tick in enumerate(axes.get_xticks()) if tick in ticks]
+    axes.set_xticks(ticks, names, rotation=90, fontsize=labels[0].get_fontsize())
 
 
 def _wrapped(text: str) -> str:

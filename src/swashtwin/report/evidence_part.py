@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.diagnosis import Band, Evidence, hertz
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
@@ -43,6 +43,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
     blocks = (
+        *(Paragraph(sentence) for sentence in evidence.sentences()[1:]),
         Paragraph(introduction),
         *pictures[:1],
         _line_table(evidence),
@@ -53,7 +54,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     )
     return Part(
         title=f"Evidence for {evidence.recording_id}",
-        answer=evidence.sentences(),
+        answer=evidence.sentences()[:1],
         notice="",
         sections=(
             Section(SectionOrder.VERDICT, f"Why {words(evidence.label)}: evidence in {evidence.recording_id}", blocks),
@@ -139,7 +140,7 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
         beside.grid(visible=False)
         panel.set_title(words(name), loc="left")
         panel.grid(axis="x", visible=False)
-    axes[len(channels) // 2, 0].set_ylabel(f"samples [{evidence.unit}]")
+    axes[len(channels) // 2, 0].set_ylabel(f"samples [{unit_words(evidence.unit)}]")
     axes[-1, 0].set_xlabel("time [s]")
     caption = (
         f"Gray: peaks of the samples. Blue bars: moments that speak for {words(evidence.label)}, orange for "
@@ -163,7 +164,7 @@ def _line_table(evidence: Evidence) -> Table:
         shown = (Cell(percent(share)),) if evidence.adds_up else ()
         cell = number_cell(float(level), "no band" if math.isnan(level) else "")
         rows.append((Cell(evidence.describe(band)), Cell(words(channel)), *shown, cell))
-    header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{evidence.unit}]")
+    header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{unit_words(evidence.unit)}]")
     shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
     return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))
 

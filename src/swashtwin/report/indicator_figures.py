@@ -104,10 +104,11 @@ def trend_drawing(trend: Trend) -> Drawing:
         }
         for point in trend.points
     ]
+    meaning = trend.indicator.meaning
     least = min((point.count for point in trend.points if point.status != "no baseline"), default=0)
     caption = (
-        f"{trend.indicator.meaning}. Gray: median and {trend.k:g} spreads (1.4826 MAD) of the same machine's other "
-        "healthy recordings at the same speed and pressure"
+        f"{meaning[:1].upper()}{meaning[1:]}. Gray: median and {trend.k:g} spreads (1.4826 MAD) of the same machine's "
+        "other healthy recordings at the same speed and pressure"
         + (f", from {plural(least, 'recording')} on" if least else "")
         + ". No limit of a standard is drawn: none is made for axial piston pumps."
     )

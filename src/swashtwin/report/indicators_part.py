@@ -13,10 +13,10 @@ from swashtwin.report.wording import number
 from swashtwin.signals import Indicator, IndicatorTable
 
 _SHOWN = ("rms", "velocity_rms", "crest_factor", "kurtosis")
-_MOST_ROWS = 60
-"""Rows that the page lists; the figure's data hold all."""
+_MOST_ROWS, _FEW_ROWS = 60, 24
+"""Rows that the page lists, and of these how many are not folded away; the figure's data hold all."""
 _NOT_CHECKED = (
-    "Whether a value is too high: no limit of a standard is made for axial piston pumps. Compare each machine with "
+    "The page does not say whether a value is too high: no limit of a standard is made for axial piston pumps. Compare each machine with "
     "itself, at the same speed and pressure (swashtwin signal trend).",
 )
 
@@ -28,8 +28,9 @@ def indicators_part(table: IndicatorTable, key: str) -> Part:
     shown = [index for index, column in enumerate(table.columns) if column.name in _SHOWN]
     shown += [index for index, column in enumerate(table.columns) if column.name.startswith("order_amplitude")]
     meanings = tuple(f"{words(column.name)}: {column.meaning}." for column in table.columns)
+    rows = _table(table, shown)
     blocks = (
-        _table(table, shown),
+        rows if len(rows.rows) <= _FEW_ROWS else Group("Values of each recording", (rows,), is_open=False),
         Group(f"What each of the {len(table.columns)} indicators means", (Bullets("", meanings),), is_open=False),
     )
     return Part(

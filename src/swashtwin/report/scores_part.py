@@ -59,7 +59,7 @@ def scores_part(scores: Scores, key: str) -> Part:
         notice="",
         sections=(Section(SectionOrder.SCORES, "Scores", blocks),),
         results={"scores": [scores.to_dict()]},
-        verdict=f"{100 * scores.recording_accuracy:.1f} % of {plural(scores.n_recordings, 'recording')} right",
+        verdict=_verdict(scores),
         tone="good" if scores.recording_accuracy >= _GOOD else "unsure",
         certainty=(*counted, _mistakes(scores)),
         actions=_actions(scores),
@@ -67,6 +67,12 @@ def scores_part(scores: Scores, key: str) -> Part:
 
 
 _GOOD, _FEW = 0.9, 20
+
+
+def _verdict(scores: Scores) -> str:
+    right = round(scores.recording_accuracy * scores.n_recordings)
+    count = "All" if right == scores.n_recordings else f"{right} of"
+    return f"{count} {plural(scores.n_recordings, 'recording')} classified correctly"
 
 
 def _weakest(scores: Scores) -> str:

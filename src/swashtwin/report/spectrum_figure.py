@@ -10,6 +10,8 @@ from swashtwin.report.drawing import Drawing, render_drawing
 
 _MARKS = 4
 """Multiples of the piston-pass line that are marked."""
+_LOWEST = 5.0
+"""Frequency from which the axis begins at least [Hz]."""
 
 
 @figure_style()
@@ -27,7 +29,8 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
         panel.stairs(median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median")
         panel.stairs(spectrum.level[row], edges, color=CALIBRATED, linewidth=1.5, baseline=None, label="this recording")
         panel.set_title(words(name), loc="left")
-    axes[0, 0].set(xscale="log", xlim=(edges[0], edges[-1]))
+    lowest = min(max(_LOWEST, 0.7 * (facts.shaft or 0.0)), edges[-2])
+    axes[0, 0].set(xscale="log", xlim=(max(edges[0], lowest), edges[-1]))
     for panel in axes[:, 0]:
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     unit = unit_words(spectrum.unit)

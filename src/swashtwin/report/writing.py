@@ -21,7 +21,7 @@ from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.alarms_part import alarms_part
 from swashtwin.report.anomaly_part import anomaly_part
 from swashtwin.report.calibration_part import calibration_part
-from swashtwin.report.cards import Card, cards_of, folded_sections, overview_of
+from swashtwin.report.cards import Card, cards_of, folded_section, overview_of
 from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.difference_part import difference_part
@@ -161,9 +161,8 @@ class _Content:
 
     def drawings(self) -> Iterator[Drawing]:
         """Every figure, in the order of the page."""
-        if self.overview is None:
-            for card in self.cards:
-                yield from drawings(card.glance)
+        for card in self.cards:
+            yield from drawings(card.glance)
         for section in self.sections:
             yield from drawings(section.blocks)
 
@@ -175,7 +174,7 @@ def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Map
     cards, sections = cards_of(parts), _sections(items, parts)
     overview = overview_of(parts, cards)
     if overview is not None:
-        sections = folded_sections(sections, parts)
+        sections = [folded_section(parts, cards)]
     stated = facts_of(recordings)
     subjects = {part.subject for part in parts}
     facts = dict(parts[0].facts if len(subjects) == 1 else ()) | dict(fact_entries(stated)) | dict(about)

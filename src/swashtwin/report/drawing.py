@@ -4,30 +4,20 @@ import base64
 import io
 import math
 import re
-import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis, XAxis
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter
 
 from swashtwin.foundation import csv_text, escape_controls
+from swashtwin.report.phone_form import fit_to_phone
 
-NARROW = 4.3
-"""Width of the form for a phone [inch]: 10 points are about 12 pixels on a screen 390 pixels wide."""
-_LABEL = 18
-"""Characters of a label in that form, after which it is wrapped."""
-_LINE, _MARGIN = 0.155, 1.1
-"""Height of a line of a label, and of what stands above and below the axes [inch]."""
-_UPRIGHT = 0.042
-"""Width of an upright label over that of the axis."""
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 _PAGE_COLORS = {
     "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
@@ -128,9 +118,9 @@ def render_drawing(
     ----------
     description : what it shows in words, for those who cannot see it.
     """
-    _rewrite_labels(figure, partial(escape_controls, keep="\n"))
+    _escape_texts(figure)
     wide = _saved(figure)
-    _narrow(figure)
+    fit_to_phone(figure)
     return Drawing(name, title, caption, wide, columns, _saved(figure), description)
 
 
@@ -140,83 +130,17 @@ def _saved(figure: Figure) -> str:
     return text.getvalue()
 
 
-def _narrow(figure: Figure) -> None:
-    """Make a figure as narrow as a phone: panels side by side go below each other, long labels are wrapped."""
-    height, specs = figure.get_figheight(), [axes.get_subplotspec() for axes in figure.axes]
-    grids = {(spec.get_gridspec().nrows, spec.get_gridspec().ncols) for spec in specs if spec is not None}
-    rows, columns = max(grids, default=(1, 1))
-    if columns > 1:
-        grid = GridSpec(rows * columns, 1, figure=figure)
-        for axes, spec in zip(figure.axes, specs, strict=True):
-            if spec is not None:
-                axes.set_subplotspec(grid[spec.rowspan.start * columns + spec.colspan.start])
-                if axes.yaxis.get_label_position() == "left":
-                    axes.tick_params(labelleft=True, labelbottom=True)
-        height *= 0.85 * columns
-    for legend in list(figure.legends):
-        texts = [text.get_text() for text in legend.get_texts()]
-        legend.remove()
-        columns = 2 if max(map(len, texts), default=0) <= _LABEL else 1
-        figure.legend(legend.legend_handles, texts, loc="outside upper center", ncols=columns)
-    _rewrite_labels(figure, _wrapped)
-    figure.set_size_inches(NARROW, max([height, *map(_label_height, figure.axes)]))
-    for axes in figure.axes:
-        axes.title.set_wrap(True)
-        _thin_out(axes)
-        if axes.get_xscale() == "linear" and not isinstance(axes.xaxis.get_major_formatter(), FuncFormatter):
-            axes.locator_params(axis="x", nbins=5)
-
-
-def _label_height(axes: Axes) -> float:
-    """Height [inch] at which the names along the vertical axis do not overlap; 0 where it has none."""
-    formatter, ticks = axes.yaxis.get_major_formatter(), axes.get_yticks()
-    if not isinstance(formatter, FuncFormatter):
-        return 0.0
-    lines = max((formatter(tick, place).count("\n") + 1 for place, tick in enumerate(ticks)), default=0)
-    return _MARGIN + _LINE * lines * len(ticks)
-
-
-def _thin_out(axes: Axes) -> None:
-    """Leave out names along the horizontal axis that stand upright and would overlap."""
-    labels = axes.get_xticklabels()
-    if axes.get_xscale() != "linear" or not any(label.get_rotation() == 90 for label in labels):
-        return
-    left, right = axes.get_xlim()
-    nearest, ticks = _UPRIGHT * (right - left), list[float]()
-    for tick in axes.get_xticks():
-        if not ticks or tick - ticks[-1] >= nearest:
-            ticks.append(tick)
-    formatter = axes.xaxis.get_major_formatter()
-    names = [formatter(tick, place) for place, tick in enumerate(axes.get_xticks()) if tick in ticks]
-    axes.set_xticks(ticks, names, rotation=90, fontsize=labels[0].get_fontsize())
-
-
-def _wrapped(text: str) -> str:
-    if len(text) <= _LABEL or "\n" in text:
-        return text
-    return textwrap.fill(text, _LABEL, break_long_words=False, break_on_hyphens=False)
-
-
-def _rewrite_labels(figure: Figure, rewrite: Callable[[str], str]) -> None:
-    """Rewrite the texts of a figure; where they are wrapped, those beside and along its axes only.
-
-    Control characters of names are shown as codes: XML does not allow them, and a lone surrogate has no glyph.
-    """
-    is_wrapping = rewrite is _wrapped
+def _escape_texts(figure: Figure) -> None:
+    """Show control characters of names as codes: XML does not allow them, and a lone surrogate has no glyph."""
     for text in figure.findobj(Text):
-        if not is_wrapping or isinstance(text, Annotation):
-            text.set_text(rewrite(text.get_text()))
+        text.set_text(escape_controls(text.get_text(), keep="\n"))
     for axis in figure.findobj(Axis):
-        if is_wrapping:
-            axis.label.set_text(textwrap.fill(axis.label.get_text(), 2 * _LABEL))
-        if is_wrapping and isinstance(axis, XAxis):
-            continue
         if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):  # which set_ticks makes of its labels
-            formatter.func = partial(_rewritten_label, formatter.func, rewrite)
+            formatter.func = partial(_escaped_label, formatter.func)
 
 
-def _rewritten_label(label_of: Callable[..., str], rewrite: Callable[[str], str], *position: Any) -> str:
-    return rewrite(label_of(*position))
+def _escaped_label(label_of: Callable[..., str], *position: Any) -> str:
+    return escape_controls(label_of(*position), keep="\n")
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:

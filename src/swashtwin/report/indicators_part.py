@@ -16,8 +16,8 @@ _SHOWN = ("rms", "velocity_rms", "crest_factor", "kurtosis")
 _MOST_ROWS, _FEW_ROWS = 60, 24
 """Rows that the page lists, and of these how many are not folded away; the figure's data hold all."""
 _NOT_CHECKED = (
-    "The page does not say whether a value is too high: no limit of a standard is made for axial piston pumps. Compare each machine with "
-    "itself, at the same speed and pressure (swashtwin signal trend).",
+    "The page does not say whether a value is too high: no limit of a standard is made for axial piston pumps. "
+    "Compare each machine with itself, at the same speed and pressure (swashtwin signal trend).",
 )
 
 

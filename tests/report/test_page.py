@@ -1,0 +1,199 @@
+"""A page opens with what it is about and what came out, on a screen, a phone and paper, and for a screen reader."""
+
+import base64
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stub_runs import scored
+
+from swashtwin.diagnosis import Diagnosis, HealthySpectrum
+from swashtwin.physics import Twin
+from swashtwin.plot import panels
+from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
+from swashtwin.recordings import Recording, RecordingFacts, facts_of
+from swashtwin.report import page_text, render_drawing, write_report
+from swashtwin.report.cutaway import Cutaway, cutaway_of
+from swashtwin.report.glossary import Glossary
+from swashtwin.report.phone_form import NARROW
+from swashtwin.signals import indicators_of, stacked, trend_of
+
+CHROMIUM = "/usr/bin/chromium"
+RIG = "swashtwin virtual rig, version 1"
+
+
+def spectrum(level: float = 3.0) -> HealthySpectrum:
+    """Two channels of three bands; the second band of the first is `level` above the range."""
+    healthy = np.zeros((5, 2, 3)) + np.linspace(-1, 1, 5)[:, None, None]
+    recording = np.zeros((2, 3))
+    recording[0, 1] = 1 + level
+    low = np.array([10.0, 20.0, 40.0])
+    return HealthySpectrum(("x", "y"), "m/s^2", low, 2 * low, recording, healthy, "the 5 healthy recordings")
+
+
+def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diagnosis:
+    facts = RecordingFacts("pump 3", "2026-03-01", "860 rev/min, 15 MPa", "line/a.h5", "", 14.3, 7)
+    probabilities = {"normal": 0.1, "piston": 0.9}
+    verdict = Diagnosis(name, label, probabilities, ("piston",) * 4, 1.0, (), facts=facts, spectrum=spectrum())
+    return replace(verdict, **changes)  # type: ignore[arg-type]
+
+
+def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -> None:
+    page = page_text(diagnosis(), about={"Model": "model.safetensors"})
+    facts = re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page)
+    assert facts == [
+        ("Machine", "pump 3"),
+        ("Recorded", "2026-03-01"),
+        ("Condition", "860 rev/min, 15 MPa"),
+        ("File", "line/a.h5"),
+        ("Model", "model.safetensors"),
+    ]
+    assert "<title>Diagnosis of a · pump 3 · 2026-03-01 · 860 rev/min, 15 MPa · line/a.h5 · model.safetensors" in page
+
+
+def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -> None:
+    page = page_text(diagnosis())
+    places = [page.index(text) for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")]
+    assert places == sorted(places)
+    assert "17 % of the bands lie outside the range of the 5 healthy recordings." in page
+    assert "20 to 40 Hz, channel x" in page
+
+
+def test_a_healthy_or_uncertain_recording_has_no_part_marked() -> None:
+    assert "Where to look" in page_text(diagnosis())
+    healthy = page_text(diagnosis(label="normal"))
+    assert "No fault found" in healthy
+    assert "Where to look" not in healthy
+    silent = page_text(diagnosis(label=None, no_verdict="channel x is dead.", probabilities={}, spectrum=None))
+    assert ("No verdict" in silent, "Channel x is dead." in silent) == (True, True)
+
+
+def test_only_recordings_of_the_virtual_rig_are_called_no_real_pump() -> None:
+    assert "Not a real pump" not in page_text(diagnosis())
+    facts = replace(diagnosis().facts, origin=RIG)
+    assert "Not a real pump" in page_text(diagnosis(facts=facts))
+    samples = np.random.default_rng(0).normal(size=(1, 64))
+    made = Recording(samples, 10.0, "a", attributes={"origin": RIG})
+    assert "Not a real pump" not in page_text(scored(0.7), recordings=[made.replace(attributes={"origin": "bench 3"})])
+    assert "Not a real pump" in page_text(scored(0.7), recordings=[made])
+
+
+def test_many_recordings_are_a_table_and_each_is_folded_away() -> None:
+    page = page_text(*(diagnosis(name) for name in "abcd"))
+    assert page.count('<th scope="row">') >= 4
+    assert page.count("<details><summary>") == 4
+    assert 'class="card' not in page
+    assert "<summary>b: Suspected fault: piston</summary>" in page
+
+
+def test_every_figure_has_a_form_for_phones_words_for_screen_readers_and_its_data(tmp_path: Path) -> None:
+    page = write_report(diagnosis(), folder=tmp_path).read_text(encoding="utf-8")
+    figures = re.findall(r'<div class="(wide|narrow)" role="img" aria-label="([^"]+)">', page)
+    assert [form for form, _ in figures] == ["wide", "narrow"] * 3
+    assert figures[0][1].startswith("Spectrum over the healthy recordings. 17 % of the bands")
+    for name, link in re.findall(r'<a download="(\w+)\.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)">', page):
+        assert base64.b64decode(link) == (tmp_path / "figures" / f"{name}.csv").read_bytes()
+    assert "prefers-color-scheme: dark" in page
+    assert "@media print" in page
+
+
+def test_the_form_for_phones_is_narrow_and_stacks_panels() -> None:
+    figure, axes = panels(2, 2, 3.0)
+    for panel in axes.flat:
+        panel.plot([0, 1], [0, 1])
+    axes[0, 0].set_yticks([0, 1], ["a name that is far too long for a phone", "b"])
+    drawing = render_drawing("f", figure, {"x": [0.0, 1.0]}, title="Figure", caption="")
+    widths = [float(re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)[1]) for svg in (drawing.svg, drawing.narrow)]  # type: ignore[index]
+    assert widths == [9 * 72, pytest.approx(NARROW * 72)]
+    lefts = {round(panel.get_position().x0, 3) for panel in axes.flat}
+    assert len(lefts) == 1
+    assert drawing.words == "Figure. x from 0 to 1"
+
+
+def test_colors_of_a_figure_follow_the_page_and_stay_in_its_file() -> None:
+    figure, axes = panels(1, 1, 2.0)
+    axes[0, 0].plot([0, 1], [0, 1], color="#0072b2")
+    drawing = render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
+    assert "var(--blue)" not in drawing.svg
+    assert all("stroke: var(--blue)" in body and "#0072b2" not in body for _, body in drawing.forms)
+
+
+def test_a_word_is_explained_where_it_stands_first_and_only_there() -> None:
+    glossary = Glossary()
+    first, second = glossary.mark("6 dB <b>above</b> the baseline"), glossary.mark("3 dB")
+    assert first.count("<button") == 2
+    assert "&lt;b&gt;above" in first
+    assert second == "3 dB"
+    assert list(glossary.used) == ["dB", "baseline"]
+
+
+@pytest.mark.parametrize("name", [name for name in CLASSES if not is_healthy(name)])
+def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at_15) -> None:
+    (cutaway,) = cutaway_of(name, pump.rotating_group.piston_count)
+    fault = FAULT_KINDS[name]
+    turns, per_turn = 10, 1024
+    rate = at_15.shaft_frequency * per_turn
+    lines = {}
+    for label, twin in (("healthy", Twin(pump, at_15)), ("faulty", Twin(pump, at_15, fault))):
+        signal = twin.simulate(turns * at_15.period, sample_rate=rate).signal[:, : turns * per_turn]
+        lines[label] = np.abs(np.fft.rfft(signal, axis=1))[:, turns * np.arange(1, 36)].max(axis=0)
+    order = np.arange(1, 36)
+    at_pistons = order % pump.rotating_group.piston_count == 0
+    total = {label: math.sqrt(np.sum(values[~at_pistons] ** 2)) for label, values in lines.items()}
+    has_shaft_lines = total["faulty"] > 0.01 * lines["faulty"].max()
+    assert total["healthy"] < 1e-3 * lines["healthy"].max()
+    assert cutaway.family == ("shaft" if has_shaft_lines else "pistons")
+
+
+def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_number() -> None:
+    known, unknown = Cutaway("piston", 9, 14.3), Cutaway("valve_plate")
+    assert [text for _, _, text in known.bars if text] == ["1×", "9×", "18×", "27×"]
+    assert [text for _, _, text in unknown.bars if text] == ["1×", "z×", "2z×", "3z×"]
+    assert {order for order, is_excited, _ in known.bars if not is_excited} == {9, 18, 27}
+    assert {order for order, is_excited, _ in unknown.bars if is_excited} == {7, 14, 21}
+    assert cutaway_of("normal") == cutaway_of("bearing") == ()
+
+
+def test_facts_of_several_recordings_are_listed_or_counted() -> None:
+    samples = np.random.default_rng(0).normal(size=(1, 64))
+    recordings = [
+        Recording(samples, 10.0, f"r{i}", specimen=f"P{i}", attributes={"date": f"2026-01-0{i}", "file": f"{i}.h5",
+                  "speed": "900 rpm", "discharge_pressure": f"{5 * i} MPa", "pistons": "9"})
+        for i in range(1, 5)
+    ]  # fmt: skip
+    facts = facts_of(recordings)
+    assert (facts.machine, facts.file, facts.date) == ("4 machines", "4 files", "2026-01-01 to 2026-01-04")
+    assert facts.condition == "900 rev/min, 5 to 20 MPa"
+    assert facts_of(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
+    assert (facts.shaft, facts.pistons) == (pytest.approx(15), 9)
+    assert facts_of([]) == RecordingFacts()
+
+
+def test_features_and_a_trend_make_pages_of_the_same_kind() -> None:
+    generator = np.random.default_rng(0)
+    recordings = [
+        Recording(generator.normal(size=(1, 4000)) * (4 if i == 7 else 1), 1000.0, f"r{i}", specimen="P",
+                  label="normal" if i < 7 else "worn", attributes={"speed": "600 rpm", "discharge_pressure": "9 MPa"})
+        for i in range(8)
+    ]  # fmt: skip
+    table = stacked([indicators_of(recording, families=["statistics"]) for recording in recordings])
+    page = page_text(table, recordings=recordings)
+    assert re.search(r"<h2>\d+ indicators of 8 recordings</h2>", page)
+    trend = page_text(trend_of(table, "rms"), recordings=recordings)
+    assert "<h2>1 of 8 recordings flagged</h2>" in trend
+    assert '<th scope="row">r7</th>' in trend
+    assert all("<dd>600 rev/min, 9 MPa</dd>" in text for text in (page, trend))
+
+
+@pytest.mark.skipif(not shutil.which(CHROMIUM), reason=f"no {CHROMIUM}")
+def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
+    page, paper = write_report(diagnosis(), folder=tmp_path), tmp_path / "page.pdf"
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += [f"--print-to-pdf={paper}", page.as_uri()]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 4

@@ -58,8 +58,8 @@ def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -
 
 def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -> None:
     page = page_text(diagnosis())
-    places = [page.index(text) for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")]
-    assert places == sorted(places)
+    order = [page.index(text) for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")]
+    assert order == sorted(order)
     assert "17 % of the bands lie outside the range of the 5 healthy recordings." in page
     assert "20 to 40 Hz, channel x" in page
 
@@ -78,9 +78,9 @@ def test_only_recordings_of_the_virtual_rig_are_called_no_real_pump() -> None:
     facts = replace(diagnosis().facts, origin=RIG)
     assert "Not a real pump" in page_text(diagnosis(facts=facts))
     samples = np.random.default_rng(0).normal(size=(1, 64))
-    made = Recording(samples, 10.0, "a", attributes={"origin": RIG})
-    assert "Not a real pump" not in page_text(scored(0.7), recordings=[made.replace(attributes={"origin": "bench 3"})])
-    assert "Not a real pump" in page_text(scored(0.7), recordings=[made])
+    rig = Recording(samples, 10.0, "a", attributes={"origin": RIG})
+    assert "Not a real pump" not in page_text(scored(0.7), recordings=[rig.replace(attributes={"origin": "bench 3"})])
+    assert "Not a real pump" in page_text(scored(0.7), recordings=[rig])
 
 
 def test_many_recordings_are_a_table_and_each_is_folded_away() -> None:
@@ -151,10 +151,10 @@ def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at
 
 
 def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_number() -> None:
-    known, unknown = Cutaway("piston", 9, 14.3), Cutaway("valve_plate")
-    assert [text for _, _, text in known.bars if text] == ["1×", "9×", "18×", "27×"]
+    nine, unknown = Cutaway("piston", 9, 14.3), Cutaway("valve_plate")
+    assert [text for _, _, text in nine.bars if text] == ["1×", "9×", "18×", "27×"]
     assert [text for _, _, text in unknown.bars if text] == ["1×", "z×", "2z×", "3z×"]
-    assert {order for order, is_excited, _ in known.bars if not is_excited} == {9, 18, 27}
+    assert {order for order, is_excited, _ in nine.bars if not is_excited} == {9, 18, 27}
     assert {order for order, is_excited, _ in unknown.bars if is_excited} == {7, 14, 21}
     assert cutaway_of("normal") == cutaway_of("bearing") == ()
 

@@ -93,9 +93,9 @@ def _draw_dots(
     panel: Axes, table: IndicatorTable, index: int, channels: list[str], classes: list[str], colors: dict[str, str]
 ) -> None:
     factor = table.columns[index].shown[0]
-    for place, label in enumerate(classes):
+    for rank, label in enumerate(classes):
         rows = [i for i, row in enumerate(table.rows) if (row.label or "no class") == label]
-        spot = [channels.index(table.rows[i].channel) + 0.7 * ((place + 0.5) / len(classes) - 0.5) for i in rows]
+        spot = [channels.index(table.rows[i].channel) + 0.7 * ((rank + 0.5) / len(classes) - 0.5) for i in rows]
         panel.plot(spot, factor * table.values[rows, index], ".", color=colors[label], markersize=5, label=words(label))
     panel.grid(axis="x", visible=False)
     for edge in range(1, len(channels)):

@@ -95,7 +95,7 @@ def _label_height(axes: Axes) -> float:
     if not _has_names(axes.yaxis):
         return 0.0
     name_of, ticks = axes.yaxis.get_major_formatter(), axes.get_yticks()
-    lines = max((name_of(tick, place).count("\n") + 1 for place, tick in enumerate(ticks)), default=0)
+    lines = max((name_of(tick, index).count("\n") + 1 for index, tick in enumerate(ticks)), default=0)
     return _MARGIN + _LINE * lines * len(ticks)
 
 
@@ -110,5 +110,5 @@ def _thin_out(axes: Axes) -> None:
         if not ticks or tick - ticks[-1] >= _UPRIGHT * (right - left):
             ticks.append(tick)
     name_of = axes.xaxis.get_major_formatter()
-    names = [name_of(tick, place) for place, tick in enumerate(axes.get_xticks()) if tick in ticks]
+    names = [name_of(tick, index) for index, tick in enumerate(axes.get_xticks()) if tick in ticks]
     axes.set_xticks(ticks, names, rotation=90, fontsize=labels[0].get_fontsize())

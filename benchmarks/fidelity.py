@@ -8,7 +8,7 @@ that cell from four pumps that nothing was trained on. The AUROC is that of tree
 with no recording on both sides (``by_recording``), and with no pump on both sides (``by_pump``): there neither the
 peculiarities of a recording nor those of a pump help or mislead the trees. The row ``measured`` compares the other
 measured recordings of the cell in place of synthetic ones: it is the best that synthesis could reach. Figures on the
-virtual rig say nothing about a real pump (docs/rig.md).
+virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse

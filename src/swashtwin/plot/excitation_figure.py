@@ -16,7 +16,7 @@ N_POINTS = 701
 def excitation(twin: Twin) -> Figure:
     """Displacement of each slipper in the recess of the swash plate and their sum [mm], over one revolution [ms].
 
-    The equations are those of `slipper_displacements` (docs/physics.md, section 2.4, a derivation of ours).
+    The equations are those of `slipper_displacements` (docs/explanation/physics.md, section 2.4, a derivation of ours).
 
     Parameters
     ----------

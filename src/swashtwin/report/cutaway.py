@@ -50,7 +50,7 @@ _MARKS = MappingProxyType(
         ),
     }
 )
-"""By class. A test compares the families with the lines of the twin (docs/physics.md, section 5)."""
+"""By class. A test compares the families with the lines of the twin (docs/explanation/physics.md, section 5)."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from swashtwin.bench.results.contrasts import paired_interval
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.reported import paper_figures
 from swashtwin.bench.results.result import METRICS, StudyResult
-from swashtwin.report import Cell, Table, score, words
+from swashtwin.plot import words
+from swashtwin.report import Cell, Table, score
 
 Key = Mapping[str, str]
 

@@ -10,7 +10,8 @@ from swashtwin.bench.results.naming import classifier_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.studies.plan import TRAINING_TIME
-from swashtwin.report import Cell, Drawing, Table, figure_style, number, panels, render_drawing, series_colors, tabulate
+from swashtwin.plot import figure_style, panels, series_colors
+from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
 
 
 def convergence_table(study: StudyResult) -> Table:

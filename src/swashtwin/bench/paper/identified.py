@@ -7,20 +7,16 @@ import numpy as np
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, mean_parameters
 from swashtwin.bench.results.contrasts import paired_interval
 from swashtwin.bench.results.table import StudyTable
+from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
 from swashtwin.pump import PARAMETERS
 from swashtwin.report import (
     Cell,
     Drawing,
     Picture,
     Table,
-    figure_style,
-    name_decades,
     number,
-    panels,
     render_drawing,
-    series_colors,
     tabulate,
-    words,
 )
 
 ERRORS = ("rmse", "pe", "sve")

@@ -120,7 +120,7 @@ def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path,
     model = tmp_path / "c.safetensors"
     words = ("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *TINY)
     plain = " ".join(run(*words).stderr.split())
-    assert "train --validation-fraction 0.5 --error-rate 0.25 with about 3 of its 6 recordings" in plain
+    assert "--validation-fraction 0.5 --error-rate 0.25 holds back about 3 of the 6 recordings for it" in plain
     said = run(*words, "--validation-fraction", 0.3)
     assert "needs 9 validation recordings, and --validation-fraction 0.3 is about 2;" in " ".join(said.stderr.split())
     assert run("diagnose", model, folder / "piston_0.csv", *FACTS).stdout

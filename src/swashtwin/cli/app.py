@@ -23,6 +23,7 @@ from swashtwin.cli import (
     watch_demo,
     watching,
 )
+from swashtwin.cli.bench import calibrating as bench_calibrating
 from swashtwin.cli.bench import paper, plans, questions, rig
 from swashtwin.cli.console import safe_streams
 from swashtwin.cli.exits import GuardedGroup
@@ -79,14 +80,14 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "leakage": questions.leakage,
             "listening": questions.listening,
             "misspecification": questions.misspecification,
-            "next-recording": questions.next_recording,
+            "next-recording": bench_calibrating.next_recording,
             "public": questions.public,
             "run-to-failure": questions.run_to_failure,
             "public-default": questions.public_default,
             "scarce": questions.scarce,
             "severity": questions.severity,
             "tune": plans.tune,
-            "wrong-twins": questions.wrong_twins,
+            "wrong-twins": bench_calibrating.wrong_twins,
             "zero-shot": questions.zero_shot,
         },
     ),

@@ -70,12 +70,22 @@ axes.set(xlim=(0, 1), xlabel="probability", title=f"truth: {test[0].label}")
 plt.show()
 
 # %%
+# What it sounds like
+# -------------------
+# The spectrum of the recording, with the lines of the shaft and of the seven pistons.
+
+st.plot.spectrum(test[0], pistons=7)
+plt.show()
+
+# %%
 # Which classes are mistaken for each other
 # -----------------------------------------
 # Rows are the true class, columns the class that was named.
 
 truth = [recording.label for recording in test]
 verdicts = [classifier.diagnose(recording).label for recording in test]
-for name in sorted(set(truth)):
-    counts = np.array([sum(t == name and v == other for t, v in zip(truth, verdicts, strict=True)) for other in names])
-    print(f"{name:15}", dict(zip(names, counts.tolist(), strict=True)))
+counts = np.array(
+    [[sum(t == a and v == b for t, v in zip(truth, verdicts, strict=True)) for b in names] for a in names]
+)
+st.plot.confusion(counts, names)
+plt.show()

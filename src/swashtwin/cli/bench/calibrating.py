@@ -32,12 +32,12 @@ def next_recording(
     seeds: FleetSeeds = "100,101,102,103,104,105",
     pumps: Annotated[str, typer.Option(help="Kinds of pumps: own (the twin's recordings), rig.")] = "own,rig",
     added: Annotated[int, typer.Option(min=1, help="Recordings added to the first.")] = 3,
-    draws: Annotated[int, typer.Option(min=1, help="Random sequences for each pump.")] = 2,
+    sequences: Annotated[int, typer.Option(min=1, help="Random sequences for each pump.")] = 2,
     out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
-    """Do intervals narrow faster where twin next chooses the recordings than where they are drawn at random?"""
+    """Do intervals narrow faster where `twin next` chooses the recordings than where they are drawn at random?"""
     from swashtwin.bench import run_next_recording
 
     numbers = read_seeds(seeds)
@@ -47,7 +47,7 @@ def next_recording(
             seeds=numbers,
             pumps=read_words(pumps),
             added=added,
-            draws=draws,
+            draws=sequences,
             jobs=jobs,
             out=out,
             progress=bar,

@@ -243,4 +243,4 @@ def test_one_class_given_to_a_classifier_points_to_the_detector(healthy: list[Re
 def test_a_verdict_without_levels_has_a_page_too(tmp_path: Path) -> None:
     verdict = AnomalyVerdict("a", None, math.nan, 0.05, 20, (), (), (), "the file is damaged.")
     text = st.write_report(verdict, folder=tmp_path / "page").read_text(encoding="utf-8")
-    assert "the file is damaged" in text
+    assert "The file is damaged" in text

@@ -256,7 +256,8 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     good, bad = run_json(*words, "--report", tmp_path / "page", code=4)["diagnoses"]
     assert (good["label"], bad["label"], bad["probabilities"]) == ("piston", None, {})
     page = (tmp_path / "page" / "report.html").read_text()
-    assert "Recording spiked: no verdict" in page
+    assert "Diagnosis of spiked" in page
+    assert "<h2>No verdict</h2>" in page
     text = run(*words, code=4).output
     assert "no verdict on spiked: the model's answer to 1 of 6 windows is no finite number" in text
     run(*words[:3])

@@ -29,7 +29,6 @@ def train_detector(
     source: Path,
     out: Path,
     error_rate: float | None,
-    report: Path | None,
     as_json: bool,
     **others: Any,
 ) -> None:
@@ -52,12 +51,10 @@ def train_detector(
         detector = fit_healthy(recordings, error_rate=error_rate, progress=bar)
     detector.save(out)
     healthy = detector.healthy
-    page = write_page(report, detector, recordings=recordings, about={"Model": out})
     result = {
         "model": out, "kind": "anomaly detector", "recordings": sorted(detector.manifest),
         "operating_points": len(healthy.points), "levels": len(detector.layout.levels),
         "error_rate": detector.error_rate, "notes": detector.notes,
-        **page_entry(page),
     }  # fmt: skip
 
     def show() -> None:
@@ -68,8 +65,6 @@ def train_detector(
         )
         for text in detector.notes:
             note(f"note: {text}")
-        if page is not None:
-            say(str(page))
         say(f"Next: swashtwin diagnose {out} FILE")
 
     tell(result, as_json, show)

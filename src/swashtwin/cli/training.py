@@ -20,7 +20,6 @@ from swashtwin.cli.options import (
     defaults_of,
     read_settings,
 )
-from swashtwin.cli.pages import Report, page_entry, write_page
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -98,7 +97,6 @@ def train(
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
     checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
-    report: Report = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -151,7 +149,7 @@ def train(
             "set": settings, "checkpoint": checkpoint, "window_stride": window_stride, "window": window,
             "budget": budget, "preset": preset is Preset.paper, "group": group != "recording",
         }  # fmt: skip
-        train_detector(recordings, source, out, error_rate, report, as_json, **classifier_options)
+        train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
         return
     test_fraction = _or_default(test_fraction, _TEST_FRACTION)
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
@@ -217,8 +215,7 @@ def train(
         if validation is not None:
             classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
         save_classifier(classifier, out)
-    page = write_page(report, classifier, recordings=recordings, about={"Model": out})
-    _tell_training(classifier, training, validation, held_out, source, out, seed, page, as_json)
+    _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
 
 
 def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:
@@ -323,7 +320,6 @@ def _tell_training(
     source: Path,
     out: Path,
     seed: int,
-    page: Path | None,
     as_json: bool,
 ) -> None:
     last, confidence = classifier.history[-1], classifier.confidence
@@ -336,7 +332,6 @@ def _tell_training(
         "temperature": None if confidence is None else confidence.temperature,
         "dependence": None if confidence is None else confidence.dependence,
         "choice": None if classifier.choice is None else classifier.choice.to_dict(),
-        **page_entry(page),
     }  # fmt: skip
 
     def show() -> None:
@@ -350,8 +345,6 @@ def _tell_training(
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
             say(f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}")
-        if page is not None:
-            say(str(page))
         if test_ids:
             say(f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}")
         else:

@@ -23,7 +23,12 @@ from swashtwin.bench.studies.perturbations import Perturbation
 from swashtwin.bench.studies.registry import PLANS
 from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
-from swashtwin.bench.studies.training_sets import TrainingSet, fill_cells, noisy_training_windows
+from swashtwin.bench.studies.training_sets import (
+    TWIN_TRAINING_SETS,
+    TrainingSet,
+    fill_cells,
+    noisy_training_windows,
+)
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import DataError, InputError, holm_correction
 from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
@@ -305,7 +310,7 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
         at_none = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "0"}
         filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
         assert at_none == {"measured", "class_weights"}
-        assert {*FILLERS, "nominal", "calibrated", "posterior", "residual", "every_class"} == filled
+        assert {*FILLERS, *TWIN_TRAINING_SETS} == filled
 
 
 def test_the_discriminator_of_a_study_is_that_of_synthesis(dataset: StudyDataset) -> None:

@@ -251,7 +251,7 @@ class _Forecast:
         points = (part.condition for part in self.present)
         same = next((old for old in points if old.matches(condition, speed=LINE_SPEED_TOLERANCE)), condition)
         settings = self.calibration.settings
-        orders = line_orders(self._twin(same), settings["band"], settings["lines"])
+        orders = line_orders(self._twin(same), tuple(settings["band"]), settings["lines"])
         orders = orders[np.isin(orders, self._twin(same).orders)]
         part = _Part(same, channels, orders, np.empty((len(channels), len(orders))), 1)
         part = replace(part, deviation=self._noise(part.frequency, channels) / math.sqrt(duration))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Num
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -59,7 +59,7 @@ def confusion(counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes
     return figure
 
 
-def _draw_matrix(panel: Axes, counts: Int[np.ndarray, "actual predicted"]) -> None:
+def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> None:
     """Shares of each row as shades, and percent written into them."""
     total = counts.sum(axis=1, keepdims=True)
     share = counts / np.maximum(total, 1)

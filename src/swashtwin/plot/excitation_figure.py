@@ -39,7 +39,7 @@ def excitation(twin: Twin) -> Figure:
     if recess is None:
         raise InputError(
             f"the fault of this twin ({twin.label}) has no recess, so no slipper is displaced; give a twin with a "
-            "SwashPlateDefect."
+            "swash plate defect."
         )
     time = np.linspace(0, twin.condition.period, N_POINTS)
     each = slipper_displacements(twin.pump, twin.condition, recess, time)

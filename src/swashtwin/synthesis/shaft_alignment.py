@@ -107,4 +107,4 @@ def _best_angle(cross: Complex[np.ndarray, "*window channel line"]) -> Float[np.
     """Angle p at which Re sum of cross exp(-i m p) over channels and lines m is greatest [rad]."""
     padded = np.zeros((*cross.shape[:-2], _ANGLES), dtype=complex)
     padded[..., 1 : cross.shape[-1] + 1] = cross.sum(axis=-2)
-    return np.fft.fft(padded, axis=-1).real.argmax(axis=-1) * (2 * np.pi / _ANGLES)
+    return np.asarray(np.fft.fft(padded, axis=-1).real.argmax(axis=-1) * (2 * np.pi / _ANGLES))

@@ -50,7 +50,6 @@ sphinx_gallery_conf = {
 
 html_theme = "pydata_sphinx_theme"
 html_title = "swashtwin"
-html_static_path = ["_static"]
 html_show_sourcelink = False
 html_theme_options = {
     "show_nav_level": 1,

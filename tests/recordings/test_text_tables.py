@@ -210,7 +210,7 @@ def test_numbered_columns_are_headings_and_no_samples(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("x,y\n" + "1.5,2\n" * 17 + "1.5,overload\n" + "1.5,2\n" * 60, "line 19: 'overload' in column 'y'"),
-        ("x,y\noverload,2\n" + "1.5,2\n" * 60, "line 2: 'overload' in column 'x' is not a number"),
+        ("x,y\noverload,2\n" + "1.5,2\n" * 60, "line 2: 'overload' in column 'x' is not a number; correct it."),
         ("x\n" + "1.5\n" * 9 + "overload\n" + "1.5\n" * 60, "line 11: 'overload'"),
         ("x,y\n1.5\n" + "1.5,2\n" * 60, "line 2 has 1 columns, not 2"),
         ("x;y\n1,234;2\n1,500;3\n", "'1,234' may be 1234, or 1.234"),

@@ -205,11 +205,11 @@ class _Table:
                 )
             for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._dialect.names, strict=True)):
                 if kind in (Kind.number, Kind.blank) and field and not NUMBER[decimal].fullmatch(field):
-                    reason = "is not a number"
+                    reason = "is not a number; correct it"
                     if THOUSANDS.fullmatch(field):
                         reason = "has marks for thousands; write the numbers without them"
-                    elif number <= HEAD:
-                        reason += f"; correct it, or say header_lines = {number} if the table begins below it"
+                    elif number <= HEAD and not any(NUMBER[decimal].fullmatch(other) for other in fields):
+                        reason += f", or say header_lines = {number} in the index if the table begins below it"
                     return DataError(f"{self._path}: line {number}: {field[:40]!r} in column {name!r} {reason}.")
                 if kind is Kind.stamp and field and not is_stamp(field):
                     return DataError(

@@ -10,9 +10,16 @@ CLEAN_TRAINING = TrainingSettings(epochs=1, normalization="set")
 """Training on the windows as they are."""
 
 DISTURBED_TRAINING = TrainingSettings(
-    epochs=2, normalization="set", noise_snr=0.0, noise_kinds=("white", "pink", "hum"), gain=12.0, stretch=0.02
+    epochs=4,
+    normalization="set",
+    noise_snr=-2.5,
+    noise_kinds=("white", "pink", "hum"),
+    noise_share=1.0,
+    gain=12.0,
+    stretch=0.02,
 )
-"""Training on the windows as they are and twice changed: noise to 0 dB, gains to 12 dB a channel, speeds to 2 %."""
+"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window, gains to 12 dB a channel
+and speeds to 2 % on half of them each."""
 
 
 @dataclass(frozen=True)

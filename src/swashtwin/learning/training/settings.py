@@ -23,7 +23,13 @@ DECAYS = ("none", "cosine")
 PRECISIONS = ("float32", "bfloat16")
 """Number formats of the network in training."""
 
-_TRANSFORMS: Mapping[str, Any] = {"noise_snr": None, "noise_kinds": ("white",), "gain": 0.0, "stretch": 0.0}
+_TRANSFORMS: Mapping[str, Any] = {
+    "noise_snr": None,
+    "noise_kinds": ("white",),
+    "noise_share": 0.5,
+    "gain": 0.0,
+    "stretch": 0.0,
+}
 """Settings that transform windows within an epoch, each with the value that leaves them as they are."""
 
 _WIDEST, _LOUDEST = 0.2, 40.0
@@ -65,10 +71,12 @@ class TrainingSettings:
     alignment_weight: float = 1.0
     """Weight of it beside the cross-entropy."""
     noise_snr: float | None = None
-    """Least signal-to-noise ratio [dB] of the noise that half the windows of each epoch get, drawn anew
+    """Least signal-to-noise ratio [dB] of the noise that windows of each epoch get, drawn anew
     (`train_transforms.with_noise`); None adds none."""
     noise_kinds: Sequence[NoiseKind] = ("white",)
     """Kinds of that noise (`signals.add_noise`); each window gets one of them, all alike likely."""
+    noise_share: float = field(default=0.5, repr=False)
+    """Share of the windows of each epoch that get that noise, above 0 and at most 1."""
     gain: float = 0.0
     """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""
     stretch: float = 0.0
@@ -118,6 +126,8 @@ class TrainingSettings:
                 f"noise_kinds ({', '.join(map(str, self.noise_kinds)) or 'none'}) are some of "
                 f"{', '.join(get_args(NoiseKind))}."
             )
+        if not 0 < self.noise_share <= 1:
+            raise InputError(f"noise_share ({self.noise_share:g}) must be above 0 and at most 1; 0.5 is half.")
         if self.noise_snr is not None and not math.isfinite(self.noise_snr):
             raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
         if clash := self._clash(self.normalization):
@@ -128,7 +138,7 @@ class TrainingSettings:
         return self._clash(normalization) is None
 
     def _clash(self, normalization: str) -> str | None:
-        active = [name for name, idle in _TRANSFORMS.items() if name != "noise_kinds" and getattr(self, name) != idle]
+        active = [name for name in ("noise_snr", "gain", "stretch") if getattr(self, name) != _TRANSFORMS[name]]
         if active and normalization == "recording":
             return (
                 f"{active[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "

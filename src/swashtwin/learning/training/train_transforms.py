@@ -20,6 +20,8 @@ from swashtwin.signals import NoiseKind, unit_noise
 RANGE = 25.0
 """Width of the range of signal-to-noise ratios [dB], above the least one."""
 
+_NOISE = "disturbance"  # name of the random stream of the noise
+
 Samples = Float32[np.ndarray, "window channel time"]
 Change = Callable[[Samples, float, np.random.Generator], Samples]
 
@@ -29,8 +31,9 @@ def transform_windows(
 ) -> tuple[Int[np.ndarray, " changed"], WindowSet]:
     """(indices of the windows that an epoch changes, these windows as it uses them).
 
-    Each transform of `settings` acts on a random half of the windows: `stretch` first, then `gain`, then `noise_snr`,
-    in the order in which machine, sensor and cable act. Without any transform no window changes.
+    Each transform of `settings` acts on a random half of the windows, noise on `noise_share` of them: `stretch` first,
+    then `gain`, then `noise_snr`, in the order in which machine, sensor and cable act. Without any transform no window
+    changes.
 
     Parameters
     ----------
@@ -41,7 +44,8 @@ def transform_windows(
     signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
     for purpose, width, change in _active_transforms(settings, windows.sample_rate):
         rng = stream(seed, purpose, epoch)
-        which = np.flatnonzero(rng.random(len(windows)) < 0.5)
+        share = settings.noise_share if purpose == _NOISE else 0.5
+        which = np.flatnonzero(rng.random(len(windows)) < share)
         if not len(which):
             continue
         signal = signal.copy() if signal is windows.signal else signal
@@ -122,5 +126,5 @@ def _active_transforms(settings: TrainingSettings, sample_rate: float) -> list[t
         active.append(("gain", settings.gain, with_gains))
     if settings.noise_snr is not None:
         noisy = partial(with_noise, kinds=settings.noise_kinds, sample_rate=sample_rate)
-        active.append(("disturbance", settings.noise_snr, noisy))
+        active.append((_NOISE, settings.noise_snr, noisy))
     return active

@@ -124,7 +124,7 @@ def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can
         replace(recording, recording_id=f"{number:02d}", label="abcdefghij"[number % 10], specimen=None)
         for number, recording in enumerate(recordings(per_class=10))
     ]
-    few = fit_chosen(cut_windows(measured, length=LENGTH), budget=0.3)
+    few = fit_chosen(cut_windows(measured, length=LENGTH), budget=0.6)
     assert few.choice.trials
     assert few.confidence is None
 

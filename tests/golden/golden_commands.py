@@ -79,8 +79,7 @@ COMMANDS: dict[str, Command] = {
     "compare": Command("twin compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
     "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
     "synthesize": Command(
-        "synthesize worn.json --like split/train.toml --window 2048 --count 3 --background spectrum "
-        "--out synthetic.safetensors",
+        "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",
         after=("calibrate",),
     ),
     "augment": Command(

@@ -286,18 +286,11 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     )
 
 
-def test_a_fault_is_laid_over_healthy_windows_where_there_are_some(
-    calibration: Calibration, measured: WindowSet
-) -> None:
+def test_a_fault_is_laid_over_healthy_windows_where_asked(calibration: Calibration, measured: WindowSet) -> None:
     fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
-    over_healthy = synthesize(calibration, fault, count=2, like=measured)
-    assert all(name.startswith("changed_") for name in over_healthy.recording_id)
-    of_fault = measured.subset(measured.label == "swash_plate")
-    for windows in (
-        synthesize(calibration, fault, count=2, like=of_fault),
-        synthesize(calibration, None, count=2, like=measured),
-    ):
-        assert all(name.startswith("synthetic_") for name in windows.recording_id)
+    for options, beginning in ({}, "synthetic_"), ({"background": "healthy"}, "changed_"):
+        windows = synthesize(calibration, fault, count=2, like=measured, **options)
+        assert all(name.startswith(beginning) for name in windows.recording_id)
 
 
 def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: Twin, pump: Pump) -> None:

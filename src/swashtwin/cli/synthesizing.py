@@ -39,13 +39,12 @@ def synthesize(
         bool, typer.Option(help="Draw the values of each window from the posterior, or use the estimates.")
     ] = True,
     background: Annotated[
-        Background | None,
+        Background,
         typer.Option(
             help="What the windows are laid over: noise with the measured spectrum, measured windows less what turns "
-            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing. Default: "
-            "healthy for a fault whose machine has healthy recordings there, else spectrum."
+            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing."
         ),
-    ] = None,
+    ] = Background.spectrum,
     window: UsualWindow = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -66,7 +65,6 @@ def synthesize(
         require_same_machine,
         simulate_windows,
         specimen_among,
-        usual_background,
     )
     from swashtwin.synthesis import synthesize as simulate
 
@@ -91,7 +89,7 @@ def synthesize(
     twins = [twin.at(point) for point in conditions]
     specimen = specimen_among(measured, result.recording_hashes)
     specimens = [specimen] * len(twins)
-    laid_over = background.value if background else usual_background(measured, twins, specimens)
+    laid_over = background.value
     options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": laid_over}
     with progress("synthesizing"):
         if is_drawn:

@@ -5,7 +5,6 @@ from .distortion import Jitter as Jitter
 from .duplicates import Duplicate as Duplicate
 from .duplicates import NoisyDuplicate as NoisyDuplicate
 from .duplicates import draw_indices as draw_indices
-from .fault_change import usual_background as usual_background
 from .fidelity import Fidelity as Fidelity
 from .fidelity import TellingFeature as TellingFeature
 from .fidelity import copied_share as copied_share
@@ -80,6 +79,5 @@ __all__ = [
     "specimen_among",
     "spectral_distance",
     "synthesize",
-    "usual_background",
     "usual_variation",
 ]

@@ -27,7 +27,6 @@ from swashtwin.pump import (
     values_match,
 )
 from swashtwin.signals import synchronous_signal
-from swashtwin.synthesis.background import Background
 from swashtwin.synthesis.filler import build_windows
 from swashtwin.synthesis.shaft_alignment import AlignedWindows, align_windows, pass_lines_of
 from swashtwin.synthesis.variation import Variation, draw_twin
@@ -119,21 +118,6 @@ def change_windows(
         seed=seed,
         source=[str(aligned.windows.recording_id[row]) for aligned, _, row in sources],
     )
-
-
-def usual_background(
-    like: WindowSet, twins: Sequence[Twin], specimens: Sequence[str | None] | None = None
-) -> Background:
-    """``"healthy"`` for a fault whose machine has healthy windows of a revolution at every twin's operating point, else
-    ``"spectrum"``."""
-    specimens = [None] * len(twins) if specimens is None else specimens
-    can_change = all(
-        twin.fault is not None
-        and like.length / like.sample_rate * twin.condition.shaft_frequency >= 1
-        and len(_healthy_windows(like, twin.condition, specimen))
-        for twin, specimen in zip(twins, specimens, strict=True)
-    )
-    return "healthy" if can_change else "spectrum"
 
 
 def change_share(windows: WindowSet, twin: Twin) -> Float[np.ndarray, " band"]:

@@ -19,7 +19,7 @@ from swashtwin.pump import Fault, OperatingCondition, is_same_class
 from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
-from swashtwin.synthesis.fault_change import change_windows, usual_background
+from swashtwin.synthesis.fault_change import change_windows
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.synthetic_windows import SyntheticWindows, comparable_windows
@@ -38,7 +38,7 @@ def synthesize(
     seed: int = 0,
     condition: OperatingCondition | None = None,
     variation: Variation | None = None,
-    background: Background | None = None,
+    background: Background = "spectrum",
     window: int | None = None,
 ) -> SyntheticWindows:
     """Synthetic windows of a fault, labeled with its class; their `fidelity` compares them with measured ones.
@@ -56,8 +56,7 @@ def synthesize(
         state, as far as they state one (`require_same_machine`). Windows of a calibration at several
         operating points take turns among these.
     variation, background : what differs from window to window, and what the windows are laid over, see
-        `simulate_windows`. Without a background it is ``"healthy"`` for a fault whose machine has healthy windows at
-        every operating point, else ``"spectrum"`` (`usual_background`).
+        `simulate_windows`.
     window : samples per window where `like` is recordings; by default as in `FaultClassifier` (`usual_window`).
 
     Raises
@@ -92,7 +91,6 @@ def synthesize(
     calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
     specimen = specimen_among(like, calibrated_on)
     twins = [twin.at(condition) for condition in conditions]
-    background = background or usual_background(like, twins, [specimen] * len(twins))
     windows = simulate_windows(
         twins,
         count=count,

@@ -18,8 +18,8 @@ DISTURBED_TRAINING = TrainingSettings(
     gain=12.0,
     stretch=0.02,
 )
-"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window, gains to 12 dB a channel
-and speeds to 2 % on half of them each."""
+"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window, gains to 12 dB a
+channel and speeds to 2 % on half of them each."""
 
 
 @dataclass(frozen=True)

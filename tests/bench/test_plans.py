@@ -14,6 +14,7 @@ from swashtwin.bench.results.contrasts import Contrast, paired_interval, signed_
 from swashtwin.bench.results.result import contrasts_of
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.results.table import Trial
+from swashtwin.bench.rigs.version_two.fleet import draw_fault
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals import models
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
@@ -347,6 +348,15 @@ def test_classifiers_that_cannot_be_trained_for_want_of_aeon_are_named(monkeypat
     assert "hydra" not in plan.models
     assert list(_notes(plan, ["spectral_bitcn"])) == ["Not run here, for want of aeon: hydra."]
     assert list(_notes(plan, ["spectral_bitcn", "hydra"])) == []
+
+
+def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -> None:
+    case1 = plan_of("case1", "quick")
+    assert case1.of_rig("1").scenario == case1.of_rig("2").scenario == case1.scenario
+    (recess,) = case1.of_rig("2-deep").scenario.faults["swash_plate"]
+    assert recess == replace(draw_fault("swash_plate", "A", 0, "any", is_deep=True), angle=recess.angle)
+    keys = {case1.of_rig(version).tasks(0, "data")[0].key for version in ("1", "2-deep")}
+    assert len(keys) == 2
 
 
 def test_a_study_can_be_run_at_some_of_its_values() -> None:

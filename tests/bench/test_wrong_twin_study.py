@@ -7,7 +7,9 @@ import pytest
 from commandline import run_json
 
 import swashtwin.bench.questions.wrong_twin_study as study
-from swashtwin.bench.questions.twin_matrix import RIGHT, matrix_cases, with_mount
+from swashtwin.bench.questions.twin_matrix import RIGHT, matrix_cases
+from swashtwin.bench.questions.wrong_twins import with_mount
+from swashtwin.bench.results.table import Trial
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.foundation import InputError
 from swashtwin.pump import Pump
@@ -37,13 +39,37 @@ def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.Mon
     assert right["family"] == RIGHT
     assert right["identified"]["mean"] == right["covered"]["mean"] >= 2
     assert right["warned"]["mean"] == 0
-    assert pistons["warned"]["mean"] == 1
+    assert pistons["warned"]["mean"] == pistons["named"]["mean"] == 1
+    (counts, _) = table["details"]["families"]
+    assert counts["trials"] == 1
+    assert counts["covered"] == counts["identified"] == right["identified"]["mean"]
 
     def refuse(*_: object) -> None:
         raise InputError("calibrated again")
 
     monkeypatch.setattr(study, "calibrate", refuse)
     assert run_json(*words)["rows"] == table["rows"]
+
+
+def trial(family: str, identified: int, covered: int, *, errs: bool = False, warned: bool = False) -> Trial:
+    """A trial with these counts."""
+    values = {"identified": identified, "covered": covered, "errs": float(errs), "warned": float(warned)}
+    return Trial({"family": family}, 0, values)
+
+
+def test_the_answer_names_a_family_whose_identified_values_do_not_hold() -> None:
+    trials = [trial(RIGHT, 3, 3), trial("oil", 2, 1, errs=True), trial("unit", 0, 0, errs=True, warned=True)]
+    held, warned, _ = study._answer(trials)
+    assert "4 of 5 (80%)" in held
+    assert "oil (50%)" in held
+    assert "1 of 2 (50%) of the wrong twins" in warned
+    assert "0 of 1 (0%) of the right ones" in warned
+
+
+def test_the_interval_of_a_family_counts_trials_and_no_values() -> None:
+    few, many = study.family_counts([trial("few", 6, 6), *[trial("many", 1, 1)] * 6])
+    assert few["identified"] == many["identified"] == 6
+    assert few["interval"][0] < many["interval"][0]
 
 
 def test_a_pump_of_the_rig_is_measured_twice_at_the_study_s_pressure(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,6 +57,19 @@ def test_a_recordings_hash_is_of_its_samples_rate_channels_and_unit_alone(record
     assert len({recording.fingerprint(), *(other.fingerprint() for other in others)}) == 5
 
 
+def test_the_file_says_where_recordings_of_no_machine_come_from(
+    twin: Twin, recordings: list[Recording], tmp_path: Path
+) -> None:
+    rig = replace(recordings[0], attributes={"origin": "swashtwin virtual rig, version 1"})
+    calibration = calibrate(twin, [rig], method=GaussNewton(starts=1), **SIX_VALUES)
+    path = calibration.save(tmp_path / "calibration.json")
+    assert load_calibration(path).origin == "swashtwin virtual rig, version 1"
+    table = json.loads(path.read_text())
+    del table["origin"]
+    path.write_text(json.dumps(table))
+    assert load_calibration(path).origin == ""
+
+
 def test_calibrating_raises_the_correlation_of_the_levels(calibration: Calibration) -> None:
     assert calibration.fit_after.spectral_correlation > max(0.99, calibration.fit_before.spectral_correlation)
     lines = calibration.fits[0].spectra

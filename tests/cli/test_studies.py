@@ -76,7 +76,7 @@ def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
     [
         ("bench", "case1", "."), ("bench", "tune", "."), ("bench", "conditions", "."),
         ("bench", "public", "--data", "."),
-        ("bench", "calibration"), ("bench", "misspecification"), ("bench", "paper"), ("demo",), ("report", "."),
+        ("bench", "calibration"), ("bench", "wrong-twins"), ("bench", "paper"), ("demo",), ("report", "."),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("below", ["", "deeper"])

@@ -176,6 +176,13 @@ def test_a_calibration_at_several_operating_points_names_each(calibration):
     assert "(860 rev/min, 10 and 15 MPa, " in " ".join(calibration_answer(replace(calibration, fits=(at_10, fit))))
 
 
+def test_the_page_of_a_calibration_on_the_rig_says_that_it_stands_in_for_a_machine(calibration, tmp_path):
+    words = "they stand in for a machine"
+    assert words in write_report(calibration, folder=tmp_path / "rig").read_text(encoding="utf-8")
+    of_machine = replace(calibration, origin="")
+    assert words not in write_report(of_machine, folder=tmp_path / "machine").read_text(encoding="utf-8")
+
+
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
     channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
     fit = replace(calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels))

@@ -24,8 +24,6 @@ from .questions.healthy import run_healthy as run_healthy
 from .questions.leakage import run_leakage as run_leakage
 from .questions.listening import ListeningStudySettings as ListeningStudySettings
 from .questions.listening import run_listening as run_listening
-from .questions.misspecification import BACKGROUNDS as BACKGROUNDS
-from .questions.misspecification import run_misspecification as run_misspecification
 from .questions.next_recording import run_next_recording as run_next_recording
 from .questions.severity import run_severity as run_severity
 from .questions.tuning import run_tuning as run_tuning
@@ -52,7 +50,6 @@ from .studies.sources import require_rig as require_rig
 from .studies.workers import Workers as Workers
 
 __all__ = [
-    "BACKGROUNDS",
     "CONTENDERS",
     "EXPERIMENTS",
     "FILLERS",
@@ -88,7 +85,6 @@ __all__ = [
     "run_healthy",
     "run_leakage",
     "run_listening",
-    "run_misspecification",
     "run_next_recording",
     "run_paper",
     "run_plan",

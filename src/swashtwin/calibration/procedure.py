@@ -28,7 +28,7 @@ from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of,
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
-from swashtwin.recordings import Recording, manifest_of
+from swashtwin.recordings import Recording, facts_of, manifest_of
 
 PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType({"method": IPINN(), "nuisances": NONE, "phases": False})
 """The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six values, no phases."""
@@ -208,6 +208,7 @@ def build_result(
     explain_misfit : see `calibrate`.
     """
     measurements = [comparison.measurement for comparison in objective.comparisons]
+    recordings = [recording for measurement in measurements for recording in measurement.recordings]
     estimates = estimates_of(objective, search.point, covariance)
     posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
     calibrated = posterior.twin_at(nominal, search.point)
@@ -219,7 +220,7 @@ def build_result(
         fits=tuple(fit_of(comparison, nominal, calibrated, posterior) for comparison in objective.comparisons),
         history=search.history,
         recording_ids=tuple(name for measurement in measurements for name in measurement.recording_ids),
-        recording_hashes=manifest_of(recording for measurement in measurements for recording in measurement.recordings),
+        recording_hashes=manifest_of(recordings),
         left_out=_left_out(measurements),
         notes=notes_of(objective, search, estimates, explain_misfit),
         method=type(method).__name__,
@@ -227,6 +228,7 @@ def build_result(
         simulations=search.simulations,
         wall_s=wall_s,
         version=VERSION,
+        origin=facts_of(recordings).origin,
     )
 
 

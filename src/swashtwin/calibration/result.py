@@ -57,6 +57,8 @@ class Calibration:
     """How long it took [s]."""
     version: str
     """Version of swashtwin that made it."""
+    origin: str = ""
+    """Where the recordings come from that are of no machine, such as the virtual rig; empty where none states it."""
 
     def __repr__(self) -> str:
         identified = ", ".join(estimate.letter for estimate in self.estimates if estimate.verdict == "identified")
@@ -102,6 +104,7 @@ class Calibration:
             "history": _arrays(self.history),
             "recording_ids": list(self.recording_ids),
             "recording_hashes": dict(self.recording_hashes),
+            "origin": self.origin,
             "left_out": [list(pair) for pair in self.left_out],
             "notes": list(self.notes),
             "simulations": self.simulations,
@@ -193,6 +196,7 @@ def _calibration_from(table: dict[str, Any]) -> Calibration:
         simulations=table["simulations"],
         wall_s=table["wall_s"],
         version=table["version"],
+        origin=str(table.get("origin", "")),  # calibrations saved before they kept it have none
     )
 
 

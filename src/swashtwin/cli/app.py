@@ -79,7 +79,6 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
             "healthy": questions.healthy,
             "leakage": questions.leakage,
             "listening": questions.listening,
-            "misspecification": questions.misspecification,
             "next-recording": bench_calibrating.next_recording,
             "public": questions.public,
             "run-to-failure": questions.run_to_failure,

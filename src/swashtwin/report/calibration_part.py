@@ -8,7 +8,9 @@ from dataclasses import asdict
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.foundation import plural
 from swashtwin.plot import words
+from swashtwin.recordings import RecordingFacts
 from swashtwin.report.calibration_figures import calibration_drawings
+from swashtwin.report.origin import rig_notice
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import facts_table, flatten_settings, number, number_cell, parameter_words, percent
 
@@ -29,7 +31,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
         answer=calibration_answer(calibration)[:1],
-        notice="",
+        notice=rig_notice(RecordingFacts(origin=calibration.origin)),
         sections=(
             Section(SectionOrder.CALIBRATION, "Calibration", (more, *calibration_blocks(calibration, key)[1:])),
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),

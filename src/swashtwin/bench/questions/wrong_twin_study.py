@@ -6,7 +6,8 @@ Each case of `matrix_cases` is calibrated as a user would (`calibrate` without a
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from swashtwin.bench.rigs.measuring import true_values
 from swashtwin.bench.rigs.writing import RIG_VERSION, RigSize, rig_recordings
 from swashtwin.calibration import Calibration, calibrate, is_warning
 from swashtwin.foundation import VERSION, MPa, SwashTwinError, parallel, rpm, stream
+from swashtwin.learning import wilson_interval
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, load_pump
 from swashtwin.recordings import Recording
@@ -34,11 +36,14 @@ METRICS = {
     "errs": "errs by two intervals",
     "warned": "warned",
     "silent": "errs without a warning",
+    "named": "mistake named where warned",
 }
 SPREAD = 0.3
 """Standard deviation of the logarithm of the true values about the nominal ones, on the twin's own recordings."""
 REACH = 2.0
 """A value errs whose logarithm is off by more than so many half widths of its interval."""
+LEAST_SHARE = 0.8
+"""A family is named where a smaller share of its identified values holds."""
 
 
 def run_wrong_twins(
@@ -68,9 +73,10 @@ def run_wrong_twins(
         for number, case in enumerate(cases)
     ]
     trials: list[Trial] = []
+    clues = {case.name: case.clue for case in cases}
     tasks = (delayed(_trial)(number, case, seed, out) for number, case, seed in work)
     for trial in parallel(jobs, return_as="generator")(tasks):
-        trials.append(trial)
+        trials.append(_with_named(trial, clues[trial.factors["case"]]))
         if progress is not None:
             progress(len(trials), len(work))
     families = list(dict.fromkeys(case.family for case in cases))
@@ -88,7 +94,10 @@ def run_wrong_twins(
         version=VERSION,
         command=command,
         notes=_NOTES,
-        details={"cases": [{**trial.factors, "seed": trial.seed, **trial.values} for trial in trials]},
+        details={
+            "families": family_counts(trials),
+            "cases": [{**trial.factors, "seed": trial.seed, **trial.values} for trial in trials],
+        },
     )
 
 
@@ -96,7 +105,9 @@ _NOTES = (
     "Means over a family's trials. Identified and covered count values of six: those called identified, and those of "
     "them whose 90 % interval holds the truth.",
     f"Errs: a value is off by more than {REACH:g} half widths of its interval. Warned: a refusal, or any note but "
-    "those of values not identified and of bounds that were widened.",
+    "those of values not identified and of bounds that were widened. Named: a warning holds the words for the mistake; "
+    "counted where one was given and such words exist.",
+    "Intervals are Wilson's, of 95 %, as if the values of one trial were one draw.",
 )
 
 
@@ -170,15 +181,62 @@ def _rig_pump(seed: int) -> tuple[list[Recording], np.ndarray]:
     return [recording for recording, _ in pairs], np.exp(np.mean([truth for _, truth in pairs], axis=0))
 
 
-def _answer(trials: Iterable[Trial]) -> tuple[str, ...]:
-    trials = list(trials)
+def _with_named(trial: Trial, clue: str) -> Trial:
+    """The trial with whether a warning names the mistake; without a warning or words for it there is nothing to say."""
+    if not (clue and trial.values["warned"]):
+        return trial
+    notes: Sequence[str] = trial.values["notes"]  # type: ignore[assignment]
+    return replace(trial, values={**trial.values, "named": float(any(clue in note for note in notes))})
+
+
+def family_counts(trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    """Counts of each family, and the share of identified values that hold with its interval."""
+    families = dict.fromkeys(trial.factors["family"] for trial in trials)
+    return [
+        {"family": name, **_counts([trial for trial in trials if trial.factors["family"] == name])} for name in families
+    ]
+
+
+def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
+    identified, covered = (round(sum(trial.values[name] for trial in trials)) for name in ("identified", "covered"))
+    telling = sum(trial.values["identified"] > 0 for trial in trials)
+    erring = [trial for trial in trials if trial.values["errs"]]
+    return {
+        "trials": len(trials),
+        "identified": identified,
+        "covered": covered,
+        "share": covered / identified if identified else None,
+        "interval": list(wilson_interval(covered / identified, telling)) if identified else None,
+        "warned": round(sum(trial.values["warned"] for trial in trials)),
+        "errs": len(erring),
+        "errs_warned": round(sum(trial.values["warned"] for trial in erring)),
+        "named": round(sum(trial.values.get("named", 0.0) for trial in trials)),
+        "nameable": sum("named" in trial.values for trial in trials),
+    }
+
+
+def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
     right = [trial for trial in trials if RIGHT in trial.factors["family"]]
-    wrong = [trial for trial in trials if RIGHT not in trial.factors["family"]]
-    identified, covered = (sum(trial.values[name] for trial in trials) for name in ("identified", "covered"))
-    errs = [trial for trial in wrong if trial.values["errs"]]
-    warned = [sum(trial.values["warned"] for trial in group) for group in (right, errs)]
-    return (
-        f"{covered:g} of {identified:g} values called identified are covered, in {len(trials)} trials.",
-        f"{warned[0]:g} of {len(right)} right twins are warned of, and {warned[1]:g} of the {len(errs)} wrong ones "
-        f"that err by more than {REACH:g} half widths of an interval.",
-    )
+    wrong = _counts([trial for trial in trials if RIGHT not in trial.factors["family"]])
+    total = _counts(trials)
+    shares = {row["family"]: row["share"] for row in family_counts(trials) if row["share"] is not None}
+    low = [f"{name} ({share:.0%})" for name, share in shares.items() if share < LEAST_SHARE]
+    sentences = [
+        f"{_rate(wrong['errs_warned'], wrong['errs'])} of the wrong twins that err by more than {REACH:g} half widths "
+        f"of an interval are warned of, and {_rate(sum(trial.values['warned'] for trial in right), len(right))} of "
+        "the right ones.",
+        f"{_rate(wrong['named'], wrong['nameable'])} of the warnings for which words exist name the mistake.",
+    ]
+    if total["identified"]:
+        low_words = f"below {LEAST_SHARE:.0%}: {', '.join(low)}" if low else f"in each family {LEAST_SHARE:.0%} or more"
+        limits = " to ".join(f"{limit:.0%}" for limit in total["interval"])
+        sentences.insert(
+            0,
+            f"{_rate(total['covered'], total['identified'])} of the values called identified hold ({limits}), in "
+            f"{total['trials']} trials; {low_words}.",
+        )
+    return tuple(sentences)
+
+
+def _rate(count: float, total: int) -> str:
+    return f"{count:g} of {total} ({count / total:.0%})" if total else "none"

@@ -16,7 +16,7 @@ from swashtwin.bench.rivals.composed import NetworkOnView, UnlistedClassifier
 from swashtwin.bench.rivals.models import Model, train_model
 from swashtwin.bench.studies.dataset import StudyDataset, cells_of
 from swashtwin.bench.studies.perturbations import Perturbation
-from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario
+from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
 from swashtwin.bench.studies.training_sets import (
     CALIBRATED_TWINS,
     PAPER_TRAINING_SETS,
@@ -163,6 +163,10 @@ class Plan:
             test_windows=None if test is None else of_signal(test),
         )
         return replace(self, scenario=scenario)
+
+    def of_rig(self, version: str) -> "Plan":
+        """The plan on a version of the virtual rig, whose twins simulate the faults that it has."""
+        return replace(self, scenario=replace(self.scenario, faults=machined_faults(version)))
 
     def of_values(self, names: Sequence[str]) -> "Plan":
         """The plan at some values of its varied factor only.

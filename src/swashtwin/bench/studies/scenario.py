@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.bench.rigs.version_two.fleet import PAPER_RECESS
 from swashtwin.bench.studies.cells import recordings_by_cell
 from swashtwin.bench.studies.priors import RIG_FAULTS
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
@@ -27,6 +28,15 @@ MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
 )
 """Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A class of two kinds takes
 turns."""
+
+
+def machined_faults(rig_version: str) -> Mapping[str, tuple[Fault, ...]]:
+    """`MACHINED` as a version of the virtual rig has it: in ``2-deep`` the recess is the paper's, of 0.6 mm.
+
+    So deep a recess is simulated under the ``lift_off`` law, since slippers cannot follow it
+    (docs/explanation/physics.md, section 6b).
+    """
+    return {**MACHINED, "swash_plate": (PAPER_RECESS,)} if rig_version == "2-deep" else MACHINED
 
 
 RANDOM_WINDOWS = "L0"

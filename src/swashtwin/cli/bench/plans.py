@@ -165,6 +165,7 @@ def _run_plan(
             data: SameRecordings | Fleets = SameRecordings(load_recordings(source))
         else:
             rig = {"quick": "small", "paper": "paper"}[plan.size]
+            plan = plan.of_rig(rig_version)
             data = Fleets(
                 Path(out or "."),
                 rig,

@@ -1,6 +1,5 @@
 """Commands of the studies that are no plan of tasks: on pumps of the virtual rig, on recordings, on public sets."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -35,13 +34,6 @@ CoursesFolder = Annotated[
     ),
 ]
 PublicData = Annotated[Path, typer.Option(help="Folder that holds the public sets, each in a folder of its own name.")]
-
-
-class Origin(StrEnum):
-    """Whose recordings wrong twins are calibrated on."""
-
-    twin = "own"
-    rig = "rig"
 
 
 def calibration(
@@ -176,33 +168,6 @@ def run_to_failure(data: PublicData, out: ReportFolder = None, as_json: Json = F
 
     with progress("bearings") as bar:
         study = run_bearing_life(data / "bearing_run_to_failure", progress=bar, command=typed_command())
-    tell_study(study, out, as_json)
-
-
-def misspecification(
-    seeds: FleetSeeds = "2",
-    specimens: Specimens = 4,
-    origin: Annotated[
-        list[Origin] | None,
-        typer.Option(help="own: the twin's own recordings, where all else is right; rig: the virtual rig. Repeatable."),
-    ] = None,
-    out: ReportFolder = None,
-    jobs: Jobs = 2,
-    as_json: Json = False,
-) -> None:
-    """What calibration makes of a twin that is wrong in one stated way, and whether it warns of it."""
-    from swashtwin.bench import BACKGROUNDS, run_misspecification
-
-    numbers = read_seeds(seeds)
-    with progress("wrong twins") as bar:
-        study = run_misspecification(
-            seeds=numbers,
-            pumps=specimens,
-            backgrounds=[item.value for item in origin] if origin else BACKGROUNDS,
-            jobs=jobs,
-            progress=bar,
-            command=typed_command(),
-        )
     tell_study(study, out, as_json)
 
 

@@ -59,9 +59,9 @@ def trial(family: str, identified: int, covered: int, *, errs: bool = False, war
 
 def test_the_answer_names_a_family_whose_identified_values_do_not_hold() -> None:
     trials = [trial(RIGHT, 3, 3), trial("oil", 2, 1, errs=True), trial("unit", 0, 0, errs=True, warned=True)]
-    held, warned, _ = study._answer(trials)
-    assert "4 of 5 (80%)" in held
-    assert "oil (50%)" in held
+    holding, warned, _ = study._answer(trials)
+    assert "4 of 5 (80%)" in holding
+    assert "oil (50%)" in holding
     assert "1 of 2 (50%) of the wrong twins" in warned
     assert "0 of 1 (0%) of the right ones" in warned
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
 from swashtwin.bench.results.runs import fingerprint_of
 from swashtwin.bench.results.table import StudyTable
+from swashtwin.bench.rigs.writing import DEEP_VERSION
+from swashtwin.bench.studies.dataset import prepare
 from swashtwin.bench.studies.random_windows import deal_windows
 from swashtwin.calibration import IPINN, GaussNewton
-from swashtwin.foundation import InputError, MPa
+from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.learning import WindowSet, cut_windows, fit
 from swashtwin.recordings import Recording
 
@@ -30,12 +33,20 @@ class TinyFleets:
     """The same tiny recordings under every seed."""
 
     recordings: Sequence[Recording] = ()
+    versions: ClassVar[list[str]] = []
 
-    def __init__(self, *_: object, **__: object) -> None:
+    def __init__(self, *settings: str, **_: object) -> None:
         type(self).recordings = type(self).recordings or tiny_recordings()
+        self.versions += settings[2:]
 
     def recordings_for(self, seed: int) -> tuple[Sequence[Recording], str]:
         return self.recordings, fingerprint_of(self.recordings)
+
+
+def small(kind: str) -> dict[str, Any]:
+    if kind.startswith("bitcn"):
+        return SMALL
+    return {"channels": (4,)} if kind == "tcn" else {"width": 4} if kind.endswith("graph") else {"hidden": 4}
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +59,7 @@ def tiny_paper() -> pytest.MonkeyPatch:
         patch.setattr(plans, "COUNTS", {"quick": TINY, "paper": plans.COUNTS["paper"]})
         patch.setattr(plans, "CASE_TWO", {"quick": {"scarce_windows": 0}})
         patch.setattr(plans, "TRAINING", {"quick": replace(plans.TRAINING["quick"], epochs=2)})
-        names = {
-            name: (kind, SMALL if kind.startswith("bitcn") else {"channels": (4,)} if kind == "tcn" else {"hidden": 4})
-            for name, (kind, _) in plans.NETWORKS.items()
-        }
-        patch.setattr(plans, "NETWORKS", names)
+        patch.setattr(plans, "NETWORKS", {name: (kind, small(kind)) for name, (kind, _) in plans.NETWORKS.items()})
         patch.setattr(plans, "SNRS", (5.0,))
         searches: Mapping[str, Contender | None] = {
             NOMINAL: None,
@@ -80,6 +87,31 @@ def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> N
     assert {row["classifier"] for row in results["paper-ablation"].rows()} == set(plans.ABLATED)
     assert {row["perturbation"] for row in results["paper-noise"].rows()} == {"clean", "5 dB"}
     assert {row["level"] for row in results["paper-case2-random"].rows()} == {"L0", "L4"}
+    assert {row["classifier"] for row in results["paper-related"].rows()} == set(plans.RELATED)
+    assert {row["classifier"] for row in results["paper-recess"].rows()} == {plans.MAIN, "extra_trees"}
+
+
+def test_twins_of_the_papers_recess_simulate_it_for_recordings_that_have_it(results: dict[str, StudyTable]) -> None:
+    assert TinyFleets.versions == ["1", DEEP_VERSION]
+    run = results["paper-recess"].runs[0]
+    (defect,) = run.task.settings["scenario"]["faults"]["swash_plate"]
+    assert (defect["depth"], defect["length"], defect["width"]) == pytest.approx((0.6e-3, 30e-3, 24e-3))
+    assert defect["contact"] == "shared"
+
+
+def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says() -> None:
+    recordings = TinyFleets().recordings_for(0)[0]
+    scenario = replace(TINY, windows=5, class_windows=17)
+    dataset = prepare(recordings, scenario, 0, [])
+    counts = dataset.measured.counts()
+    by_class = {name: sum(n for (label, _), n in counts.items() if label == name) for name in dataset.measured.classes}
+    assert by_class.pop("swash_plate") == 17 - scenario.synthetic
+    assert set(by_class.values()) == {17}
+    assert counts["swash_plate", scenario.pressure] == scenario.scarce_windows
+    normal = [n for (label, _), n in counts.items() if label == "normal"]
+    assert max(normal) - min(normal) <= 1
+    with pytest.raises(DataError, match=r"500 training windows of \w+ are wanted .* record longer"):
+        prepare(recordings, replace(scenario, class_windows=500), 0, [])
 
 
 def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> None:

@@ -398,3 +398,10 @@ def test_an_interval_between_equal_differences_is_not_clear_for_rounding(
     interval: tuple[float, float], clear: bool
 ) -> None:
     assert Contrast({}, {}, "accuracy", 0.01, interval, 2, 1.0, False).is_clear is clear
+
+
+def test_the_papers_size_has_the_papers_counts() -> None:
+    for study, in_cell in (("paper-case1", 50), ("paper-case2", 0)):
+        scenario = plan_of(study, "paper").scenario
+        assert scenario.class_windows == 650
+        assert (scenario.scarce_windows, scenario.scarce_windows + scenario.synthetic) == (in_cell, 200)

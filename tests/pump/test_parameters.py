@@ -243,10 +243,33 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 
 def test_an_unknown_pump_is_answered_with_those_there_are() -> None:
     assert "25scy14-1b" in available_pumps()
-    with pytest.raises(MissingFileError, match=r"no pump named '25scy'; there are 25scy14-1b, or give a \.toml"):
+    with pytest.raises(
+        MissingFileError, match=r"no pump named '25scy'; there are 25scy14-1b, 25scy14-1b-13, or give a \.toml"
+    ):
         load_pump("25scy")
     with pytest.raises(FileNotFoundError):
         load_pump("25scy")
+
+
+def test_a_file_takes_what_it_lacks_from_the_pump_it_is_like(pump: Pump, tmp_path: Path) -> None:
+    sensor = (
+        '[[sensors]]\nname = "a"\nposition = {value = ["1 mm", "2 mm", "3 mm"], source = "s"}\ndirection = [0, 0, 1]'
+    )
+    mine = load_pump(save(tmp_path, f'format = 1\nlike = "25scy14-1b"\n{sensor}'))
+    assert mine.name == "mine"
+    assert mine.channels == ("a",)
+    assert replace(mine, name=pump.name, sensors=pump.sensors) == pump
+    assert mine.sources["sensors[0].position"] == "s"
+    assert mine.sources["masses.shell"] == pump.sources["masses.shell"]
+    with pytest.raises(DataError, match=r"like = 'other' is none of the pumps that come with swashtwin: 25scy14-1b,"):
+        load_pump(save(tmp_path, 'format = 1\nlike = "other"'))
+
+
+def test_a_pump_has_13_accelerometers_of_which_the_first_are_the_usual_three(pump: Pump) -> None:
+    many = load_pump("25scy14-1b-13")
+    assert len(many.sensors) == len({sensor.position for sensor in many.sensors}) == 13
+    assert many.sensors[:3] == pump.sensors
+    assert replace(many, name=pump.name, sensors=pump.sensors) == pump
 
 
 def test_a_file_that_does_not_exist_is_named(tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ from .networks.registry import NETWORKS as NETWORKS
 from .networks.registry import build_network as build_network
 from .networks.registry import has_network as has_network
 from .networks.registry import register_network as register_network
+from .networks.sensor_graph import SensorGraph as SensorGraph
 from .networks.settings import default_settings as default_settings
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .networks.window_levels import WindowLevel as WindowLevel
@@ -141,6 +142,7 @@ __all__ = [
     "Normalization",
     "OutsideFact",
     "Scores",
+    "SensorGraph",
     "SpectralBiTCN",
     "SureClassifier",
     "TrainingReference",

@@ -20,7 +20,9 @@ from .fault_leakage import AddedLeakage as AddedLeakage
 from .fault_leakage import PortChange as PortChange
 from .fault_leakage import added_leakage as added_leakage
 from .fault_leakage import port_change as port_change
+from .loads import ChamberPressures as ChamberPressures
 from .loads import LoadCase as LoadCase
+from .loads import chamber_pressures as chamber_pressures
 from .loads import force_lines as force_lines
 from .recess import recess_of as recess_of
 from .solvers.periodic import PeriodicTerm as PeriodicTerm
@@ -51,6 +53,7 @@ from .twin.transient import simulate_profile as simulate_profile
 __all__ = [
     "RK4",
     "AddedLeakage",
+    "ChamberPressures",
     "ContactCheck",
     "FaultAction",
     "HarmonicBalance",
@@ -72,6 +75,7 @@ __all__ = [
     "added_leakage",
     "assemble",
     "carry_over",
+    "chamber_pressures",
     "contact_lines",
     "excitation_lines",
     "fault_action",

@@ -147,8 +147,27 @@ def _text_of(name: str | Path) -> tuple[str, str]:
     return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml"
 
 
+def _table_of(text: str) -> dict[str, Any]:
+    """Tables of a pump file; those that it lacks are of the pump that it is ``like``."""
+    table = tomllib.loads(text)
+    if table.get("format") != FORMAT:
+        raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
+    if "like" not in table:
+        return table
+    like = table.pop("like")
+    if like not in available_pumps():
+        raise DataError(
+            f"like = {like!r} is none of the pumps that come with swashtwin: {', '.join(available_pumps())}."
+        )
+    original = _table_of(_text_of(like)[0])
+    del original["name"]
+    return {**original, **table}
+
+
 def load_pump(name: str | Path) -> Pump:
     """Pump of that name, or from that ``.toml`` file.
+
+    A file with ``like = "25scy14-1b"`` takes from that pump every table that it does not have itself.
 
     Raises
     ------
@@ -164,9 +183,7 @@ def load_pump(name: str | Path) -> Pump:
     text, origin = _text_of(name)
     sources: dict[str, str] = {}
     try:
-        table = tomllib.loads(text)
-        if table.get("format") != FORMAT:
-            raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
+        table = _table_of(text)
         _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors", "rated"), "the pump")
         parts = {key: _section(kind, table.get(key), key, sources) for key, kind in SECTIONS.items()}
         joints = table.get("interfaces", {})

@@ -32,9 +32,11 @@ from swashtwin.report import (
 TITLES = {
     "case1": "Case I, few samples",
     "case2": "Case II, missing condition",
+    "recess": "Case I with the paper's recess of 0.6 mm",
     "algorithms": "Algorithms, repeated trainings",
     "ablation": "Ablation A, B, C with convergence",
     "noise": "Noise",
+    "related": "Related work",
     "identification": "Identification by the IPINN",
 }
 """Heading of each experiment."""
@@ -144,7 +146,7 @@ def _introduction(kind: str, results: Mapping[str, StudyTable], shown: Sequence[
 def _precisions(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
     """Number formats that networks were trained in."""
     runs = (run for study in results.values() if isinstance(study, StudyResult) for run in study.runs)
-    return tuple(sorted({run.task.settings["model"]["training"].get("precision", "float32") for run in runs}))
+    return tuple(sorted({run.task.settings["model"].get("training", {}).get("precision", "float32") for run in runs}))
 
 
 def _blocks(name: str, kind: str, results: Mapping[str, StudyTable]) -> Iterator[Any]:

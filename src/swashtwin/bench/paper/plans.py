@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from swashtwin.bench.results.reported import PAPER_STUDY
+from swashtwin.bench.rigs.fleet import PAPER_RECESS
 from swashtwin.bench.rivals.models import Model
 from swashtwin.bench.studies.cases import SCENARIOS
 from swashtwin.bench.studies.perturbations import noises
@@ -27,9 +28,10 @@ TRAINING: Mapping[str, TrainingSettings] = {
 
 COUNTS: Mapping[str, Scenario] = {
     "quick": Scenario(windows=2, scarce_windows=8, synthetic=24),
-    "paper": SCENARIOS["paper"],
+    "paper": replace(SCENARIOS["paper"], windows=19, class_windows=650),
 }
-"""The paper's counts: 648 windows a class, 50 in the scarce cell, 150 synthetic ones; ``quick`` has a ninth of them."""
+"""The paper's counts: 650 windows a class, of the swash plate fault 500 measured ones, 50 of them in the scarce cell,
+and 150 synthetic ones; ``quick`` has a ninth of them."""
 
 CASE_TWO: Mapping[str, Mapping[str, Any]] = {
     "quick": {"scarce_windows": 0, "synthetic": 32},
@@ -52,12 +54,18 @@ NETWORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "paper_ordinary": ("bitcn_ordinary", {}),
     "paper_no_attention": ("bitcn_no_attention", {}),
     "paper_forward": ("bitcn_forward", {}),
+    "autoencoder": ("autoencoder", {}),
+    "sensor_graph": ("sensor_graph", {}),
+    "component_graph": ("component_graph", {}),
+    "fault_mode_graph": ("fault_mode_graph", {}),
 }
-"""Kind and settings of each network that the paper trains; all defaults are our reading (`swashtwin.learning`)."""
+"""Kind and settings of each network that the paper trains or cites; all defaults are our reading
+(`swashtwin.learning`)."""
 
 ALGORITHMS = (MAIN, "tcn", "lstm", "bilstm", "bigru")
 ABLATED = (MAIN, "paper_ordinary", "paper_no_attention", "paper_forward")
 UNDER_NOISE = (MAIN, "tcn", "lstm", "bilstm")
+RELATED = (MAIN, "autoencoder", "sensor_graph", "component_graph", "fault_mode_graph")
 
 SNRS = (20.0, 15.0, 10.0, 5.0)
 """Signal-to-noise ratios of the paper's tests [dB]."""
@@ -82,6 +90,21 @@ def case_two(size: str) -> Plan:
         study=f"{PAPER_STUDY}case2",
         title="The paper's Case II, missing condition",
         scenario=replace(COUNTS[size], **CASE_TWO[size]),
+    )
+
+
+def recess(size: str) -> Plan:
+    """Case I with the paper's recess of 0.6 mm, which the twins simulate too; for fleets of the rig's `DEEP_VERSION`.
+
+    Trees on features, which keep the level, stand beside the network, whose windows are scaled one by one.
+    """
+    plan = case_one(size)
+    return replace(
+        plan,
+        study=f"{PAPER_STUDY}recess",
+        title="The paper's Case I with its recess of 0.6 mm",
+        scenario=replace(plan.scenario, faults={**plan.scenario.faults, "swash_plate": (PAPER_RECESS,)}),
+        models={**plan.models, "extra_trees": Model("extra_trees")},
     )
 
 
@@ -117,6 +140,12 @@ def ablation(size: str) -> Plan:
     return replace(plan, compared={"classifier": MAIN})
 
 
+def related(size: str) -> Plan:
+    """Networks that the paper names as related work, on Case I's calibrated set by the paper's recipe."""
+    plan = _calibrated(size, "related", "Networks that the paper names as related work", RELATED)
+    return replace(plan, compared={"classifier": MAIN})
+
+
 def noise(size: str) -> Plan:
     """White noise in the tests of networks trained clean."""
     plan = _calibrated(size, "noise", "The paper's noise: trained clean, tested with noise", UNDER_NOISE)
@@ -146,9 +175,11 @@ PAPER_PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "paper-case1-random": at_random(case_one),
         "paper-case2": case_two,
         "paper-case2-random": at_random(case_two),
+        "paper-recess": recess,
         "paper-algorithms": algorithms,
         "paper-ablation": ablation,
         "paper-noise": noise,
+        "paper-related": related,
     }
 )
 """Plan of each study, by its name and the name of a size."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -9,18 +10,24 @@ from swashtwin.bench.paper.identification import STUDY as IDENTIFICATION
 from swashtwin.bench.paper.identification import run_identification
 from swashtwin.bench.paper.plans import PAPER_PLANS, REPEATS
 from swashtwin.bench.results.table import StudyTable
+from swashtwin.bench.rigs.writing import DEEP_VERSION, RIG_VERSION
 from swashtwin.bench.studies.runner import run_plan
 from swashtwin.bench.studies.sources import Fleets, SameRecordings, Source
 from swashtwin.bench.studies.workers import Workers
 from swashtwin.foundation import InputError
 
+RECESS = "paper-recess"
+"""Study on fleets with the paper's recess."""
+
 EXPERIMENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "case1": ("paper-case1", "paper-case1-random"),
         "case2": ("paper-case2", "paper-case2-random"),
+        "recess": (RECESS,),
         "algorithms": ("paper-algorithms",),
         "ablation": ("paper-ablation",),
         "noise": ("paper-noise",),
+        "related": ("paper-related",),
         "identification": (IDENTIFICATION,),
     }
 )
@@ -72,7 +79,12 @@ def run_paper(
     if not seeds:
         raise InputError("give at least one seed, which draws a fleet of pumps.")
     report = progress or (lambda activity, finished, total: None)
-    fleets = Fleets(Path(out), size, jobs=jobs, progress=lambda *count: report("recording on the rig", *count))
+
+    def fleets_of(version: str) -> Fleets:
+        show = partial(report, "recording on the rig")
+        return Fleets(Path(out), size, version, jobs=jobs, progress=show)
+
+    fleets = fleets_of(RIG_VERSION)
     results: dict[str, StudyTable] = {}
     for study in (study for name in EXPERIMENTS if name in experiments for study in EXPERIMENTS[name]):
 
@@ -93,7 +105,7 @@ def run_paper(
         plan, numbers = PAPER_PLANS[study](_PLAN_SIZES[size]), tuple(seeds)
         models = {name: model.with_training(precision=precision) for name, model in plan.models.items()}
         plan = replace(plan, models=models)
-        source: Source = fleets
+        source: Source = fleets_of(DEEP_VERSION) if study == RECESS else fleets
         if study == "paper-algorithms":
             plan = replace(plan, split_seed=seeds[0])
             source = SameRecordings(fleets.recordings_for(seeds[0])[0])

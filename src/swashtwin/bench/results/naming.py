@@ -61,6 +61,8 @@ CLASSIFIERS = {
     "hydra": "Hydra",
     "autoencoder": "sparse autoencoder",
     "sensor_graph": "graph over sensors",
+    "component_graph": "graph over sensors and parts",
+    "fault_mode_graph": "graph over sensors and fault modes",
     "logistic": "logistic regression",
     "ridge": "ridge classifier",
     "envelope_threshold": "envelope threshold",

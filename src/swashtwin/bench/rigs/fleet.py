@@ -33,7 +33,7 @@ HOUSING_MODES = (1717.0, 2967.0, 3600.0, 4450.0)
 
 @dataclass(frozen=True, eq=False)
 class Housing:
-    """Path from the rigid shell to the samples of three accelerometers."""
+    """Path from the rigid shell to the samples of the accelerometers."""
 
     frequency: Float[np.ndarray, " mode"]
     """Resonances [Hz]."""
@@ -78,7 +78,8 @@ class Specimen:
     def reassemble(self, seed: int, recording: str) -> "Specimen":
         """The same pump after reassembly, which changing a part needs: films and sensors do not sit as before."""
         rng = stream(seed, "assembly", recording)
-        housing = replace(self.housing, gain=self.housing.gain + _off_diagonal(rng.normal(0, 0.1, (3, 3))))
+        gain = self.housing.gain + _cross_talk(rng, 0.1, len(self.housing.gain))
+        housing = replace(self.housing, gain=gain)
         return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=housing)
 
     def truth(self) -> dict[str, object]:
@@ -90,17 +91,19 @@ class Specimen:
         return dict(zip(PARAMETERS, (float(value) for value in self.values), strict=True))
 
 
-def _off_diagonal(matrix: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-    return matrix * (1 - np.eye(len(matrix)))
+def _cross_talk(rng: np.random.Generator, deviation: float, sensors: int) -> Float[np.ndarray, "sensor sensor"]:
+    """What each sensor takes from the others: of many as much together as of the two others among three."""
+    deviation *= math.sqrt(2 / (sensors - 1))
+    return rng.normal(0, deviation, (sensors, sensors)) * (1 - np.eye(sensors))
 
 
-def _housing(rng: np.random.Generator) -> Housing:
+def _housing(rng: np.random.Generator, sensors: int) -> Housing:
     modes = len(HOUSING_MODES)
-    gain = np.diag(rng.normal(1, 0.04, 3)) + _off_diagonal(rng.normal(0, 0.07, (3, 3)))
+    gain = np.diag(rng.normal(1, 0.04, sensors)) + _cross_talk(rng, 0.07, sensors)
     return Housing(
         frequency=np.array(HOUSING_MODES) * rng.normal(1, 0.03, modes),
         damping_ratio=rng.uniform(0.02, 0.045, modes),
-        residue=rng.normal(0, 0.06, (3, modes)),
+        residue=rng.normal(0, 0.06, (sensors, modes)),
         gain=gain,
     )
 
@@ -127,7 +130,7 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
         unloaded=float(rng.uniform(0.3, 0.6)),
         following=float(rng.uniform(0.85, 1.1)),
         following_cutoff=float(rng.uniform(1200, 1800)),
-        housing=_housing(rng),
+        housing=_housing(rng, len(nominal.sensors)),
     )
 
 
@@ -135,8 +138,11 @@ RECESS = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
 """The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm of swash plate wear,
 Grundfos BMP manual). At the paper's 0.6 mm the level alone would separate every window."""
 
+PAPER_RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
+"""The paper's recess, in version ``1-deep``: films pull the slippers through it, as in the paper's model."""
 
-def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault | None:
+
+def draw_fault(label: str, specimen: str, seed: int, *purpose: object, is_deep: bool = False) -> Fault | None:
     """What is wrong with a pump of class `label` in one recording; its severity spreads around the class's typical one.
 
     A recess is machined once into each pump, so its place differs from pump to pump only.
@@ -144,12 +150,13 @@ def draw_fault(label: str, specimen: str, seed: int, *purpose: object) -> Fault 
     Parameters
     ----------
     purpose : addresses the random stream of one recording.
+    is_deep : the recess is the paper's, of the same depth in every pump.
     """
     rng = stream(seed, "fault", label, *purpose)
     spread = float(np.exp(rng.normal(0, 0.2)))
     if label == "swash_plate":
         angle = deg(270 + stream(seed, "recess", specimen).normal(0, 0.5))
-        return replace(RECESS.scaled(spread), angle=angle)
+        return replace(PAPER_RECESS if is_deep else RECESS.scaled(spread), angle=angle)
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))
     if label == "cylinder_block":

@@ -1,8 +1,9 @@
-"""How the virtual rig turns a specimen under a condition into samples of its three accelerometers."""
+"""How the virtual rig turns a specimen under a condition into samples of its accelerometers."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import scipy.signal
@@ -10,7 +11,7 @@ import torch
 from jaxtyping import Complex, Float
 
 from swashtwin.bench.rigs.fleet import Specimen, film_factors
-from swashtwin.foundation import stream
+from swashtwin.foundation import InputError, SwashTwinError, stream
 from swashtwin.physics import (
     HarmonicBalance,
     LoadCase,
@@ -26,6 +27,8 @@ from swashtwin.physics import (
 )
 from swashtwin.pump import Fault, OperatingCondition, SwashPlateDefect
 from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, synchronous_signal, transform
+
+T = TypeVar("T")
 
 BANDWIDTH = 6400.0
 """Highest frequency [Hz] at which the rig's pumps are excited."""
@@ -131,12 +134,38 @@ def shaft_angle(
     return angle
 
 
+def recorded_angle(run: Run, duration: float, sample_rate: float, seed: int, name: str) -> Float[np.ndarray, " time"]:
+    """Shaft angle [rad] at the samples of recording `name`; parameters as of `measure`."""
+    return shaft_angle(run.condition, round(duration * sample_rate), sample_rate, _random_numbers(seed, name))
+
+
+def _random_numbers(seed: int, name: str) -> np.random.Generator:
+    """Random numbers of one recording, the shaft's angle first."""
+    return stream(seed, "reading", name)
+
+
+STEPS = (1792, 2688, 4032, 8064)
+"""Steps a revolution in which chamber pressures are solved, the first that converges."""
+
+
+def with_steps(solve: Callable[[int], T]) -> T:
+    """Result of `solve` with as many steps a revolution as it needs: a steep pressure may need finer ones."""
+    for steps in STEPS[:-1]:
+        try:
+            return solve(steps)
+        except InputError:
+            raise
+        except SwashTwinError:
+            continue
+    return solve(STEPS[-1])
+
+
 def _flow_noise(run: Run, n: int, sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "sensor time"]:
     """Broadband noise of flow and cavitation, colored by the housing; grows with the pressure."""
     frequency = line_frequencies(n, sample_rate)
     color = np.abs(run.specimen.housing.response(frequency)) / np.sqrt(1 + (frequency / 4000) ** 2)
     color = color * np.sqrt(1 + 300 / np.maximum(frequency, 30))
-    noise = inverse_transform(transform(rng.standard_normal((3, n))) * color, n)
+    noise = inverse_transform(transform(rng.standard_normal((len(run.specimen.pump.sensors), n))) * color, n)
     return noise * FLOW_NOISE * math.sqrt(run.condition.discharge_pressure / 10e6)
 
 
@@ -144,12 +173,12 @@ FLOW_NOISE = 0.25
 """Standard deviation [m/s^2] of the flow noise at 10 MPa before the housing colors it."""
 
 
-def _mains(n: int, sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "sensor time"]:
+def _mains(sensors: int, n: int, sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "sensor time"]:
     time = np.arange(n) / sample_rate
-    hum = np.zeros((3, n))
+    hum = np.zeros((sensors, n))
     for harmonic, level in ((1, 0.02), (2, 0.01), (3, 0.015)):
-        phase = 2 * np.pi * rng.random((3, 1))
-        hum += level * rng.uniform(0.5, 1.5, (3, 1)) * np.sin(2 * np.pi * 50.02 * harmonic * time + phase)
+        phase = 2 * np.pi * rng.random((sensors, 1))
+        hum += level * rng.uniform(0.5, 1.5, (sensors, 1)) * np.sin(2 * np.pi * 50.02 * harmonic * time + phase)
     return hum
 
 
@@ -169,7 +198,7 @@ def measure(
     pressures = force_lines(cases, n_lines, topology=TOPOLOGY)
     signals = []
     for run, pressure, (seed, name) in zip(runs, pressures, seeds, strict=True):
-        rng = stream(seed, "reading", name)
+        rng = _random_numbers(seed, name)
         n = round(duration * sample_rate)
         pressure = pressure[: int(BANDWIDTH / run.condition.shaft_frequency) + 1]  # no run depends on its neighbors
         orders = np.arange(1, len(pressure))
@@ -178,7 +207,7 @@ def measure(
         signal = synchronous_signal(shell_lines(run, pressure) * path, orders, angle)
         swell = 1 + 0.02 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.5) * np.arange(n) / sample_rate + rng.random()))
         signal = run.specimen.housing.gain @ (signal * swell + _flow_noise(run, n, sample_rate, rng))
-        signal = signal + _mains(n, sample_rate, rng) + 0.02 * rng.standard_normal(signal.shape)
+        signal = signal + _mains(len(signal), n, sample_rate, rng) + 0.02 * rng.standard_normal(signal.shape)
         low_pass = scipy.signal.butter(4, 0.8, output="sos")
         filtered = scipy.signal.sosfilt(low_pass, signal, axis=-1)
         signals.append((np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64))

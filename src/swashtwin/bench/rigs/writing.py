@@ -14,9 +14,11 @@ from jaxtyping import Float
 from joblib import delayed
 
 from swashtwin.bench.rigs.fleet import Specimen, draw_fault, draw_specimen
-from swashtwin.bench.rigs.measuring import Run, measure
+from swashtwin.bench.rigs.measuring import Run, measure, recorded_angle
+from swashtwin.bench.rigs.process import OUTLET_PRESSURE, PROCESS, ProcessChannel, process_signals
 from swashtwin.bench.rigs.version_two import fleet as version_two
 from swashtwin.bench.rigs.version_two.measuring import measure as measure_two
+from swashtwin.bench.rigs.version_two.measuring import recorded_angle as recorded_angle_two
 from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
@@ -24,11 +26,17 @@ from swashtwin.recordings import Recording, write_index, write_recording
 RIG_VERSION = "1"
 """Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
 
+DEEP_VERSION = "1-deep"
+"""Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version 1."""
+
 MANIFEST_NAME = "rig.json"
 """File in a rig's folder that says what the rig is, so that a run that was interrupted can go on."""
 
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
+
+PUMPS = MappingProxyType({3: "25scy14-1b", 13: "25scy14-1b-13"})
+"""Pump file by the number of its accelerometers."""
 
 SPEED = rpm(860)
 """Set speed [rad/s], the paper's."""
@@ -68,6 +76,7 @@ class _Slot:
     pressure: float
     repeat: int
     version: str = RIG_VERSION
+    sensors: int = 3
 
     @property
     def name(self) -> str:
@@ -80,10 +89,15 @@ class _Slot:
         return speeds[(self.repeat - 1) % len(speeds)]
 
 
-def _slots(size: RigSize, version: str) -> list[_Slot]:
+def _slots(size: RigSize, version: str, sensors: int) -> list[_Slot]:
     require_version(version)
+    if sensors not in PUMPS or (sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen):
+        raise InputError(
+            f"{sensors} sensors cannot be recorded by version {version} of the rig: version 1 has "
+            f"{' or '.join(map(str, PUMPS))}, version 2 has 3."
+        )
     names = [chr(ord("A") + i) for i in range(size.specimens)]
-    return [_Slot(*key, version) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
+    return [_Slot(*key, version, sensors) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
 
 
 def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None, speed: float = SPEED) -> Run:
@@ -109,10 +123,12 @@ class RigVersion:
     """Measurement of a slot under a seed."""
     measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
     """Readings of runs, for a duration [s], at a sample rate [Hz]."""
+    angle: Callable[[Run, float, float, int, str], Float[np.ndarray, " time"]]
+    """Shaft angle [rad] in a run, for a duration [s], at a sample rate [Hz], by seed and recording."""
 
 
-def _first_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    fault = draw_fault(slot.label, slot.specimen, seed, slot.name)
+def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+    fault = draw_fault(slot.label, slot.specimen, seed, slot.name, is_deep=is_deep)
     return run_of(slot.name, specimen, slot.pressure, seed, fault)
 
 
@@ -133,14 +149,20 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
 
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
     {
-        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure),
-        "2": RigVersion((SPEED, rpm(1120)), version_two.draw_specimen, _second_run, measure_two),
+        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure, recorded_angle),
+        DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure, recorded_angle),
+        "2": RigVersion((SPEED, rpm(1120)), version_two.draw_specimen, _second_run, measure_two, recorded_angle_two),
         "2-deep": RigVersion(
-            (SPEED, rpm(1120)), version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two
+            (SPEED, rpm(1120)),
+            version_two.draw_specimen,
+            partial(_second_run, is_deep=True),
+            measure_two,
+            recorded_angle_two,
         ),
     }
 )
-"""Versions of the rig (docs/bench/rig.md); ``2-deep`` is version 2 with the paper's recess of 0.6 mm."""
+"""Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of
+0.6 mm."""
 
 
 def require_version(version: str) -> None:
@@ -189,6 +211,7 @@ def rig_recordings(
     *,
     labels: Sequence[str] = CLASSES,
     version: str = RIG_VERSION,
+    sensors: int = 3,
     batch: int = 30,
     jobs: int = 1,
 ) -> Iterator[tuple[Recording, Run]]:
@@ -203,18 +226,24 @@ def rig_recordings(
     seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
     labels : classes to record.
     version : name in `VERSIONS`.
+    sensors : accelerometers, one of `PUMPS`.
     batch : recordings computed together.
     jobs : processes that compute batches side by side; the samples do not depend on it.
     """
-    slots = [slot for slot in _slots(size, version) if slot.label in labels]
-    return _measured(slots, size.duration, seed, batch=batch, jobs=jobs)
+    slots = [slot for slot in _slots(size, version, sensors) if slot.label in labels]
+    return _measured(slots, _fleet(slots, seed), size.duration, seed, batch=batch, jobs=jobs)
 
 
 def _measured(
-    slots: Sequence[_Slot], duration: float, seed: int, *, batch: int = 30, jobs: int = 1
+    slots: Sequence[_Slot],
+    fleet: Mapping[str, Specimen],
+    duration: float,
+    seed: int,
+    *,
+    batch: int = 30,
+    jobs: int = 1,
 ) -> Iterator[tuple[Recording, Run]]:
     """Recordings of some slots, each with its run."""
-    fleet = _fleet(slots, seed)
     batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
     measured = parallel(jobs, return_as="generator")(
         delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed) for slots in batches
@@ -224,9 +253,8 @@ def _measured(
 
 
 def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
-    nominal = load_pump("25scy14-1b")
-    versions = {slot.specimen: VERSIONS[slot.version] for slot in slots}
-    return {name: version.draw_specimen(nominal, name, seed) for name, version in versions.items()}
+    pumps = {slot.specimen: (VERSIONS[slot.version], load_pump(PUMPS[slot.sensors])) for slot in slots}
+    return {name: version.draw_specimen(nominal, name, seed) for name, (version, nominal) in pumps.items()}
 
 
 def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:
@@ -263,6 +291,8 @@ def build_rig(
     seed: int,
     size: str | RigSize = "small",
     version: str = RIG_VERSION,
+    sensors: int = 3,
+    process: bool = False,
     file_format: str = "h5",
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -277,6 +307,10 @@ def build_rig(
     seed : which fleet.
     size : name in `SIZES`, or a size of one's own.
     version : name in `VERSIONS`.
+    sensors : accelerometers, one of `PUMPS`.
+    process : record pressure and flow at the outlet and the temperature of the tank too, each in a file of its own for
+        each recording, with an index of its own (`PROCESS`), such as ``outlet_pressure.toml``. They can be added to a
+        folder later.
     file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
     jobs : processes that work side by side.
     progress : called with recordings done and in all.
@@ -284,23 +318,25 @@ def build_rig(
     Raises
     ------
     InputError
-        The folder holds something else, or a rig of other arguments; or the size or the version is unknown.
+        The folder holds something else, or a rig of other arguments; or the size, the version or the number of sensors
+        is unknown.
     """
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
     plan = SIZES[size] if isinstance(size, str) else size
-    slots = _slots(plan, version)
+    slots = _slots(plan, version, sensors)
     settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": file_format}
+    settings |= {} if sensors == 3 else {"sensors": sensors}
     open_pieces(folder, MANIFEST_NAME, settings)
     files = [Path(slot.specimen) / f"{slot.name}.{file_format}" for slot in slots]
     path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
     missing = [slot for slot in slots if not path_of[slot.name].is_file()]
-    for count, (recording, _) in enumerate(_measured(missing, plan.duration, seed, jobs=jobs), 1):
+    fleet = _fleet(slots, seed)
+    for count, (recording, _) in enumerate(_measured(missing, fleet, plan.duration, seed, jobs=jobs), 1):
         write_recording(recording, path_of[recording.recording_id])
         if progress:
             progress(len(slots) - len(missing) + count, len(slots))
-    fleet = _fleet(slots, seed)
     runs = {slot.name: _run_of(slot, fleet[slot.specimen], seed) for slot in slots}
     truth = {
         "rig_version": version,
@@ -310,6 +346,48 @@ def build_rig(
         "recordings": {name: _truth(run) for name, run in runs.items()},
     }
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
-    silent = np.zeros((len(load_pump("25scy14-1b").channels), 1))
+    silent = np.zeros((sensors, 1))
     described = [_recording(slot, runs[slot.name], silent) for slot in slots]
+    if process:
+        _write_process(slots, runs, plan.duration, seed, path_of)
     return write_index(described, files, folder / "recordings.toml")
+
+
+def _write_process(
+    slots: Sequence[_Slot], runs: Mapping[str, Run], duration: float, seed: int, path_of: Mapping[str, Path]
+) -> None:
+    """Write what `PROCESS` records beside each recording, and an index of each channel, into the rig's folder."""
+    folder = next(iter(path_of.values())).parents[1]
+    indexed: dict[ProcessChannel, list[Recording]] = {channel: [] for channel in PROCESS}
+    paths: dict[ProcessChannel, list[Path]] = {channel: [] for channel in PROCESS}
+    for slot in slots:
+        run, angle_of = runs[slot.name], VERSIONS[slot.version].angle
+        angle = angle_of(run, duration, OUTLET_PRESSURE.sample_rate, seed, slot.name)
+        for channel, signal in process_signals(run, angle, seed, slot.name).items():
+            vibration = path_of[slot.name]
+            path = vibration.with_name(f"{slot.name}_{channel.name}{vibration.suffix}")
+            recording = _process_recording(slot, run, channel, signal)
+            if not path.is_file():
+                write_recording(recording, path)
+            indexed[channel].append(recording)
+            paths[channel].append(path)
+    for channel in PROCESS:
+        write_index(indexed[channel], paths[channel], folder / f"{channel.name}.toml")
+
+
+def _process_recording(
+    slot: _Slot, run: Run, channel: ProcessChannel, signal: Float[np.ndarray, " sample"]
+) -> Recording:
+    """Under the id of its vibration, so that no classifier of the one is tested on the other."""
+    described = _recording(slot, run, np.zeros((slot.sensors, 1)))
+    return Recording(
+        signal=signal[None],
+        sample_rate=channel.sample_rate,
+        recording_id=slot.name,
+        channels=(channel.name,),
+        unit=channel.unit,
+        label=described.label,
+        condition=described.condition,
+        specimen=described.specimen,
+        attributes=described.attributes,
+    )

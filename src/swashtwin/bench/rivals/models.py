@@ -17,6 +17,7 @@ import numpy as np
 
 from swashtwin.bench.rivals.ablations import ABLATIONS
 from swashtwin.bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
+from swashtwin.bench.rivals.graphs import GRAPHS
 from swashtwin.bench.rivals.kernels import KERNELS, PYTHON
 from swashtwin.bench.rivals.order_threshold import rising_orders, threshold_orders
 from swashtwin.foundation import DataError, InputError, derive_seed
@@ -147,7 +148,7 @@ PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
 
 
 def _models(size: str) -> dict[str, Model]:
-    names = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
+    names = dict.fromkeys([*NETWORKS, *(rival.name for rival in (*ABLATIONS, *GRAPHS))])
     networks = {name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in names}
     ablated = {name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()}
     retrained = {name: Model(DEFAULT, {}, change(TRAINING[size])) for name, change in RETRAINED.items()}

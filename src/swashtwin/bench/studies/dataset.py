@@ -191,6 +191,8 @@ def prepare(
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
+    if scenario.class_windows is not None:
+        measured = _counted(measured, scenario)
     for ids in lenders:
         measured = measured + _scarce_windows(
             [recording for name, recording in by_id.items() if name in ids], scenario, measured
@@ -232,6 +234,22 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
         )
     by_class = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
     return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class])))
+
+
+def _counted(measured: WindowSet, scenario: Scenario) -> WindowSet:
+    """As many training windows of each class as the scenario says, before those of the scarce cells come in."""
+    chosen = []
+    for name in measured.classes:
+        of_class = np.flatnonzero(measured.label == name)
+        in_cell = scenario.scarce_windows + scenario.synthetic if name in scenario.scarce else 0
+        count = (scenario.class_windows or 0) - in_cell
+        if not 0 <= count <= len(of_class):
+            raise DataError(
+                f"{count} training windows of {name} are wanted outside the scarce cell, and there are "
+                f"{len(of_class)}; record longer or more often, or ask for less."
+            )
+        chosen.append(of_class[_evenly(len(of_class), count)])
+    return measured.subset(np.sort(np.concatenate(chosen)))
 
 
 def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:

@@ -59,6 +59,9 @@ class Scenario:
     """Readings per window; at 25.6 kHz 80 ms, 1.15 revolutions at 860 rev/min."""
     windows: int = 24
     """Windows taken from each other recording, evenly spaced."""
+    class_windows: int | None = None
+    """Training windows of each class, evenly over its recordings; of a scarce class they hold the synthetic ones that
+    fill its cell, and the measured ones in it. None takes all that `windows` gives."""
     test_windows: int | None = None
     """Windows of each class in each test, evenly over its recordings; None takes as many as the smallest class has."""
     held_out: int = 2
@@ -131,7 +134,8 @@ class Scenario:
         return recording.label in self.scarce and self.is_near(recording)
 
     def describe(self) -> dict[str, Any]:
-        """The scenario as JSON can hold it; ``along_angle`` stands there only where it is true."""
+        """The scenario as JSON can hold it; ``along_angle`` and ``class_windows`` stand there only where they are set,
+        so that finished runs of earlier versions keep their keys."""
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,
@@ -149,6 +153,7 @@ class Scenario:
             "nuisances": _settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
             **({"along_angle": True} if self.along_angle else {}),
+            **({} if self.class_windows is None else {"class_windows": self.class_windows}),
         }
 
 

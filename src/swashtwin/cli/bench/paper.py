@@ -41,7 +41,8 @@ def paper(
     experiments: Annotated[
         str | None,
         typer.Option(
-            help="Experiments to run: case1, case2, algorithms, ablation, noise, identification; all by default."
+            help="Experiments to run: case1, case2, recess, algorithms, ablation, noise, related, identification; all "
+            "by default."
         ),
     ] = None,
     out: Annotated[

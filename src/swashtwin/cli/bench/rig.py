@@ -34,10 +34,18 @@ class RigSizeName(StrEnum):
     paper = "paper"
 
 
+class SensorCount(StrEnum):
+    """Numbers of accelerometers of the rig."""
+
+    three = "3"
+    thirteen = "13"
+
+
 class RigVersionName(StrEnum):
     """Versions of the rig."""
 
     first = "1"
+    first_deep = "1-deep"
     second = "2"
     second_deep = "2-deep"
 
@@ -46,7 +54,8 @@ VersionOfRig = Annotated[
     RigVersionName,
     typer.Option(
         "--rig-version",
-        help="Version of the virtual rig: 1, 2 which shares less with the twin, or 2-deep with the paper's recess.",
+        help="Version of the virtual rig: 1, 2 which shares less with the twin, or 1-deep and 2-deep with the paper's "
+        "recess.",
     ),
 ]
 
@@ -95,6 +104,17 @@ def rig(
     seed: Seed = 0,
     size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
     version: VersionOfRig = RigVersionName.first,
+    sensors: Annotated[
+        SensorCount,
+        typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
+    ] = SensorCount.three,
+    process: Annotated[
+        bool,
+        typer.Option(
+            "--process",
+            help="Record pressure and flow at the outlet and the temperature of the tank too, with an index of each.",
+        ),
+    ] = False,
     file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
     as_json: Json = False,
 ) -> None:
@@ -103,7 +123,14 @@ def rig(
 
     with resumable("finished recordings are kept; the same command continues"), progress("recording") as bar:
         index_file = build_rig(
-            out, seed=seed, size=size.value, version=version.value, file_format=file_format.value, progress=bar
+            out,
+            seed=seed,
+            size=size.value,
+            version=version.value,
+            sensors=int(sensors.value),
+            process=process,
+            file_format=file_format.value,
+            progress=bar,
         )
     result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": version.value}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))

@@ -9,7 +9,15 @@ import torch
 from jaxtyping import Complex, Float
 
 from swashtwin.bench.rigs.fleet import film_factors
-from swashtwin.bench.rigs.measuring import BANDWIDTH, CONVERTER_STEP, TOPOLOGY, Run, shaft_angle, slipper_terms
+from swashtwin.bench.rigs.measuring import (
+    BANDWIDTH,
+    CONVERTER_STEP,
+    TOPOLOGY,
+    Run,
+    shaft_angle,
+    slipper_terms,
+    with_steps,
+)
 from swashtwin.bench.rigs.version_two.fleet import SecondSpecimen
 from swashtwin.bench.rigs.version_two.sounds import (
     bursts,
@@ -18,7 +26,7 @@ from swashtwin.bench.rigs.version_two.sounds import (
     sensor_response,
     stand_noise,
 )
-from swashtwin.foundation import InputError, SwashTwinError, stream
+from swashtwin.foundation import stream
 from swashtwin.physics import (
     HarmonicBalance,
     LoadCase,
@@ -29,7 +37,7 @@ from swashtwin.physics import (
     periodic_steady_state,
     worn_values,
 )
-from swashtwin.pump import BoreDefect, InterfaceValue
+from swashtwin.pump import BoreDefect, InterfaceValue, OperatingCondition
 from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, periodic_signal, synchronous_signal
 
 
@@ -63,22 +71,6 @@ def bore_force(
     pressed = np.maximum((1 - np.tanh(np.sin(phi) / 0.12)) / 2, 0.02)
     side_load = group.piston_area * pressure * math.tan(group.swash_angle) * pressed
     return -fourier_lines(np.minimum(periodic_signal(film, steps), side_load))[: len(motion)]
-
-
-def _pressure_lines(case: LoadCase, n_lines: int) -> Complex[np.ndarray, "order 13"]:
-    """Force lines of the chamber pressures, with the finer steps that a steep one of the drawn ports may need."""
-    for steps in FINER[:-1]:
-        try:
-            return force_lines([case], n_lines, topology=TOPOLOGY, steps=steps)[0]
-        except InputError:
-            raise
-        except SwashTwinError:
-            continue
-    return force_lines([case], n_lines, topology=TOPOLOGY, steps=FINER[-1])[0]
-
-
-FINER = (1792, 2688, 4032, 8064)
-"""Steps a revolution in which chamber pressures are solved, the first that converges."""
 
 
 def shell_lines(
@@ -119,8 +111,26 @@ def measure(
         specimen = run.specimen
         if not isinstance(specimen, SecondSpecimen):
             raise TypeError(f"{specimen.name} is no pump of version 2 of the rig.")
-        signals.append(_samples(run, specimen, duration, sample_rate, stream(seed, "reading of version 2", name)))
+        signals.append(_samples(run, specimen, duration, sample_rate, _random_numbers(seed, name)))
     return signals
+
+
+def recorded_angle(run: Run, duration: float, sample_rate: float, seed: int, name: str) -> Float[np.ndarray, " time"]:
+    """Shaft angle [rad] at the samples of recording `name`; parameters as of version 1."""
+    return _drifting_angle(run.condition, duration, sample_rate, _random_numbers(seed, name))
+
+
+def _random_numbers(seed: int, name: str) -> np.random.Generator:
+    """Random numbers of one recording, the shaft's angle first."""
+    return stream(seed, "reading of version 2", name)
+
+
+def _drifting_angle(
+    condition: OperatingCondition, duration: float, sample_rate: float, rng: np.random.Generator
+) -> Float[np.ndarray, " time"]:
+    n = round(duration * sample_rate)
+    angle, time = shaft_angle(condition, n, sample_rate, rng), np.arange(n) / sample_rate
+    return angle + condition.speed * rng.uniform(-0.004, 0.004) * time**2 / (2 * duration)
 
 
 def _samples(
@@ -129,14 +139,14 @@ def _samples(
     n, condition = round(duration * sample_rate), run.condition
     time = np.arange(n) / sample_rate
     case = LoadCase(specimen.pump, condition, run.fault, specimen.clearances)
-    pressure = _pressure_lines(case, int(BANDWIDTH / condition.shaft_frequency))
+    n_lines = int(BANDWIDTH / condition.shaft_frequency)
+    pressure = with_steps(lambda steps: force_lines([case], n_lines, topology=TOPOLOGY, steps=steps)[0])
     lines = shell_lines(run, specimen, pressure)
     orders = np.arange(1, lines.shape[1] + 1)
     lines = lines * specimen.housing.response(orders * condition.shaft_frequency)
     lines[:, np.array(gear_orders(specimen)) - 1] += specimen.stand.gear * condition.discharge_pressure / 10e6
     lines = lines * sensor_response(specimen, orders * condition.shaft_frequency)
-    angle = shaft_angle(condition, n, sample_rate, rng)
-    angle = angle + condition.speed * rng.uniform(-0.004, 0.004) * time**2 / (2 * duration)
+    angle = _drifting_angle(condition, duration, sample_rate, rng)
     drift = 1 + rng.uniform(-0.05, 0.05) * (time / duration - 0.5)
     drift = drift + 0.03 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.6) * time + rng.random()))
     sound = flow_noise(run, specimen, angle, sample_rate, rng) + bursts(run, specimen, angle, sample_rate, rng)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.networks.bitcn import Branch
+from swashtwin.learning.networks.branch import Branch
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.networks.representation import envelope_levels, line_levels, short_time_levels
 

@@ -10,7 +10,7 @@ from swashtwin.bench.results.naming import classifier_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Run
 from swashtwin.bench.studies.plan import TRAINING_TIME
-from swashtwin.plot import figure_style, panels, series_colors
+from swashtwin.plot import figure_style, name_decades, panels, series_colors
 from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
 
 
@@ -65,6 +65,7 @@ def convergence_drawing(study: StudyResult, key: str) -> Drawing:
                 for entry, at in zip(run.history, seconds.tolist(), strict=True)
             ]  # fmt: skip
     axes[0, 0].set(ylabel="cross-entropy [1]", yscale="log")
+    name_decades(axes[0, 0])
     axes[1, 0].set(ylabel="accuracy [1]", xlabel="epoch", ylim=(0, 1.03))
     axes[1, 1].set(xlabel="CPU time of the training [s]")
     marks = [Line2D([], [], color=colors[name], linewidth=2) for name in names]

@@ -8,7 +8,7 @@ fills them. The test is at that pressure, all classes alike, on recordings that 
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -31,12 +31,13 @@ turns."""
 
 
 def machined_faults(rig_version: str) -> Mapping[str, tuple[Fault, ...]]:
-    """`MACHINED` as a version of the virtual rig has it: in ``2-deep`` the recess is the paper's, of 0.6 mm.
+    """`MACHINED` as a version of the virtual rig has it: in ``1-deep`` and ``2-deep`` its recess is 0.6 mm deep.
 
-    So deep a recess is simulated under the ``lift_off`` law, since slippers cannot follow it
-    (docs/explanation/physics.md, section 6b).
+    In ``2-deep`` it is simulated under the ``lift_off`` law, since slippers cannot follow it
+    (docs/explanation/physics.md, section 6b); in ``1-deep`` under the paper's law, where films pull them.
     """
-    return {**MACHINED, "swash_plate": (PAPER_RECESS,)} if rig_version == "2-deep" else MACHINED
+    recesses = {"1-deep": replace(PAPER_RECESS, contact="shared"), "2-deep": PAPER_RECESS}
+    return {**MACHINED, "swash_plate": (recesses[rig_version],)} if rig_version in recesses else MACHINED
 
 
 RANDOM_WINDOWS = "L0"

@@ -1,0 +1,57 @@
+"""Figures of docs/bench/paper-figures.md, from the finished runs of ``swashtwin bench paper``.
+
+    swashtwin bench paper --seeds 100 --out runs
+    python benchmarks/paper_figures.py runs docs/figures/paper
+
+Nothing is computed anew but the layout of t-SNE. A figure whose experiment was not run is left out, and named.
+"""
+
+import argparse
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from swashtwin.bench import StudyResult, collect_studies, write_paper_page
+
+FIGURES = {
+    "excitation": "paper_case1_*excitation",
+    "waveforms": "paper_case1_*waveforms",
+    "spectra": "paper_case1_*spectra",
+    "identification-loss": "paper_case1_*losses",
+    "training-sets": "paper_case1_scores",
+    "confusion": "paper_case1_confusion",
+    "tsne": "paper_case1_tsne",
+    "algorithms": "paper_algorithms_classifiers",
+    "ablation": "paper_ablation_classifiers",
+    "convergence": "paper_ablation_convergence",
+    "related": "paper_related_classifiers",
+    "noise": "paper_noise_*perturbation",
+    "training-loss": "paper_case1_training",
+}
+"""Name of each figure in the documents, and pattern of its name in the report; of several the first is taken."""
+
+
+def copy_figures(runs: Path, target: Path) -> list[str]:
+    """Names of the figures that no finished run shows, after the others were copied to `target` as SVG."""
+    studies = {study.study: study for study in collect_studies(runs) if isinstance(study, StudyResult)}
+    size = "paper" if any(study.size == "paper" for study in studies.values()) else "small"
+    target.mkdir(parents=True, exist_ok=True)
+    missing = []
+    with TemporaryDirectory() as folder:
+        figures = write_paper_page(studies, size, Path(folder)).parent / "figures"
+        for name, pattern in FIGURES.items():
+            found = sorted(figures.glob(f"{pattern}.svg"))
+            if found:
+                shutil.copyfile(found[0], target / f"{name}.svg")
+            else:
+                missing.append(name)
+    return missing
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, help="folder that was given to swashtwin bench paper --out")
+    parser.add_argument("target", type=Path, help="folder of the figures")
+    arguments = parser.parse_args()
+    for name in copy_figures(arguments.runs, arguments.target):
+        print(f"no figure {name}: its experiment was not run")

@@ -1,6 +1,7 @@
 """The command line: what it prints, how it ends, and that one command's output feeds the next."""
 
 import resource
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,7 +16,7 @@ import swashtwin
 from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.rivals.models import DEFAULT, MODELS, Model
-from swashtwin.bench.studies.cases import SCENARIOS
+from swashtwin.bench.studies.cases import case_two
 from swashtwin.calibration import GaussNewton, load_calibration
 from swashtwin.diagnosis import load_classifier
 from swashtwin.foundation import MPa
@@ -214,17 +215,18 @@ def test_an_interrupted_rig_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatc
         assert (tmp_path / "rig" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
 
 
-def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
+def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tiny = replace(
-        SCENARIOS["quick"], windows=2, scarce_windows=3, synthetic=2, held_out=1, method=GaussNewton(starts=1)
-    )
+    small = {"windows": 2, "synthetic": 2, "held_out": 1, "test_windows": None, "method": GaussNewton(starts=1)}
     network = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1))
-    monkeypatch.setitem(SCENARIOS, "quick", tiny)
     monkeypatch.setitem(MODELS["quick"], DEFAULT, network)
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=2, repeats=2, duration=1.3)})
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    plan = case_two("quick")
+    plan = replace(plan, scenario=replace(plan.scenario, **small))
+    monkeypatch.setattr("swashtwin.bench.demo.plan_of", lambda study, size: plan)
+    for module in ("rigs.writing", "demo"):
+        monkeypatch.setattr(f"swashtwin.bench.{module}.SIZES", {"small": RigSize(2, repeats=2, duration=1.3)})
+    monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 60)
     answer = run_json("demo", "--out", tmp_path, "--jobs", 1)
     assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(answer)
     wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]
@@ -232,11 +234,21 @@ def test_the_demo_prints_the_rows_of_the_study_and_its_rig_serves_again(
     for row in answer["rows"]:
         for metric in ("accuracy", "recall", "f1", "g_mean"):
             assert set(row[metric]) == {"mean", "std", "values"}
-    assert "<html" in Path(answer["report"]).read_text(encoding="utf-8")
-    again = run("bench", "case1", tmp_path / "rig-0", "--jobs", 1, "--out", tmp_path / "runs")
+    page = Path(answer["report"]).read_text(encoding="utf-8")
+    assert "<h1>A fault nobody recorded at this pressure: can a twin replace" in page
+    assert page.index("With the twin and without") < page.index("Case II of the paper")
+    unseen = [name for name in answer["splits"]["0"]["L4"] if "swash_plate_15MPa" in name]
+    assert [verdict["recording_id"] for verdict in answer["with_twin"]] == unseen
+    model, twin = load_classifier(answer["model"]), load_calibration(answer["twin"])
+    used = {name for name in (*model.manifest, *twin.recording_ids) if not name.startswith("synthetic")}
+    assert not [name for name in used if "swash_plate_15MPa" in name or name in answer["splits"]["0"]["L4"]]
+    again = run("demo", "--out", tmp_path, "--jobs", 1)
     assert "6 of seed 0 done before" in again.stderr
-    assert "calibrated" in again.stdout
     assert "No figure here says" in " ".join(again.stdout.split())
+    assert len(answer["next"]) == 3
+    for command in answer["next"]:
+        assert command in again.stdout
+        run(*shlex.split(command)[1:])
 
 
 def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,9 @@
 """Names that other rooms import, and where each lives."""
 
+from .demo import QUESTION as QUESTION
+from .demo import Demo as Demo
+from .demo import answer_of_demo as answer_of_demo
+from .demo import run_demo as run_demo
 from .fillers.registry import FILLERS as FILLERS
 from .paper.page import paper_answer as paper_answer
 from .paper.page import write_paper_page as write_paper_page
@@ -53,11 +57,13 @@ __all__ = [
     "CONTENDERS",
     "EXPERIMENTS",
     "FILLERS",
+    "QUESTION",
     "RIG_VERSION",
     "SIZES",
     "AlarmStudySettings",
     "CalibrationStudySettings",
     "ConfidenceStudySettings",
+    "Demo",
     "Fleets",
     "HealthyStudySettings",
     "ListeningStudySettings",
@@ -67,6 +73,7 @@ __all__ = [
     "StudyResult",
     "StudyTable",
     "Workers",
+    "answer_of_demo",
     "build_rig",
     "collect_studies",
     "models_of",
@@ -81,6 +88,7 @@ __all__ = [
     "run_calibration_study",
     "run_conditions",
     "run_confidence",
+    "run_demo",
     "run_fault_map",
     "run_healthy",
     "run_leakage",

@@ -23,6 +23,7 @@ from swashtwin.bench.studies.training_sets import (
     TWIN_TRAINING_SETS,
     TrainingSet,
 )
+from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
@@ -226,6 +227,8 @@ class RunFacts:
     """Figures of the synthetic windows."""
     checkpoint: Path | None = None
     """File that a training saves to after each epoch and goes on from; it is deleted when the training ends."""
+    model: Path | None = None
+    """File that a trained network is saved to."""
 
 
 def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, facts: RunFacts) -> Run:
@@ -250,6 +253,8 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         checkpoint=facts.checkpoint,
     )
     training_cpu_s = time.process_time() - cpu
+    if facts.model is not None and isinstance(classifier, FittedClassifier):
+        save_classifier(classifier, facts.model)
     outcomes = tuple(_outcomes(classifier, task, plan, dataset))
     tested = dataset.tests
     return Run(

@@ -63,6 +63,7 @@ def run_plan(
     progress: Report | None = None,
     command: str = "",
     checkpoints: bool = False,
+    models: bool = False,
 ) -> StudyResult:
     """The study's table, after every task of every seed was run or read.
 
@@ -77,6 +78,8 @@ def run_plan(
     command : command line that repeats the study.
     checkpoints : whether a training that was interrupted goes on from its last epoch. Needs `out`, on a disk that the
         workers share.
+    models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one that lacks it is trained
+        again. Needs `out`.
 
     Raises
     ------
@@ -105,12 +108,12 @@ def run_plan(
         for start in range(0, len(seeds), together):
             batch = []
             for seed in seeds[start : start + together]:
-                unfinished, finished = _look_up(plan, source, seed, out, RunFacts(device, command))
+                unfinished, finished = _look_up(plan, source, seed, out, RunFacts(device, command), models)
                 runs += finished
                 batch += [unfinished] if unfinished.tasks else []
                 if finished:
                     report(f"{len(finished)} of seed {seed} done before", len(runs), per_seed * len(seeds))
-            for run in _run_seeds(batch, plan, workers, out, calibrations, report, checkpoints):
+            for run in _run_seeds(batch, plan, workers, out, calibrations, report, checkpoints, models):
                 if out is not None:
                     save_run(run, out)
                 runs.append(run)
@@ -125,14 +128,26 @@ def run_plan(
     )
 
 
-def _look_up(plan: Plan, source: Source, seed: int, out: Path | None, facts: RunFacts) -> tuple[_SeedTasks, list[Run]]:
+def model_file(out: Path, task: Task) -> Path:
+    """Where the trained network of a task lies."""
+    return Path(out) / task.study / task.key / "model.safetensors"
+
+
+def _is_finished(out: Path, task: Task, needs_model: bool) -> bool:
+    file = model_file(out, task)
+    return (file.parent / "result.json").is_file() and (file.is_file() or not needs_model)
+
+
+def _look_up(
+    plan: Plan, source: Source, seed: int, out: Path | None, facts: RunFacts, models: bool
+) -> tuple[_SeedTasks, list[Run]]:
     """(tasks of a seed without a result, finished runs)."""
     recordings, data = source.recordings_for(seed)
     tasks, finished = [], []
     for task in plan.tasks(seed, data, facts.device):
-        folder = None if out is None else Path(out) / task.study / task.key
-        if folder is not None and (folder / "result.json").is_file():
-            finished.append(load_run(folder))
+        needs_model = models and plan.models[task.factors["classifier"]].is_network
+        if out is not None and _is_finished(out, task, needs_model):
+            finished.append(load_run(Path(out) / task.study / task.key))
         else:
             tasks.append(task)
     return _SeedTasks(seed, recordings, tuple(tasks), replace(facts, origin=origin_of(recordings))), finished
@@ -146,6 +161,7 @@ def _run_seeds(
     calibrations: dict[str, Calibration],
     report: Report,
     checkpoints: bool,
+    models: bool,
 ) -> Iterator[Run]:
     """Run every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
     pairs = [(group, task) for group in batch for task in group.tasks]
@@ -183,7 +199,8 @@ def _run_seeds(
         synthetic, values = fills[(*case, task.factors["training_set"])]
         names = tuple(calibration_task.key for calibration_task in calibration_tasks_of[case])
         path = None if out is None or not checkpoints else Path(out) / task.study / task.key / "training.safetensors"
-        facts = replace(group.facts, calibrations=names, values=values, checkpoint=path)
+        model = None if out is None or not models else model_file(out, task)
+        facts = replace(group.facts, calibrations=names, values=values, checkpoint=path, model=model)
         calls.append((task, plan, sent[case], synthetic, facts))
     calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
     for _, run in workers.each(run_task, calls):

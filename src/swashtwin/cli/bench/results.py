@@ -17,10 +17,18 @@ def tell_study(study: "StudyTable", folder: Path | None, as_json: bool) -> None:
 
     page = None if folder is None else write_study_report(study, folder=folder)
     result = {**study.to_dict(), "report": page}
-    tell(result, as_json, lambda: _show(study, result))
+
+    def show() -> None:
+        show_study(study)
+        if page is not None:
+            say(f"Report: {page}")
+
+    tell(result, as_json, show)
 
 
-def _show(study: "StudyTable", result: dict[str, Any]) -> None:
+def show_study(study: "StudyTable") -> None:
+    """Print a study as a table with its answer and its notes."""
+    result = study.to_dict()
     metrics = {name: words for name, words in study.metrics.items() if not name.startswith("recall_")}
     rows = [
         [*(row[name] for name in study.factors), _count_seeds(row), *(_spread(row[name]) for name in metrics)]
@@ -31,8 +39,6 @@ def _show(study: "StudyTable", result: dict[str, Any]) -> None:
     table(title, (*study.factors, "seeds", *metrics.values()), rows)
     for text in (*study.answer, *study.notes, study.origin):
         say(text)
-    if result["report"] is not None:
-        say(f"Report: {result['report']}")
 
 
 def _count_seeds(row: dict[str, Any]) -> int:

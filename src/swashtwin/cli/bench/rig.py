@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.bench.results import tell_study, typed_command
+from swashtwin.cli.bench.results import show_study, typed_command
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import Index, Jobs, Json, Seed, Window, as_folder
 
 if TYPE_CHECKING:
+    from swashtwin.bench import Demo
     from swashtwin.learning import WindowSet
 
 
@@ -67,36 +68,64 @@ def require_rig_for(version: RigVersionName, rig: bool) -> None:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the rig and the report.", callback=as_folder)] = Path(
-        "swashtwin-demo"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Folder for the rig, the model, the twin and the report.", callback=as_folder)
+    ] = Path("swashtwin-demo"),
     seed: Seed = 0,
     jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
-    """Build a virtual rig, run Case I of the paper on it, and write a report, in a few minutes."""
-    from swashtwin.bench import SIZES, Workers, build_rig, require_rig, run_study
-    from swashtwin.recordings import load_recordings
+    """Diagnose a fault nobody recorded at this pressure: build a virtual rig, calibrate twins, train, write a page.
 
-    folder = out / f"rig-{seed}"
-    hint = f"finished recordings in {folder} and finished runs are kept; the same command continues"
-    if (folder / "recordings.toml").is_file():
-        require_rig(folder, list(load_recordings(folder)), SIZES["small"])
-        note(f"using the rig in {folder}")
-    else:
-        with resumable(hint), progress("recording on the virtual rig") as bar:
-            build_rig(folder, seed=seed, jobs=jobs, progress=bar)
-    with resumable(hint), progress("Case I") as bar:
-        result = run_study(
-            "case1",
-            list(load_recordings(folder)),
-            seeds=[seed],
-            workers=Workers(jobs),
-            out=out / "runs",
-            progress=lambda step, count, total: bar(count, total, f"Case I: {step}"),
+    It leaves a model, the twin of a pump and a diagnosis in its folder, runs Case II of the paper, and ends with three
+    commands to go on with. A few minutes.
+    """
+    from swashtwin.bench import QUESTION, answer_of_demo, run_demo
+
+    hint = f"finished recordings and runs in {out} are kept; the same command continues"
+    with resumable(hint), progress("demo") as bar:
+        result = run_demo(
+            out,
+            seed=seed,
+            jobs=jobs,
+            progress=lambda activity, count, total: bar(count, total, activity),
             command=typed_command(),
         )
-    tell_study(result, out / "report", as_json)
+    commands = _next_commands(result)
+
+    def show() -> None:
+        show_study(result.study)
+        say("")
+        for text in (QUESTION, *answer_of_demo(result), f"Report: {result.page}", "", "Go on with:"):
+            say(text)
+        for what, command in commands.items():
+            say(f"  {command}    ({what})")
+
+    answer = {
+        **result.study.to_dict(), "report": result.page, "model": result.model, "twin": result.twin,
+        "question": QUESTION, "demo_answer": answer_of_demo(result), "label": result.label,
+        "with_twin": [verdict.to_dict() for verdict in result.with_twin],
+        "without_twin": [verdict.to_dict() for verdict in result.without_twin], "next": list(commands.values()),
+    }  # fmt: skip
+    tell(answer, as_json, show)
+
+
+def _next_commands(demo: "Demo") -> dict[str, str]:
+    """Command lines to go on with, by what they do."""
+    out = demo.model.parent
+    return {
+        "diagnose another recording": _command("diagnose", demo.model, demo.other, "--report", out / "another.html"),
+        f"look at the twin of pump {demo.pump}": _command("report", demo.twin, "--out", out / "twin"),
+        "train on recordings; name the folder of your own": _command(
+            "train", demo.rig, "--budget", "1 min", "--out", out / "own.safetensors"
+        ),
+    }
+
+
+def _command(*words: object) -> str:
+    """A command line that every shell understands."""
+    texts = [word.as_posix() if isinstance(word, Path) else str(word) for word in words]
+    return " ".join(["swashtwin", *(f'"{text}"' if " " in text else text for text in texts)])
 
 
 def rig(

@@ -45,7 +45,9 @@ def check_part(check: DataCheck, key: str) -> Part:
         verdict=check.answer,
         tone="good" if check.is_sound and check.is_enough else "bad" if not check.is_sound else "unsure",
         certainty=(_LIMITS,),
-        actions=tuple(f"{use.name}: {use.reason}" for use in check.uses if use.state != "yes"),
+        actions=tuple(
+            f"{use.name[:1].upper()}{use.name[1:]}: {use.reason}" for use in check.uses if use.state != "yes"
+        ),
     )
 
 

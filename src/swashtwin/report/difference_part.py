@@ -2,7 +2,7 @@
 
 from swashtwin.calibration import Difference
 from swashtwin.foundation import plural
-from swashtwin.report.page import Bullets, Cell, Part, Section, SectionOrder, Table
+from swashtwin.report.page import Cell, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import facts_table, number, number_cell, parameter_words
 
 
@@ -15,13 +15,14 @@ def difference_part(difference: Difference, key: str) -> Part:
     """
     telling = [change.letter for change in difference.values if change.is_telling]
     statement = f"{', '.join(telling)} differ" if telling else "None of the six values differs"
-    counts = f"{plural(len(difference.shared), 'recording')} shared"
+    shared = f"share {plural(len(difference.shared), 'recording')}" if difference.shared else "share no recording"
     return Part(
-        title="Two calibrations",
-        answer=(f"{statement} by more than two standard deviations between the two calibrations; {counts}.",),
+        title="Comparison of two calibrations",
+        answer=(f"{statement} by more than two standard deviations between the two calibrations, which {shared}.",),
         notice="",
         sections=(Section(SectionOrder.CALIBRATION, "Two calibrations side by side", _blocks(difference)),),
         results={"differences": [difference.to_dict()]},
+        certainty=tuple(f"{text[:1].upper()}{text[1:]}" for text in difference.notes),
         verdict=f"{len(telling)} of the six values differ" if telling else "No value differs clearly",
     )
 
@@ -43,7 +44,6 @@ def _blocks(difference: Difference) -> tuple:
     ]
     settings = [(name, f"{pair[0]} | {pair[1]}") for name, pair in difference.settings.items()]
     return (
-        Bullets("Look at this first", difference.notes),
         Table(
             "Values with 90 % intervals and verdicts. Difference: second less first, in standard deviations of the "
             "logarithms, as if the two were independent.",

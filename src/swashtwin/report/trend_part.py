@@ -43,7 +43,11 @@ def trend_part(trend: Trend, key: str) -> Part:
         answer=(f"{trend.indicator.meaning[:1].upper()}{trend.indicator.meaning[1:]}.",),
         notice="",
         sections=(
-            Section(SectionOrder.SCORES, "What was flagged", (table, Bullets("What was not checked", _NOT_CHECKED))),
+            Section(
+                SectionOrder.SCORES,
+                "What was flagged, and what was not checked",
+                (table, Bullets("What was not checked", _NOT_CHECKED)),
+            ),
         ),
         results={"trends": [trend.to_dict()]},
         verdict=_verdict(flagged, len(counts), total),

@@ -31,7 +31,7 @@ from swashtwin.report.glossary import Glossary
 from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.indicators_part import indicators_part
 from swashtwin.report.origin import fact_entries, rig_notice
-from swashtwin.report.page import Part, Section, Table, drawings
+from swashtwin.report.page import Group, Part, Section, Table, drawings
 from swashtwin.report.scores_part import scores_part
 from swashtwin.report.training_part import detector_part, training_part
 from swashtwin.report.trend_part import trend_part
@@ -186,14 +186,27 @@ def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Map
 
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
-    """Every section by its position; several studies each keep their sections together, under their titles."""
+    """Every section by its position; several studies each keep their sections together, under their titles.
+
+    Sections of one title, such as those of two calibrations, are told apart by what they are of, and folded away.
+    """
     if len(items) > 1 and all(isinstance(item, Part) for item in items):
         return [
             replace(section, title=f"{_short(part.title)}: {section.title}")
             for part in parts
             for section in part.sections
         ]
-    return sorted((section for part in parts for section in part.sections), key=lambda section: section.position)
+    total = Counter(section.title for part in parts for section in part.sections)
+    sections = [
+        section if total[section.title] == 1 else _folded(section, part.title)
+        for part in parts
+        for section in part.sections
+    ]
+    return sorted(sections, key=lambda section: section.position)
+
+
+def _folded(section: Section, whose: str) -> Section:
+    return replace(section, title=whose, blocks=(Group(section.title, section.blocks, is_open=False),))
 
 
 def _short(title: str) -> str:

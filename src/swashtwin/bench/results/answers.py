@@ -104,6 +104,20 @@ def case_answer(study: StudyResult) -> tuple[str, ...]:
     return (" ".join(lead), *(_at_level(study, level) for level in levels), how)
 
 
+def case_verdict(study: StudyResult) -> str:
+    """What calibrated twins add to measured windows alone, in a few words; empty where one of both was not trained."""
+    points = {
+        contrast.first["level"]: contrast
+        for contrast in study.contrasts
+        if (contrast.first["training_set"], contrast.second["training_set"]) == ("calibrated", "measured")
+        and contrast.first["classifier"] == contrast.second["classifier"] == study.main_classifier
+    }
+    if not points:
+        return ""
+    words = " and ".join(f"{100 * points[level].mean:+.1f} points at {level}" for level in sorted(points))
+    return f"With calibrated twins {words}, {plural(len(study.seeds), 'seed')}"
+
+
 def _at_level(study: StudyResult, level: str) -> str:
     mean, recall = (
         _means(study.outcomes, level, value) for value in (_accuracy, lambda outcome: outcome.scarce_recall)

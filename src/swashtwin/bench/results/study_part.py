@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from swashtwin.bench.results.answers import case_answer
+from swashtwin.bench.results.answers import case_answer, case_verdict
 from swashtwin.bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
 from swashtwin.bench.results.naming import classifier_words, training_set_words
 from swashtwin.bench.results.reported import PAPER_STUDY, is_reported, paper_words
@@ -57,6 +57,7 @@ _METRICS = {
 
 def study_part(study: StudyResult, key: str) -> Part:
     """Part of one study."""
+    is_case = study.study.removeprefix(PAPER_STUDY) in ("case1", "case2")
     sections = [Section(SectionOrder.SCORES, "Scores", _score_blocks(study, key))]
     if study.calibrations:
         sections.append(
@@ -66,7 +67,14 @@ def study_part(study: StudyResult, key: str) -> Part:
     sections.append(Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)))
     return Part(
         title=study.title,
-        answer=case_answer(study) if study.study.removeprefix(PAPER_STUDY) in ("case1", "case2") else study.answer,
+        answer=case_answer(study) if is_case else study.answer,
+        verdict=case_verdict(study) if is_case else "",
+        facts=(
+            ("Study", f"{study.study}, {study.size}"),
+            ("Seeds", ", ".join(map(str, study.seeds))),
+            ("Device", study.device),
+            ("Version", study.version),
+        ),
         notice=study.origin if "virtual rig" in study.origin else "",
         sections=tuple(sections),
         results={
@@ -225,7 +233,7 @@ def _calibration_sections(study: StudyResult, key: str) -> tuple:
         own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
         inner = calibration_blocks(calibration, own_key, with_excitation=index == 0)
         title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
-        blocks.append(Group(title, inner, is_open=index == 0))
+        blocks.append(Group(title, inner, is_open=not several))
     return tuple(blocks)
 
 

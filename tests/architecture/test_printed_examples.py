@@ -7,11 +7,8 @@ from typing import Any
 
 import pytest
 from commandline import run
-from typer.core import TyperGroup
-from typer.main import get_command
 
 import swashtwin
-from swashtwin.cli import app
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
@@ -65,25 +62,6 @@ def test_each_example_of_extending_runs_as_printed(tmp_path: Path, monkeypatch: 
     assert names["twin"].label == "cracked_plate"
     assert names["more"].synthetic.all()
     assert names["recording"].unit == "m/s^2"
-
-
-DOCUMENTS = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
-
-
-@pytest.mark.parametrize("document", DOCUMENTS)
-def test_every_printed_command_is_one_that_the_shell_takes(document: str) -> None:
-    for block in blocks(document, "(?:sh)?"):
-        for name, value in re.findall(r'^(\w+)="?([^"\n]*)"?$', block, flags=re.MULTILINE):
-            block = block.replace(f"${name}", value)
-        for line in re.findall(r"^(?:\.venv/bin/)?swashtwin (.+)$", block, flags=re.MULTILINE):
-            words, command = shlex.split(re.split(r" {3}", line)[0], comments=True), get_command(app)
-            while isinstance(command, TyperGroup):
-                assert words[0] in command.commands, line
-                command = command.commands[words.pop(0)]
-            try:
-                command.make_context("swashtwin", words)
-            except Exception as error:
-                pytest.fail(f"{line}: {error}")
 
 
 def test_the_page_of_python_lists_every_public_name() -> None:

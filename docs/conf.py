@@ -51,6 +51,7 @@ sphinx_gallery_conf = {
 html_theme = "pydata_sphinx_theme"
 html_title = "swashtwin"
 html_show_sourcelink = False
+html_extra_path = ["llms.txt"]
 html_theme_options = {
     "show_nav_level": 1,
     "navigation_with_keys": False,

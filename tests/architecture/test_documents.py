@@ -21,6 +21,14 @@ def test_every_relative_link_leads_somewhere(document: Path) -> None:
     assert [target for target in targets if not (document.parent / target).exists()] == []
 
 
+def test_the_list_for_language_models_has_every_page_of_the_site_and_no_other() -> None:
+    docs = ROOT / "docs"
+    pages = {path.relative_to(docs).with_suffix(".html").as_posix() for path in docs.rglob("*.md")} - {"index.html"}
+    gallery = {f"tutorials/examples/{path.stem}.html" for path in (docs / "gallery").glob("*.py")}
+    listed = re.findall(r"\]\(([^)]+)\)", (docs / "llms.txt").read_text(encoding="utf-8"))
+    assert set(listed) == pages | gallery | {"reference/command-line.html"}
+
+
 @pytest.mark.parametrize("document", [path for path in DOCUMENTS if path.name != "CHANGELOG.md"], ids=lambda p: p.name)
 def test_every_module_that_a_document_names_exists(document: Path) -> None:
     names = re.findall(

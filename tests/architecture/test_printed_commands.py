@@ -27,13 +27,13 @@ DOCUMENTS = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in 
 NOT_RUN = (
     (r"bench (?!rig |augment )", "a study takes minutes to days"),
     (r"bench rig (?!.*--size tiny)", "a rig of that size takes minutes"),
-    (r"report studies", "it shows the runs of studies"),
+    (r"report (out|studies)", "it shows the runs of studies"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"demo", "tests/cli/test_cli.py and .ci/run run it"),
-    (r"(index|train|evaluate) .*cwru", "it needs a public set"),
+    (r"(index|train|evaluate) .*(cwru|pump_cavitation)", "it needs a public set"),
     (r"train .*--network ", "a training of all epochs takes minutes"),
     (r"model export bigru", "it needs such a training"),
-    (r"calibrate healthy/", "a calibration of a whole band takes minutes"),
+    (r"(twin calibrate-fleet|calibrate) (healthy/|INDEX)", "a calibration of a whole band takes minutes"),
     (r"twin severity pump-A.json", "it needs that calibration"),
 )
 """Commands that are parsed and not run, and why."""
@@ -173,6 +173,7 @@ PREPARED: dict[str, Callable[[Path, Path], None]] = {
     "docs/how-to/indicators.md": _rig,
     "docs/how-to/leakage.md": _split,
     "docs/explanation/augmentation.md": _calibrated,
+    "docs/explanation/calibration.md": _calibrated,
     "docs/explanation/diagnosis.md": _healthy,
 }
 """What the folder of a page holds before its first command."""

@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from swashtwin.learning import BiTCN
 from swashtwin.learning.networks import bitcn
-from swashtwin.learning.networks.fused_branch import _Activation, can_fuse
+from swashtwin.learning.networks.fused_branch import _Activation
 
 VARIANTS = pytest.mark.parametrize(
     "settings",
@@ -126,5 +126,5 @@ def test_the_same_random_state_drops_the_same():
 
 
 def test_windows_of_64_bits_take_the_plain_layers():
-    assert can_fuse(windows())
-    assert not can_fuse(windows().double())
+    assert bitcn.can_fuse(windows())
+    assert not bitcn.can_fuse(windows().double())

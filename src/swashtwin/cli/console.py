@@ -69,6 +69,12 @@ def note(text: str) -> None:
     typer.echo(escape_controls(in_options(text), keep="\n"), err=True)
 
 
+def note_done_before(activity: str, out: Path | None) -> None:
+    """Note runs of an earlier command that are not repeated."""
+    if activity.endswith("done before"):
+        note(f"{activity}, in {out}")
+
+
 def note_left_out(left_out: Iterable[tuple[str, str]]) -> None:
     """Print why recordings were left out, one line for each reason, to standard error."""
     names_by_reason: dict[str, list[str]] = {}

@@ -8,7 +8,7 @@ import typer
 
 from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs
 from swashtwin.cli.bench.results import typed_command
-from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.console import note_done_before, progress, say, tell
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Json, as_folder, read_seeds, read_words
 
@@ -69,8 +69,7 @@ def paper(
     with resumable(hint), progress("the paper") as bar:
 
         def show(activity: str, count: int, total: int) -> None:
-            if activity.endswith("done before"):
-                note(f"{activity}, in {out}")
+            note_done_before(activity, out)
             bar(count, total, activity)
 
         results = run_paper(

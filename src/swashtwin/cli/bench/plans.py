@@ -9,7 +9,7 @@ import typer
 
 from swashtwin.cli.bench.results import tell_study, typed_command
 from swashtwin.cli.bench.rig import RigVersionName, VersionOfRig, require_rig_for
-from swashtwin.cli.console import note, progress
+from swashtwin.cli.console import note_done_before, progress
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Json, Seed, as_folder, read_seeds, read_words
 
@@ -157,8 +157,7 @@ def _run_plan(
     with resumable(hint), progress(plan.study) as bar:
 
         def show_step(step: str, count: int, total: int) -> None:
-            if step.endswith("done before"):
-                note(f"{step}, in {out}")
+            note_done_before(step, out)
             bar(count, total, f"{plan.study}: {step}")
 
         if source is not None:

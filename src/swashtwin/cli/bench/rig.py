@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.bench.results import show_study, typed_command
-from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.console import note, note_done_before, progress, say, table, tell
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import Index, Jobs, Json, Seed, Window, as_folder
 
@@ -84,11 +84,16 @@ def demo(
 
     hint = f"finished recordings and runs in {out} are kept; the same command continues"
     with resumable(hint), progress("demo") as bar:
+
+        def show_activity(activity: str, count: int, total: int) -> None:
+            note_done_before(activity, out)
+            bar(count, total, activity)
+
         result = run_demo(
             out,
             seed=seed,
             jobs=jobs,
-            progress=lambda activity, count, total: bar(count, total, activity),
+            progress=show_activity,
             command=typed_command(),
         )
     commands = _next_commands(result)
@@ -133,7 +138,7 @@ def rig(
     seed: Seed = 0,
     size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
     version: VersionOfRig = RigVersionName.first,
-    sensors: Annotated[
+    sensor_count: Annotated[
         SensorCount,
         typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
     ] = SensorCount.three,
@@ -156,7 +161,7 @@ def rig(
             seed=seed,
             size=size.value,
             version=version.value,
-            sensors=int(sensors.value),
+            sensors=int(sensor_count.value),
             process=process,
             file_format=file_format.value,
             progress=bar,

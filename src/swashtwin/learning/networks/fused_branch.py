@@ -22,11 +22,6 @@ _ZERO = np.float32(0)
 _U16, _U32, _F32 = np.uint16, np.uint32, np.float32
 
 
-def can_fuse(windows: Float[Tensor, "window channel time"]) -> bool:
-    """Whether `fused_encoding` takes such windows."""
-    return windows.device.type == "cpu" and windows.dtype == torch.float32
-
-
 def fused_encoding(
     positive: Branch, inverse: Branch | None, skip: nn.Conv1d, windows: Float[Tensor, "window channel time"]
 ) -> Float[Tensor, "window feature"]:

@@ -13,6 +13,8 @@ from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
 from .estimators.fitted import FittedBaseline as FittedBaseline
 from .estimators.fitted import fit_baseline as fit_baseline
 from .estimators.fitted import fit_extra_trees as fit_extra_trees
+from .estimators.forest import Forest as Forest
+from .estimators.forest import fit_forest as fit_forest
 from .estimators.registry import BASELINES as BASELINES
 from .estimators.registry import RIDGE_PENALTIES as RIDGE_PENALTIES
 from .estimators.registry import Baseline as Baseline
@@ -134,6 +136,7 @@ __all__ = [
     "FittedBaseline",
     "FittedClassifier",
     "Fold",
+    "Forest",
     "HealthyLevels",
     "Level",
     "LevelLayout",
@@ -172,6 +175,7 @@ __all__ = [
     "fit_baseline",
     "fit_chosen",
     "fit_extra_trees",
+    "fit_forest",
     "g_mean",
     "group_folds",
     "has_network",

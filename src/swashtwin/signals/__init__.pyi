@@ -31,6 +31,7 @@ from .indicators.table import stacked as stacked
 from .indicators.trend import Trend as Trend
 from .indicators.trend import TrendPoint as TrendPoint
 from .indicators.trend import trend_of as trend_of
+from .orders.order_bands import OrderBands as OrderBands
 from .orders.pistons import piston_pass_angle as piston_pass_angle
 from .orders.resampling import resampled_by_angle as resampled_by_angle
 from .orders.shaft_angle import ShaftAngle as ShaftAngle
@@ -64,6 +65,7 @@ __all__ = [
     "LineSpectrumKind",
     "Mark",
     "NoiseKind",
+    "OrderBands",
     "OrderSpectrum",
     "Row",
     "ShaftAngle",

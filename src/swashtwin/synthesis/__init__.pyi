@@ -25,6 +25,10 @@ from .machine_check import require_same_machine as require_same_machine
 from .periodic_extension import cut_extensions as cut_extensions
 from .periodic_extension import extension_length as extension_length
 from .periodic_extension import periodic_extensions as periodic_extensions
+from .pump_prior import OrderChanges as OrderChanges
+from .pump_prior import PumpPrior as PumpPrior
+from .pump_prior import plausible_fault as plausible_fault
+from .pump_prior import simulate_changes as simulate_changes
 from .registry import FILLERS as FILLERS
 from .registry import has_filler as has_filler
 from .registry import register_filler as register_filler
@@ -53,6 +57,8 @@ __all__ = [
     "Jitter",
     "NoNeighborsError",
     "NoisyDuplicate",
+    "OrderChanges",
+    "PumpPrior",
     "SpectralForm",
     "SyntheticWindows",
     "TellingFeature",
@@ -71,9 +77,11 @@ __all__ = [
     "measure_fidelity",
     "oversampler",
     "periodic_extensions",
+    "plausible_fault",
     "register_filler",
     "require_count",
     "require_same_machine",
+    "simulate_changes",
     "simulate_windows",
     "sources_of",
     "specimen_among",

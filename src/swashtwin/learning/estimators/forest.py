@@ -1,0 +1,140 @@
+"""A forest as arrays: small enough to ship, read without running code, and able to learn from a few further rows."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from sklearn.ensemble import RandomForestClassifier
+from torch import Tensor, from_numpy
+
+N_TREES = 100
+"""Trees of a forest."""
+N_LEAVES = 256
+"""Leaves of each tree, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forest:
+    """Decision trees whose nodes stand in one row: those of the first tree, then those of the second, and so on."""
+
+    root: Int[np.ndarray, " tree"]
+    """First node of each tree."""
+    column: Int[np.ndarray, " node"]
+    """Column that a node compares; -1 in a leaf."""
+    threshold: Float[np.ndarray, " node"]
+    """A row goes left where its value is at most this."""
+    left: Int[np.ndarray, " node"]
+    """Node on the left; a leaf names itself."""
+    right: Int[np.ndarray, " node"]
+    """Node on the right, likewise."""
+    probability: Float[np.ndarray, "node class"]
+    """Share of each class among the training rows that came to a node, classes weighted alike."""
+
+    def leaves(self, values: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row tree"]:
+        """Leaf to which each row comes in each tree."""
+        node = np.repeat(self.root[None], len(values), axis=0)
+        rows = np.arange(len(values))[:, None]
+        while (inner := self.column[node] >= 0).any():
+            goes_left = values[rows, np.maximum(self.column[node], 0)] <= self.threshold[node]
+            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
+        return node
+
+    def predict_proba(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row class"]:
+        """Probability of each class: the mean over the trees."""
+        return self.probability[self.leaves(values)].mean(axis=1)
+
+    def taught(
+        self, values: Float[np.ndarray, "row column"], target: Int[np.ndarray, " row"], weight: float
+    ) -> "Forest":
+        """The forest after further rows came to its leaves: p becomes (p + weight * count) / (1 + weight * rows).
+
+        Parameters
+        ----------
+        target : class of each row.
+        weight : what a row counts, against all training rows of a leaf together.
+        """
+        leaf = self.leaves(values)
+        added = np.zeros_like(self.probability)
+        np.add.at(added, (leaf, np.broadcast_to(target[:, None], leaf.shape)), weight)
+        return replace(self, probability=(self.probability + added) / (1 + added.sum(axis=1, keepdims=True)))
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Its arrays by name, as narrow as they may be."""
+        narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
+        arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
+        leaf = self.column < 0
+        return {
+            **{name: from_numpy(array) for name, array in arrays.items()},
+            "leaf_probability": from_numpy(self.probability[leaf].astype(np.float16)),
+        }
+
+    @classmethod
+    def of_tensors(cls, tensors: dict[str, Tensor]) -> "Forest":
+        """The forest whose `tensors` these are.
+
+        Raises
+        ------
+        ValueError
+            They contradict each other.
+        """
+        root, column, left = (tensors[name].numpy().astype(np.int64) for name in ("root", "column", "left"))
+        threshold = tensors["threshold"].double().numpy()
+        of_leaves = tensors["leaf_probability"].double().numpy()
+        nodes, leaf = np.arange(column.size), column < 0
+        fits = column.ndim == 1 and column.shape == threshold.shape == left.shape and of_leaves.shape[0] == leaf.sum()
+        if not fits or root.size == 0 or not ((root >= 0) & (root < column.size)).all():
+            raise ValueError("its trees have not one entry for each node")
+        if (left[leaf] != nodes[leaf]).any() or (left[~leaf] <= nodes[~leaf]).any():
+            raise ValueError("a node of its trees leads back")
+        if (left[~leaf] + 1 >= column.size).any():
+            raise ValueError("a node of its trees leads out of them")
+        probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
+        probability[leaf] = of_leaves
+        return cls(root, column, threshold, left, np.where(leaf, nodes, left + 1), probability)
+
+
+def fit_forest(
+    values: Float[np.ndarray, "row column"], target: Int[np.ndarray, " row"], *, seed: int, n_leaves: int = N_LEAVES
+) -> Forest:
+    """Random forest, classes weighted alike (Breiman 2001, doi:10.1023/A:1010933404324).
+
+    Parameters
+    ----------
+    target : class of each row, from 0, every one of them present.
+    n_leaves : leaves of each tree, at most.
+    """
+    fitted = RandomForestClassifier(
+        N_TREES, max_leaf_nodes=n_leaves, class_weight="balanced", random_state=seed % 2**32, n_jobs=1
+    ).fit(values.astype(np.float32), target)
+    parts: list[tuple[np.ndarray, ...]] = []
+    roots, first = [], 0
+    for estimator in fitted.estimators_:
+        tree = estimator.tree_
+        parts.append(_in_pairs(tree, first))
+        roots.append(first)
+        first += tree.node_count
+    column, threshold, left, right, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Forest(np.array(roots), column, threshold, left, right, probability)
+
+
+def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:
+    """Arrays of a tree of scikit-learn, renumbered so that the right child of a node follows its left one."""
+    left, right = tree.children_left, tree.children_right  # type: ignore[attr-defined]
+    order, queue = [0], [0]
+    for node in queue:
+        if left[node] >= 0:
+            order += [left[node], right[node]]
+            queue += [left[node], right[node]]
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    leaf = left[order] < 0
+    nodes = np.arange(len(order))
+    lefts = np.where(leaf, nodes, place[left[order]])
+    probability = tree.value[order, 0]  # type: ignore[attr-defined]
+    return (
+        np.where(leaf, -1, tree.feature[order]),  # type: ignore[attr-defined]
+        np.where(leaf, 0.0, tree.threshold[order].astype(np.float32)),  # type: ignore[attr-defined]
+        first + lefts,
+        first + np.where(leaf, nodes, lefts + 1),
+        probability / probability.sum(axis=1, keepdims=True),
+    )

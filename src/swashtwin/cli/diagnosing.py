@@ -24,9 +24,10 @@ from swashtwin.cli.options import (
     as_folder,
 )
 from swashtwin.cli.pages import Report, write_page
+from swashtwin.cli.prior import diagnose_with_prior
 from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import confidence_advice
-from swashtwin.foundation import plural
+from swashtwin.foundation import artifact_kind, plural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,8 +63,12 @@ def diagnose(
     """
     import swashtwin.diagnosis as diagnosis
 
-    classifier = diagnosis.load_model(model)
     facts = file_facts(locals())
+    if artifact_kind(model) == diagnosis.PriorClassifier.KIND:
+        adapted = diagnosis.PriorClassifier.load(model)
+        diagnose_with_prior(adapted, model, load_distinct(paths, **facts), report, as_json)
+        return
+    classifier = diagnosis.load_model(model)
     recordings = load_distinct(paths, **facts)
     if isinstance(classifier, diagnosis.AnomalyDetector):
         diagnose_anomalies(classifier, model, recordings, error_rate, report, as_json)

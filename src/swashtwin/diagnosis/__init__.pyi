@@ -18,6 +18,9 @@ from .level_change import level_changes as level_changes
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .persistence import persistent_alarms as persistent_alarms
+from .prior_classifier import PriorClassifier as PriorClassifier
+from .prior_classifier import fit_prior as fit_prior
+from .prior_classifier import load_prior as load_prior
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis
@@ -34,14 +37,17 @@ __all__ = [
     "FaultClassifier",
     "HealthySpectrum",
     "LevelChange",
+    "PriorClassifier",
     "diagnose",
     "explain",
     "export_onnx",
     "fit_healthy",
+    "fit_prior",
     "hertz",
     "level_changes",
     "load_classifier",
     "load_model",
+    "load_prior",
     "next_checks",
     "persistent_alarms",
     "save_classifier",

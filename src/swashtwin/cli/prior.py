@@ -1,0 +1,136 @@
+"""The pump prior: swashtwin twin prior, and what train and diagnose do with one."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swashtwin.cli.console import note, note_merged, progress, say, table, tell, with_bar
+from swashtwin.cli.exits import NO_VERDICT, require_target, resumable
+from swashtwin.cli.options import Jobs, Json, PumpName, Seed
+from swashtwin.cli.pages import write_page
+from swashtwin.foundation import plural
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from swashtwin.diagnosis import Diagnosis, PriorClassifier
+    from swashtwin.recordings import Recording, Recordings
+
+
+def prior(
+    out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("prior.safetensors"),
+    pump: PumpName = "25scy14-1b",
+    count: Annotated[int, typer.Option(min=10, help="Virtual pumps; 30,000 take about 20 minutes of a core.")] = 10_000,
+    speed: Annotated[str | None, typer.Option(help='Speeds of the pumps, such as "800 rpm to 1200 rpm".')] = None,
+    pressure: Annotated[str | None, typer.Option(help='Their discharge pressures, such as "4 MPa to 17 MPa".')] = None,
+    seed: Seed = 0,
+    jobs: Jobs = 1,
+    as_json: Json = False,
+) -> None:
+    """Simulate virtual pumps of a design with every fault, and train on them what train --prior adapts to a machine."""
+    from swashtwin.diagnosis import fit_prior
+    from swashtwin.pump import load_pump
+    from swashtwin.synthesis import PumpPrior, simulate_changes
+
+    require_target(out, ".safetensors")
+    ranges = {"speed": _range(speed, "rad/s", "--speed"), "pressure": _range(pressure, "Pa", "--pressure")}
+    drawing = PumpPrior(pump=load_pump(pump), **{name: ends for name, ends in ranges.items() if ends is not None})
+    with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
+        changes = simulate_changes(drawing, count, seed=seed, jobs=jobs, progress=bar)
+    n_pumps = len(set(changes.pump.tolist()))
+    model = fit_prior(
+        changes.bands,
+        changes.change,
+        changes.label,
+        pump=drawing.pump,
+        speed=drawing.speed,
+        pressure=drawing.pressure,
+        n_pumps=n_pumps,
+        seed=seed,
+    )
+    model.save(out)
+
+    def show() -> None:
+        say(f"{out}: {model!r}")
+        if n_pumps < count:
+            note(f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge.")
+        say(f"Next: swashtwin train HEALTHY --prior {out}")
+
+    tell({"model": out, "pump": model.pump, "pumps": n_pumps, "classes": model.classes, "seed": seed}, as_json, show)
+
+
+def _range(text: str | None, unit: str, option: str) -> tuple[float, float] | None:
+    """Two quantities with "to" between them."""
+    from swashtwin.foundation import parse
+
+    if text is None:
+        return None
+    ends = [part.strip() for part in text.split(" to ")]
+    if len(ends) != 2:
+        raise typer.BadParameter(f'{text!r} is no range; write two quantities: "A to B".', param_hint=option)
+    return parse(ends[0], unit, name=option), parse(ends[1], unit, name=option)
+
+
+def train_prior(name: str, recordings: "Recordings", out: Path, as_json: bool, **others: Any) -> None:
+    """Write the classifier that a pump prior and these recordings make.
+
+    Parameters
+    ----------
+    name : design whose shipped prior is taken, or a prior's file.
+    others : options of train that belong to another training, by name; a wrong command line where one was given.
+    """
+    from swashtwin.diagnosis import load_prior
+
+    for option, value in others.items():
+        if value:
+            raise typer.BadParameter(
+                "belongs to a training on measured windows; with --prior the virtual pumps are what was trained on. "
+                "Leave it out.",
+                param_hint=f"--{option.replace('_', '-')}",
+            )
+    shipped = load_prior(name)
+    with progress("measuring levels"):
+        model = shipped.adapt(recordings)
+    model.save(out)
+    result = {
+        "model": out, "kind": "prior classifier", "prior": name, "pump": model.pump, "classes": model.classes,
+        "healthy": len(model.specimen), "faults": dict(model.taught), "recordings": sorted(model.manifest),
+    }  # fmt: skip
+
+    def show() -> None:
+        say(f"{out}: {model!r}")
+        note(f"note: its faults were simulated for {model.pump}; on another design its answers mean nothing.")
+        say(f"Next: swashtwin diagnose {out} FILE")
+
+    tell(result, as_json, show)
+
+
+def diagnose_with_prior(
+    classifier: "PriorClassifier",
+    model: Path,
+    recordings: "Sequence[Recording]",
+    report: Path | None,
+    as_json: bool,
+) -> None:
+    """Name the class of each recording from its changes against the healthy ones; exit code 4 without a verdict."""
+    verdicts = [classifier.diagnose(recording) for recording in with_bar(recordings, "diagnosing")]
+    page = write_page(report, *verdicts, about={"Model": model})
+
+    def show() -> None:
+        rows = [(verdict.recording_id, verdict.label or "no verdict", _highest(verdict)) for verdict in verdicts]
+        table(plural(len(rows), "recording"), ("recording", "class", "share of the trees"), rows)
+        for verdict in verdicts:
+            if verdict.no_verdict is not None:
+                note(f"no verdict on {verdict.recording_id}: {verdict.no_verdict}")
+        note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
+        if page is not None:
+            say(str(page))
+
+    tell({"model": model, "diagnoses": [item.to_dict() for item in verdicts], "report": page}, as_json, show)
+    if any(verdict.label is None for verdict in verdicts):
+        raise typer.Exit(NO_VERDICT)
+
+
+def _highest(verdict: "Diagnosis") -> float | None:
+    return max(verdict.probabilities.values(), default=None)

@@ -1,0 +1,433 @@
+"""`PriorClassifier`: names faults that nobody measured, from a machine's healthy recordings and a pump prior.
+
+It was trained once, on virtual pumps of a design (`synthesis.simulate_changes`). What it looks at are changes: levels
+at and between the piston passes, less those of the same machine's healthy recordings at the same operating point.
+Housing, sensors and mounting are in both and cancel. docs/how-to/zero-shot.md says how it is used, and
+docs/bench/unmeasured-faults.md how far it can be trusted.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Float64, Int64, Shaped
+from torch import from_numpy
+
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    plural,
+    read_artifact,
+    refuse_misfits,
+    require_form,
+    write_artifact,
+)
+from swashtwin.learning import Forest, fit_forest
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, Pump, is_healthy, values_match
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    facts_of,
+    join_manifests,
+    manifest_of,
+    refuse_unfit,
+    seen_recordings,
+    stated_pressure,
+    stated_speed,
+)
+from swashtwin.signals import OrderBands, power_density
+
+VERSION = 1
+SHIPPED = Path(__file__).parent / "priors"
+"""Folder of the shipped priors, one for each design."""
+FEW_SHOT_WEIGHT = 1.0
+"""What a measured fault counts in a leaf of the forest, against all virtual pumps there together; chosen on fleets
+100-103 of the virtual rig."""
+
+_TURNS = 8
+"""Revolutions in each segment of a spectrum, so that eight spectral lines lie from order to order."""
+_STRETCH = 1 << 18
+"""Samples of a channel that are transformed together."""
+_FACTS = ("speed", "pressure")
+_FORM: dict[str, Any] = {
+    "pump": str,
+    "bands": {"piston_count": int, "passes": int, "wide": int, "highest": float},
+    "channels": [str],
+    "classes": [str],
+    "speed": [float],
+    "pressure": [float],
+    "n_pumps": int,
+    "unit": str,
+    "specimen": [str],
+    "taught": {str: int},
+    "manifest": {str: [str]},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PriorClassifier:
+    """Classes of recordings from their changes against healthy ones; `fit_prior` or `load_prior` makes it.
+
+    `adapt` gives it the healthy recordings of machines; without these it has no verdict.
+    """
+
+    KIND: ClassVar[str] = "prior classifier"
+    """Kind of its file."""
+
+    pump: str
+    """Name of the design."""
+    bands: OrderBands
+    """Bands of the levels."""
+    channels: tuple[str, ...]
+    """Channels that a recording must have, in order."""
+    classes: tuple[str, ...]
+    """Classes, in the order of the probabilities."""
+    speed: tuple[float, float]
+    """Speeds of the virtual pumps [rad/s]."""
+    pressure: tuple[float, float]
+    """Their discharge pressures [Pa]."""
+    n_pumps: int
+    """Number of virtual pumps."""
+    forest: Forest
+    """What maps changes to classes."""
+    levels: Float64[np.ndarray, "recording channel band"]
+    """Levels of the healthy recordings [log10 of the squared unit]."""
+    specimen: tuple[str, ...] = ()
+    """Machine of each healthy recording; empty where none is stated."""
+    point_speed: Float64[np.ndarray, " recording"] = np.empty(0)
+    """Speed of each [rad/s]."""
+    point_pressure: Float64[np.ndarray, " recording"] = np.empty(0)
+    """Discharge pressure of each [Pa], NaN where none is stated."""
+    unit: str = ""
+    """Unit of the healthy recordings."""
+    taught: tuple[tuple[str, int], ...] = ()
+    """Measured faults that it learned from: how many of each class."""
+    manifest: Manifest = ()  # type: ignore[assignment]
+    """Recordings that had a part in it, by id and content."""
+
+    def __repr__(self) -> str:
+        few = "".join(f", {count} of {label}" for label, count in self.taught)
+        return (
+            f"<PriorClassifier: {self.n_pumps} virtual pumps of {self.pump}, "
+            f"{plural(len(self.specimen), 'healthy recording')}{few}>"
+        )
+
+    def adapt(self, recordings: Sequence[Recording], *, pump: Pump | None = None) -> "PriorClassifier":
+        """The classifier of these machines: healthy recordings are what others are compared with, faults teach it.
+
+        Parameters
+        ----------
+        recordings : healthy ones of each machine and operating point, labeled so or not at all, and measured faults
+            as far as there are any (few-shot).
+        pump : design of the machines, to be checked against that of the prior.
+
+        Raises
+        ------
+        DataError
+            No healthy recording, another design, other channels, a speed or a pressure outside the prior's, a class
+            that it does not know, or an unfit recording.
+        """
+        if pump is not None and pump.name != self.pump:
+            raise DataError(
+                f"the prior is of {self.pump}, and the machine of the design {pump.name} "
+                f"({pump.rotating_group.piston_count} pistons); make one with swashtwin twin prior --pump {pump.name}."
+            )
+        sound = [item for item in recordings if item.label is None or is_healthy(item.label)]
+        faulty = [item for item in recordings if not (item.label is None or is_healthy(item.label))]
+        if not sound:
+            raise DataError("a pump prior needs healthy recordings of the machine, labeled normal; there is none.")
+        for recording in recordings:
+            self._require_fit(recording, sound[0].unit)
+        unknown = sorted({str(item.label) for item in faulty} - set(self.classes))
+        if unknown:
+            raise DataError(f"the prior knows {', '.join(self.classes)}, and no {unknown[0]!r}; leave it out.")
+        adapted = replace(
+            self,
+            levels=np.stack([order_levels(recording, self.bands) for recording in sound]),
+            specimen=tuple(recording.specimen or "" for recording in sound),
+            point_speed=np.array([2 * math.pi * _speed(recording) for recording in sound]),
+            point_pressure=np.array([stated_pressure(recording) for recording in sound]),
+            unit=sound[0].unit,
+            manifest=manifest_of(recordings),
+        )
+        if not faulty:
+            return adapted
+        changes = np.stack([adapted.change(recording)[0].ravel() for recording in faulty])
+        return adapted.taught_by(changes, [str(recording.label) for recording in faulty])
+
+    def taught_by(self, changes: Float64[np.ndarray, "recording change"], labels: Sequence[str]) -> "PriorClassifier":
+        """The classifier after measured faults came to the leaves of its forest.
+
+        Parameters
+        ----------
+        changes : of the levels of each recording (`change`), in one row.
+        labels : class of each.
+        """
+        target = np.array([self.classes.index(label) for label in labels], dtype=np.int64)
+        counts = tuple((name, int((target == index).sum())) for index, name in enumerate(self.classes))
+        forest = self.forest.taught(changes, target, FEW_SHOT_WEIGHT)
+        return replace(self, forest=forest, taught=tuple(pair for pair in counts if pair[1]))
+
+    def change(self, recording: Recording) -> tuple[Float64[np.ndarray, "channel band"], tuple[str, ...]]:
+        """Change of a recording's levels [log10] against its machine's healthy ones, and notes on what was compared.
+
+        Raises
+        ------
+        DataError
+            It is unfit, or of a machine or operating point that has no healthy recording.
+        """
+        self._require_fit(recording, self.unit)
+        members, notes = self._members(recording)
+        return order_levels(recording, self.bands) - self.levels[members].mean(axis=0), notes
+
+    def predict_proba(self, recordings: Sequence[Recording]) -> Float64[np.ndarray, "recording class"]:
+        """Probability of each class, of each recording; raises as `change` does."""
+        changes = np.stack([self.change(recording)[0] for recording in recordings])
+        return self.forest.predict_proba(changes.reshape(len(changes), -1))
+
+    def predict(self, recordings: Sequence[Recording]) -> Shaped[np.ndarray, " recording"]:
+        """Likeliest class of each recording; raises as `change` does."""
+        return np.array(self.classes)[self.predict_proba(recordings).argmax(axis=1)]
+
+    def diagnose(self, recording: Recording) -> Diagnosis:
+        """The class of a recording. One that cannot be used, or compared with no healthy one, has no verdict."""
+        facts = facts_of([recording])
+        try:
+            change, notes = self.change(recording)
+            seen = seen_recordings(self.manifest, manifest_of([recording]))
+        except DataError as cause:
+            return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause), facts=facts)
+        if seen:
+            notes = ("It is one of the recordings that adapted the classifier; this proves nothing.", *notes)
+        probability = self.forest.predict_proba(change.reshape(1, -1))[0]
+        label = self.classes[int(probability.argmax())]
+        return Diagnosis(
+            recording_id=recording.recording_id,
+            label=label,
+            probabilities=dict(zip(self.classes, probability.tolist(), strict=True)),
+            window_labels=(label,),
+            agreement=1.0,
+            notes=notes,
+            facts=facts,
+        )
+
+    def _require_fit(self, recording: Recording, unit: str) -> None:
+        """Refuse a recording that no virtual pump is like."""
+        name, shaft = recording.recording_id, _speed(recording)
+        if recording.channels != self.channels:
+            raise DataError(
+                f"{name} has the channels {', '.join(recording.channels)}, and the prior of {self.pump} those of its "
+                f"pump file: {', '.join(self.channels)}. Give them in this order with --channels and --names, or make "
+                "a prior of a pump file with your sensors (swashtwin twin prior)."
+            )
+        if unit and recording.unit != unit:
+            raise DataError(f"{name} is in {recording.unit}, the healthy recordings are in {unit}; bring them to one.")
+        pressure = stated_pressure(recording)
+        for what, value, (low, high), scale, word in (
+            ("speed", 2 * math.pi * shaft, self.speed, 30 / math.pi, "rev/min"),
+            ("discharge pressure", pressure, self.pressure, 1e-6, "MPa"),
+        ):
+            if not (math.isnan(value) or low <= value <= high):
+                raise DataError(
+                    f"{name} was recorded at a {what} of {value * scale:.4g} {word}; the prior's virtual pumps run at "
+                    f"{low * scale:.4g} to {high * scale:.4g} {word}. Make a prior for it with swashtwin twin prior."
+                )
+
+    def _members(self, recording: Recording) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
+        """Indices of the healthy recordings that it is compared with, and notes."""
+        same = np.array([name == (recording.specimen or "") for name in self.specimen], dtype=bool)
+        if not self.specimen or not same.any():
+            listed = ", ".join(sorted({name or "an unnamed machine" for name in self.specimen})) or "no machine"
+            raise DataError(
+                f"no healthy recording is of the machine {recording.specimen or 'without a name'} (there are those of "
+                f"{listed}), so nothing can be said about this one."
+            )
+        at_pressure = same & values_match(self.point_pressure, stated_pressure(recording), PRESSURE_TOLERANCE)
+        if not at_pressure.any():
+            raise DataError(
+                f"no healthy recording of {recording.specimen or 'the machine'} is at a discharge pressure of "
+                f"{stated_pressure(recording) / 1e6:.4g} MPa, so nothing can be said about this one."
+            )
+        speed = 2 * math.pi * _speed(recording)
+        at_speed = at_pressure & values_match(self.point_speed, speed, SPEED_TOLERANCE)
+        if at_speed.any():
+            return np.flatnonzero(at_speed), ()
+        note = "Its machine has healthy recordings at another speed only; a change of speed may look like a fault."
+        return np.flatnonzero(at_pressure), (note,)
+
+    def save(self, path: Path | str) -> Path:
+        """`path`, after the classifier was written to it whole."""
+        card = {
+            "pump": self.pump,
+            "bands": asdict(self.bands),
+            "channels": self.channels,
+            "classes": self.classes,
+            "speed": self.speed,
+            "pressure": self.pressure,
+            "n_pumps": self.n_pumps,
+            "unit": self.unit,
+            "specimen": self.specimen,
+            "taught": dict(self.taught),
+            "manifest": join_manifests([self.manifest]),
+        }
+        points = {"levels": self.levels, "speed": self.point_speed, "pressure": self.point_pressure}
+        tensors = {**self.forest.tensors(), **{name: from_numpy(array) for name, array in points.items()}}
+        return write_artifact(path, self.KIND, VERSION, card, tensors, may_be_nan=_FACTS)
+
+    @classmethod
+    def load(cls, path: Path | str) -> "PriorClassifier":
+        """The classifier that `save` wrote.
+
+        Raises
+        ------
+        MissingFileError
+            There is no such file.
+        ArtifactError
+            It is damaged, edited, something else, or of another version.
+        """
+        advice = "make it with swashtwin twin prior, or with swashtwin train --prior"
+        card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_FACTS)
+        with refuse_misfits(path, cls.KIND):
+            require_form(card, _FORM, "card")
+            bands, channels, classes = OrderBands(**card["bands"]), tuple(card["channels"]), tuple(card["classes"])
+            forest = Forest.of_tensors(tensors)
+            n_columns, n_healthy = len(channels) * len(bands.edges), len(card["specimen"])
+            if forest.probability.shape[1] != len(classes) or forest.column.max(initial=-1) >= n_columns:
+                raise ValueError("its trees do not fit its classes and bands")
+            shapes = {name: tuple(tensors[name].shape) for name in ("levels", *_FACTS)}
+            points = (n_healthy,)
+            if shapes != {"levels": (n_healthy, len(channels), len(bands.edges)), "speed": points, "pressure": points}:
+                raise ValueError(f"its healthy recordings have the shapes {shapes}")
+            if len(card["speed"]) != 2 or len(card["pressure"]) != 2:
+                raise ValueError("its ranges have not two ends")
+            return cls(
+                pump=card["pump"],
+                bands=bands,
+                channels=channels,
+                classes=classes,
+                speed=(card["speed"][0], card["speed"][1]),
+                pressure=(card["pressure"][0], card["pressure"][1]),
+                n_pumps=card["n_pumps"],
+                forest=forest,
+                levels=tensors["levels"].double().numpy(),
+                specimen=tuple(card["specimen"]),
+                point_speed=tensors["speed"].double().numpy(),
+                point_pressure=tensors["pressure"].double().numpy(),
+                unit=card["unit"],
+                taught=tuple(card["taught"].items()),
+                manifest=join_manifests([card["manifest"]]),
+            )
+
+
+def fit_prior(
+    bands: OrderBands,
+    change: Float64[np.ndarray, "recording channel band"],
+    label: Shaped[np.ndarray, " recording"],
+    *,
+    pump: Pump,
+    speed: tuple[float, float],
+    pressure: tuple[float, float],
+    n_pumps: int,
+    seed: int = 0,
+) -> PriorClassifier:
+    """Classifier trained on the changes of virtual pumps (`synthesis.simulate_changes`).
+
+    Parameters
+    ----------
+    bands, change, label : as of `synthesis.OrderChanges`.
+    pump : the design.
+    speed, pressure : ranges that the pumps were drawn from [rad/s, Pa].
+    n_pumps : how many were drawn.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two classes.
+    """
+    classes = tuple(dict.fromkeys(label.tolist()))
+    if len(classes) < 2:
+        raise InputError(f"a prior needs two classes at least; the virtual pumps show {', '.join(classes) or 'none'}.")
+    target = np.array([classes.index(name) for name in label.tolist()], dtype=np.int64)
+    forest = fit_forest(np.asarray(change, dtype=np.float64).reshape(len(change), -1), target, seed=seed)
+    return PriorClassifier(
+        pump=pump.name,
+        bands=bands,
+        channels=pump.channels,
+        classes=classes,
+        speed=speed,
+        pressure=pressure,
+        n_pumps=n_pumps,
+        forest=forest,
+        levels=np.empty((0, *change.shape[1:])),
+    )
+
+
+def load_prior(name: Path | str) -> PriorClassifier:
+    """Prior in a file, or the shipped one of a design, such as ``"25scy14-1b"``.
+
+    Raises
+    ------
+    MissingFileError
+        There is no such file.
+    InputError
+        No prior of this design is shipped.
+    ArtifactError
+        The file is damaged, edited, something else, or of another version.
+    """
+    if Path(name).suffix == ".safetensors":
+        return PriorClassifier.load(name)
+    shipped = {path.stem: path for path in sorted(SHIPPED.glob("*.safetensors"))}
+    if str(name) not in shipped:
+        raise InputError(
+            f"no prior of the design {name} is shipped (there is {', '.join(shipped)}); make one with swashtwin twin "
+            "prior --pump FILE, and give its file."
+        )
+    return PriorClassifier.load(shipped[str(name)])
+
+
+def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray, "channel band"]:
+    """log10 of the power of each channel in each band, from power densities (Welch, Hann taper) of eight turns each.
+
+    Raises
+    ------
+    DataError
+        The recording is unfit, shorter than eight turns, states no speed, or its rate is too low for the bands.
+    """
+    refuse_unfit(recording)
+    shaft, rate = _speed(recording), float(recording.sample_rate)
+    if bands.highest * shaft > rate / 2:
+        raise DataError(
+            f"{recording.recording_id} is sampled at {rate:g} Hz; the prior's bands end at shaft order "
+            f"{bands.highest:g}, which takes {2 * bands.highest * shaft:.0f} Hz at least."
+        )
+    length = scipy.fft.next_fast_len(math.ceil(_TURNS * rate / shaft), real=True)
+    if recording.n_samples < length:
+        raise DataError(
+            f"{recording.recording_id} lasts {recording.duration:.3g} s; a prior compares spectra of {_TURNS} "
+            f"revolutions, which are {_TURNS / shaft:.3g} s: record longer."
+        )
+    step, parts, weights = max(length, _STRETCH), [], []
+    for start in range(0, recording.n_samples - length + 1, step):
+        signal = recording.slice(start, min(start + step, recording.n_samples)).signal
+        frequency, density = power_density(signal, rate, length)
+        parts.append(density)
+        weights.append(signal.shape[1])
+    power = np.average(parts, axis=0, weights=weights) * frequency[1]
+    sums = bands.sums(power[:, 1:], frequency[1:] / shaft, frequency[1] / shaft / 2)
+    return np.asarray(np.log10(np.maximum(sums, 1e-30)))
+
+
+def _speed(recording: Recording) -> float:
+    """Shaft frequency [Hz] that a recording states."""
+    shaft = stated_speed(recording)
+    if not shaft:
+        raise DataError(
+            f"{recording.recording_id} states no speed, and a prior compares shaft orders; state it in the index, or "
+            "with --speed."
+        )
+    return shaft

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         ValidationPlan,
         WindowSet,
     )
-    from swashtwin.recordings import Manifest
+    from swashtwin.recordings import Manifest, Recordings
 
 
 _ERROR_RATE = 0.1
@@ -156,14 +156,11 @@ def train(
     added = [load_windows(path) for path in add or ()]
     manifest = join_manifests([synthetic.manifest for synthetic in added])
     recordings = load_recordings(source)
-    if prior is not None:
-        train_prior(prior, recordings, out, as_json, add=add, error_rate=error_rate, **classifier_options)
+    if prior is not None or (not added and are_healthy(recordings)):
+        _train_on_healthy(prior, recordings, source, out, error_rate, as_json, added, classifier_options)
         return
     length = window or (usual_window(recordings) if is_chosen else _NETWORK_WINDOW)
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
-    if not added and are_healthy(recordings):
-        train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
-        return
     test_fraction = _or_default(test_fraction, _TEST_FRACTION)
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     groups = recording_groups(recordings, group)
@@ -229,6 +226,23 @@ def train(
             classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
         save_classifier(classifier, out)
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
+
+
+def _train_on_healthy(
+    prior: str | None,
+    recordings: "Recordings",
+    source: Path,
+    out: Path,
+    error_rate: float | None,
+    as_json: bool,
+    added: list["WindowSet"],
+    others: dict[str, Any],
+) -> None:
+    """What needs no measured fault: a classifier from a pump prior, or an anomaly detector."""
+    if prior is None:
+        train_detector(recordings, source, out, error_rate, as_json, **others)
+    else:
+        train_prior(prior, recordings, out, as_json, add=added, error_rate=error_rate, **others)
 
 
 def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:

@@ -8,7 +8,7 @@ docs/bench/unmeasured-faults.md how far it can be trusted.
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -99,15 +99,15 @@ class PriorClassifier:
     """Levels of the healthy recordings [log10 of the squared unit]."""
     specimen: tuple[str, ...] = ()
     """Machine of each healthy recording; empty where none is stated."""
-    point_speed: Float64[np.ndarray, " recording"] = np.empty(0)
+    point_speed: Float64[np.ndarray, " recording"] = field(default_factory=lambda: np.empty(0))
     """Speed of each [rad/s]."""
-    point_pressure: Float64[np.ndarray, " recording"] = np.empty(0)
+    point_pressure: Float64[np.ndarray, " recording"] = field(default_factory=lambda: np.empty(0))
     """Discharge pressure of each [Pa], NaN where none is stated."""
     unit: str = ""
     """Unit of the healthy recordings."""
     taught: tuple[tuple[str, int], ...] = ()
     """Measured faults that it learned from: how many of each class."""
-    manifest: Manifest = ()  # type: ignore[assignment]
+    manifest: Manifest = field(default_factory=dict)
     """Recordings that had a part in it, by id and content."""
 
     def __repr__(self) -> str:

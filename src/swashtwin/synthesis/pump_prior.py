@@ -12,6 +12,7 @@ they matter). Viscosity acts on leakages and on the films' damping, a slipper fo
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -121,12 +122,14 @@ def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
     """Fault of a class with a severity log-uniform over a decade around what physics.md, section 5, calls plausible.
 
     The middles: recess 0.1 mm (what rejects a pump), bush 120 um, clearance 40 um, dam scratch 1 mm^2, grooves 2 deg.
-    A defect is anywhere on the pressure side; a bush is felt over +-20...50 deg.
+    A defect is anywhere on the pressure side; a bush is felt over +-20...50 deg. Films that pull and slippers that lift
+    off a recess are drawn alike, for nobody knows which law a pump follows.
     """
     factor = float(10 ** rng.uniform(-0.5, 0.5))
     angle = math.radians(rng.uniform(200, 340))
     if label == "swash_plate":
-        return SwashPlateDefect(depth=mm(0.1) * factor, length=mm(30), width=mm(24), angle=angle)
+        contact: Literal["shared", "lift_off"] = "shared" if rng.random() < 0.5 else "lift_off"
+        return SwashPlateDefect(depth=mm(0.1) * factor, length=mm(30), width=mm(24), angle=angle, contact=contact)
     if label == "cylinder_block":
         return BoreDefect(depth=um(120) * factor, half_width=deg(rng.uniform(20, 50)), angle=angle)
     if label == "piston":

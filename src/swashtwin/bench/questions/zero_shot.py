@@ -34,6 +34,7 @@ from swashtwin.bench.questions.zero_shot_data import (
     ZeroShotSettings,
     prepare_zero_shot,
 )
+from swashtwin.bench.questions.zero_shot_prior import prior_trials
 from swashtwin.bench.questions.zero_shot_table import (
     ENVELOPE_RULE,
     METRICS,
@@ -85,6 +86,7 @@ ZERO_SHOT_SIZES = {
         network={"stride": 64, "channels": (32,) * 5},
         order_network={"stride": 4, "channels": (32,) * 5},
     ),
+    "prior": ZeroShotSettings(calibrated=False),
     "paper": ZeroShotSettings(
         windows=12,
         draws=8,
@@ -95,7 +97,8 @@ ZERO_SHOT_SIZES = {
     ),
 }
 """``quick`` takes about three minutes of CPU for each fleet; ``paper`` takes every window of a recording, and over five
-times as many synthetic ones."""
+times as many synthetic ones. ``prior`` compares the pump prior with the nominal twin and measured faults alone, in half
+a minute."""
 
 NETWORKS_ON = (POSTERIOR, ORACLE)
 """Training sets that networks learn from."""
@@ -149,7 +152,11 @@ def run_zero_shot(
         if progress is not None:
             progress("fleets" if recordings is None else "splits", count, len(seeds))
     classes = fleets[0].outcomes[0].scores.classes
-    trials = tuple(trial_of(outcome, fleet.seed) for fleet in fleets for outcome in fleet.outcomes)
+    trials = tuple(
+        trial
+        for fleet in fleets
+        for trial in (*fleet.by_recording, *(trial_of(outcome, fleet.seed) for outcome in fleet.outcomes))
+    )
     study = StudyTable(
         study="zero-shot",
         title="Zero-shot: faults without a measured window",
@@ -184,6 +191,7 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, r
     rules = _rules(data, views)
     for name, rule in rules.items():
         outcomes += _score(HEALTHY_ONLY, name, rule, data)
+    by_recording = tuple(prior_trials(recordings, data.split, seed))
     roles = {
         "pumps": list(data.split.pumps),
         "healthy": sorted(data.split.healthy),
@@ -193,7 +201,7 @@ def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, r
     rule_columns = {
         name: {label: list(columns) for label, columns in rule.rule.items()} for name, rule in rules.items()
     }
-    return Fleet(seed, tuple(outcomes), rule_columns, roles, origin)
+    return Fleet(seed, tuple(outcomes), by_recording, rule_columns, roles, origin)
 
 
 def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extractor]:
@@ -213,9 +221,11 @@ def _learn(
 ) -> Iterator[Outcome]:
     """Every classifier of one training set."""
     twin_windows = _twin_windows(name, data)
-    references = (data.healthy if twin_windows is None else data.healthy + twin_windows) + data.strangers
+    references = data.healthy if twin_windows is None else data.healthy + twin_windows
+    if data.strangers is not None:
+        references = references + data.strangers
     views_taken: dict[str, Extractor] = {TREES_HEALTHY: against_healthy(views["orders"], references)}
-    if name in PLAIN_ON:
+    if name in PLAIN_ON and settings.calibrated:
         views_taken |= {TREES_ORDERS: views["orders"], TREES: views["usual"]}
     for kind, view in views_taken.items():
         trees = fit_extra_trees(
@@ -228,7 +238,7 @@ def _learn(
             data,
             None if twin_windows is None else _discriminator(twin_windows, data, view, settings.trees // 3),
         )
-    if name not in NETWORKS_ON:
+    if name not in NETWORKS_ON or not settings.calibrated:
         return
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)
     yield from _score(name, NET, _train_network(network, train, data, name, settings), data)
@@ -272,18 +282,31 @@ def _rules(data: ZeroShotData, views: Mapping[str, Extractor]) -> dict[str, Orde
 def _score(
     training_set: str, kind: str, classifier: Classifier, data: ZeroShotData, discriminator: float | None = None
 ) -> Iterator[Outcome]:
-    strangers = _stranger_recall(classifier, data) if training_set != HEALTHY_ONLY else float("nan")
+    strangers = float("nan")
+    if training_set != HEALTHY_ONLY and data.strangers is not None:
+        strangers = _recall(classifier, data.strangers)
     for test, windows in data.tests.items():
         level = "L5" if training_set != ORACLE else "L2" if test == SAME else "L4"
         scores = evaluate(classifier, windows, level=level)
         auroc = float("nan") if discriminator is None else discriminator
-        yield Outcome(training_set, kind, test, scores, strangers, auroc)
+        recordings = _recall_of_recordings(classifier, windows)
+        yield Outcome(training_set, kind, test, scores, recordings, strangers, auroc)
 
 
-def _stranger_recall(classifier: Classifier, data: ZeroShotData) -> float:
-    """Macro recall on synthetic windows of strangers: a choice's ground, never a score."""
-    predicted = classifier.predict_proba(data.strangers).argmax(axis=1)
-    return float(recall_score(data.strangers.target, predicted, average="macro"))
+def _recall(classifier: Classifier, windows: WindowSet) -> float:
+    """Macro recall over windows; of synthetic ones of strangers a choice's ground, never a score."""
+    predicted = classifier.predict_proba(windows).argmax(axis=1)
+    return float(recall_score(windows.target, predicted, average="macro"))
+
+
+def _recall_of_recordings(classifier: Classifier, windows: WindowSet) -> float:
+    """Macro recall over recordings, each answered by the mean logarithm of its windows' probabilities."""
+    probability = np.log(np.maximum(classifier.predict_proba(windows), 1e-6))
+    _, first, group = np.unique(windows.recording_id, return_index=True, return_inverse=True)
+    pooled = np.stack([probability[group == index].mean(axis=0) for index in range(first.size)])
+    names = np.array(classifier.classes)
+    truth = np.array(windows.classes)[windows.target[first]]
+    return float(recall_score(truth, names[pooled.argmax(axis=1)], average="macro", labels=np.unique(truth)))
 
 
 def _discriminator(twin_windows: WindowSet, data: ZeroShotData, view: Extractor, n_trees: int) -> float:

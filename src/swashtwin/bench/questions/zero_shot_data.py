@@ -50,6 +50,8 @@ class ZeroShotSettings:
     """Twins drawn for each pump from prior and posterior."""
     synthetic: int = 4
     """Windows of each of these twins, pressure and class."""
+    calibrated: bool = True
+    """Whether twins are calibrated; without, the nominal twin is the only one, and there are no strangers."""
     method: Calibrator = field(default_factory=lambda: GaussNewton(starts=1))
     """How the twins are calibrated."""
     nuisances: Nuisances = field(default_factory=Nuisances.housing)
@@ -135,7 +137,7 @@ class ZeroShotData:
     """Measured windows without a fault, of every specimen."""
     sets: Mapping[str, WindowSet]
     """Training sets by name."""
-    strangers: WindowSet
+    strangers: WindowSet | None
     """Synthetic windows of other twins drawn from the priors: what a training set is judged on beforehand."""
     tests: Mapping[str, WindowSet]
     """Measured test windows."""
@@ -159,15 +161,20 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
     healthy = cut(split.healthy)
     of_twins = [r for r in recordings if r.recording_id in split.healthy and r.specimen in split.pumps]
     conditions = _conditions(of_twins)
-    calibrations = {
-        pump: _calibrate(pump, [r for r in of_twins if r.specimen == pump], conditions, settings, seed)
-        for pump in split.pumps
-    }
-    sets = _synthetic_sets(calibrations, conditions, healthy, settings, seed)
+    calibrations = (
+        {}
+        if not settings.calibrated
+        else {
+            pump: _calibrate(pump, [r for r in of_twins if r.specimen == pump], conditions, settings, seed)
+            for pump in split.pumps
+        }
+    )
+    sets = _synthetic_sets(calibrations, split.pumps, conditions, healthy, settings, seed)
     of_pumps = healthy.subset(np.isin(healthy.specimen, split.pumps))
-    posterior_windows = sets[POSTERIOR]
-    sets[BOTH_NORMALS] = posterior_windows + of_pumps
-    sets[MEASURED_NORMALS] = posterior_windows.subset(posterior_windows.label != "normal") + of_pumps
+    if POSTERIOR in sets:
+        posterior_windows = sets[POSTERIOR]
+        sets[BOTH_NORMALS] = posterior_windows + of_pumps
+        sets[MEASURED_NORMALS] = posterior_windows.subset(posterior_windows.label != "normal") + of_pumps
     if split.faulty:
         sets[ORACLE] = of_pumps + cut(split.faulty, like=healthy)
     return ZeroShotData(
@@ -175,7 +182,9 @@ def prepare_zero_shot(recordings: Sequence[Recording], settings: ZeroShotSetting
         split=split,
         healthy=healthy,
         sets=sets,
-        strangers=_synthesis(calibrations, conditions, healthy, settings, seed, "stranger", wide_fault),
+        strangers=_synthesis(calibrations, split.pumps, conditions, healthy, settings, seed, "stranger", wide_fault)
+        if calibrations
+        else None,
         tests={name: cut(ids, like=healthy) for name, ids in split.tests.items() if ids},
         calibrations=calibrations,
     )
@@ -209,9 +218,7 @@ def _calibrate(
 
 
 def _twins(kind: str, calibration: Calibration, count: int, seed: int) -> list[Twin]:
-    """Twins of one pump. One twin several times over makes a set of the same size as several."""
-    if kind == NOMINAL:
-        return [calibration.nominal] * count
+    """Twins of one calibrated pump. One twin several times over makes a set of the same size as several."""
     if kind == CALIBRATED:
         return [calibration.twin] * count
     return (posterior_twins if kind == POSTERIOR else prior_twins)(calibration, count, seed)
@@ -219,6 +226,7 @@ def _twins(kind: str, calibration: Calibration, count: int, seed: int) -> list[T
 
 def _synthesis(
     calibrations: Mapping[str, Calibration],
+    pumps: Sequence[str],
     conditions: Sequence[OperatingCondition],
     healthy: WindowSet,
     settings: ZeroShotSettings,
@@ -226,23 +234,29 @@ def _synthesis(
     kind: str,
     fault: Draw,
 ) -> WindowSet:
-    twins = {
-        pump: _twins(kind, calibration, settings.draws, derive_seed(seed, "zero-shot twins", kind, pump))
-        for pump, calibration in calibrations.items()
-    }
+    if kind == NOMINAL:
+        twins = {pump: [Twin(settings.pump, conditions[0])] * settings.draws for pump in pumps}
+    else:
+        twins = {
+            pump: _twins(kind, calibrations[pump], settings.draws, derive_seed(seed, "zero-shot twins", kind, pump))
+            for pump in pumps
+        }
     return synthetic_windows(twins, conditions, healthy, fault, kind=kind, count=settings.synthetic, seed=seed)
 
 
 def _synthetic_sets(
     calibrations: Mapping[str, Calibration],
+    pumps: Sequence[str],
     conditions: Sequence[OperatingCondition],
     healthy: WindowSet,
     settings: ZeroShotSettings,
     seed: int,
 ) -> dict[str, WindowSet]:
-    plan = {kind: (kind, wide_fault) for kind in (NOMINAL, PRIOR, CALIBRATED, POSTERIOR)}
-    plan |= {RIG_SEVERITIES: (POSTERIOR, rig_fault), ANY_KIND: (POSTERIOR, any_fault)}
+    plan = {NOMINAL: (NOMINAL, wide_fault)}
+    if calibrations:
+        plan |= {kind: (kind, wide_fault) for kind in (PRIOR, CALIBRATED, POSTERIOR)}
+        plan |= {RIG_SEVERITIES: (POSTERIOR, rig_fault), ANY_KIND: (POSTERIOR, any_fault)}
     return {
-        name: _synthesis(calibrations, conditions, healthy, settings, seed, kind, fault)
+        name: _synthesis(calibrations, pumps, conditions, healthy, settings, seed, kind, fault)
         for name, (kind, fault) in plan.items()
     }

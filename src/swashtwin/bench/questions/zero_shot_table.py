@@ -16,6 +16,7 @@ from swashtwin.bench.questions.zero_shot_data import (
     UNSEEN,
     ZeroShotSettings,
 )
+from swashtwin.bench.questions.zero_shot_prior import FOREST, PRIOR, SHOTS, few_shot
 from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.learning import Scores
 
@@ -31,6 +32,7 @@ METRICS = {
     "balanced_accuracy": "balanced accuracy",
     "g_mean": "G-mean",
     "recording_accuracy": "recordings right",
+    "recording_balanced_accuracy": "balanced accuracy by recording",
     "false_alarm_rate": "false alarms",
     "missed_fault_rate": "missed faults",
     "strangers": "balanced accuracy on strangers",
@@ -48,6 +50,7 @@ class Outcome:
     classifier: str
     test: str
     scores: Scores
+    recording_recall: float
     strangers: float
     discriminator: float
 
@@ -58,6 +61,7 @@ class Fleet:
 
     seed: int
     outcomes: tuple[Outcome, ...]
+    by_recording: tuple[Trial, ...]
     rules: Mapping[str, Mapping[str, Sequence[str]]]
     roles: Mapping[str, Any]
     origin: str
@@ -85,6 +89,7 @@ def trial_of(outcome: Outcome, seed: int) -> Trial:
         "balanced_accuracy": scores.macro_recall,
         "g_mean": scores.g_mean,
         "recording_accuracy": scores.recording_accuracy,
+        "recording_balanced_accuracy": outcome.recording_recall,
         "false_alarm_rate": scores.false_alarm_rate,
         "missed_fault_rate": scores.missed_fault_rate,
         "strangers": outcome.strangers,
@@ -117,7 +122,7 @@ def confusions_of(fleets: Sequence[Fleet]) -> list[dict[str, Any]]:
 def choose_zero_shot(study: StudyTable) -> tuple[str, str]:
     """Training set and classifier with the best balanced accuracy on strangers, the only thing known beforehand."""
     rows = {
-        (row["training_set"], row["classifier"]): row["strangers"]["mean"]
+        (row["training_set"], row["classifier"]): row["strangers"]["mean"] or 0.0
         for row in study.rows()
         if row["training_set"] in (NOMINAL, CALIBRATED, POSTERIOR)
     }
@@ -126,17 +131,27 @@ def choose_zero_shot(study: StudyTable) -> tuple[str, str]:
 
 def answer_of(study: StudyTable) -> tuple[str, ...]:
     """What came out, in sentences."""
+    rows = {(row["training_set"], row["classifier"], row["test"]): row for row in study.rows()}
 
-    def score(training_set: str, classifier: str, test: str = SAME) -> str:
-        rows = [
-            row
-            for row in study.rows()
-            if (row["training_set"], row["classifier"], row["test"]) == (training_set, classifier, test)
-        ]
-        return f"{rows[0]['balanced_accuracy']['mean']:.3f}" if rows else "no number"
+    def score(training_set: str, classifier: str, test: str = SAME, metric: str = "balanced_accuracy") -> str:
+        mean = rows.get((training_set, classifier, test), {}).get(metric, {}).get("mean")
+        return "no number" if mean is None else f"{mean:.3f}"
+
+    def pair(training_set: str, classifier: str = FOREST) -> str:
+        both = (score(training_set, classifier, test, "recording_balanced_accuracy") for test in (SAME, UNSEEN))
+        return " / ".join(both)
 
     best = choose_zero_shot(study)
+    shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
+    answer = (
+        f"A pump prior and the machine's healthy recordings, no measured fault: balanced accuracy by recording "
+        f"{pair(PRIOR)} (same pumps / pumps held out); twins of the pump itself ({best[1]}, {best[0]}) {pair(*best)}; "
+        f"taught by measured faults {pair(ORACLE)}. With measured recordings of each fault: {shots}.",
+    )
+    if not study.settings["calibrated"]:
+        return answer
     return (
+        *answer,
         f"Chosen on synthetic strangers alone: {best[1]}, trained on {best[0]}; on measured faults it scores a "
         f"balanced accuracy of {score(*best)} on the same pumps and {score(*best, UNSEEN)} on pumps without a twin.",
         f"On the same pumps, trees on orders against healthy: nominal twin {score(NOMINAL, TREES_HEALTHY)}, calibrated "
@@ -154,6 +169,7 @@ def describe_settings(settings: ZeroShotSettings) -> dict[str, Any]:
         "pump": settings.pump.name,
         "window_length": settings.length,
         "windows_per_recording": settings.windows,
+        "calibrated": settings.calibrated,
         "specimens_without_twin": settings.held_out,
         "twins_per_pump": settings.draws,
         "windows_per_twin_pressure_class": settings.synthetic,

@@ -1,11 +1,12 @@
 """Commands of the studies that are no plan of tasks: on pumps of the virtual rig, on recordings, on public sets."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from swashtwin.cli.bench.plans import OptionalIndex, Size, StudySize
+from swashtwin.cli.bench.plans import OptionalIndex
 from swashtwin.cli.bench.results import tell_study, typed_command
 from swashtwin.cli.bench.rig import RigVersionName, VersionOfRig, require_rig_for
 from swashtwin.cli.console import progress
@@ -13,6 +14,15 @@ from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Jobs, Json, ReportFolder, Window, as_folder, read_seeds, read_words
 from swashtwin.cli.sources import Dataset, Only, PublicSet, choose_recordings
 from swashtwin.foundation import parse
+
+
+class ZeroShotSize(StrEnum):
+    """What zero-shot compares, and how much of it."""
+
+    prior = "prior"
+    quick = "quick"
+    paper = "paper"
+
 
 FleetSeeds = Annotated[str, typer.Option(help='Seeds, one fleet of the virtual rig each: "2,3,4".')]
 Seeds = Annotated[str, typer.Option(help='Seeds of draws, weights, trees and splits: "0,1,2".')]
@@ -195,7 +205,9 @@ def zero_shot(
     source: OptionalIndex = None,
     rig: Annotated[bool, typer.Option("--rig", help="A fleet of the virtual rig for each seed.")] = False,
     rig_version: VersionOfRig = RigVersionName.first,
-    size: Size = StudySize.quick,
+    size: Annotated[
+        ZeroShotSize, typer.Option(help="prior: the pump prior, the nominal twin and measured faults alone.")
+    ] = ZeroShotSize.quick,
     seeds: Seeds = "0",
     out: ReportFolder = None,
     jobs: Jobs = 1,

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -49,7 +50,7 @@ class OrderBands:
             reach = min(0.5 + JITTER * here, self.piston_count / 4)
             bands += [(here - reach, here + reach), (here + reach, there - reach)]
         wide = np.geomspace(self._first_wide, self.highest, self.wide + 1)
-        return np.array([*bands, *zip(wide[:-1], wide[1:], strict=True)])
+        return np.array([*bands, *pairwise(wide.tolist())])
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,218 @@
+"""A classifier from a pump prior: faults that nobody measured, what it refuses, its file and its commands."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run
+
+from swashtwin.diagnosis import PriorClassifier, fit_prior, load_prior
+from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg, read_artifact, rpm, um, write_artifact
+from swashtwin.physics import Twin
+from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
+from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.synthesis import OrderChanges, PumpPrior, simulate_changes
+
+CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
+RATE = 16384.0
+FAULTS: dict[str, Fault | None] = {
+    "normal": None,
+    "piston": PistonWear(clearance=um(80)),
+    "cylinder_block": BoreDefect(depth=um(250)),
+    "valve_plate": GrooveErosion(advance=deg(5)),
+}
+
+
+def recording(label: str, number: int = 0, *, condition: OperatingCondition = CONDITION) -> Recording:
+    """What the nominal twin's sensors would read in noise, at slightly different damping from one to the next."""
+    draw = np.random.default_rng([number, *label.encode()])
+    twin = Twin(load_pump("25scy14-1b"), condition, FAULTS[label], bandwidth=6000.0)
+    values = twin.values.numpy() * np.exp(draw.normal(0, 0.05, 6))
+    twin = twin.with_interfaces(type(twin.pump.interfaces).from_values(values))
+    clean = twin.simulate(1.5, RATE, recording_id=f"{label} {number}")
+    noise = draw.normal(0, 0.05, clean.signal.shape)
+    return replace(clean, signal=(clean.signal + noise).astype(np.float32), label=label, synthetic=False, specimen="A")
+
+
+@lru_cache(maxsize=1)
+def changes() -> OrderChanges:
+    return simulate_changes(PumpPrior(), 60, seed=3)
+
+
+@lru_cache(maxsize=1)
+def trained() -> PriorClassifier:
+    prior = PumpPrior()
+    simulated = changes()
+    return fit_prior(
+        simulated.bands,
+        simulated.change,
+        simulated.label,
+        pump=prior.pump,
+        speed=prior.speed,
+        pressure=prior.pressure,
+        n_pumps=60,
+    )
+
+
+def healthy(count: int = 3) -> list[Recording]:
+    return [recording("normal", number) for number in range(count)]
+
+
+@lru_cache(maxsize=1)
+def adapted() -> PriorClassifier:
+    return trained().adapt(healthy())
+
+
+def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
+    alone = simulate_changes(PumpPrior(), 1, seed=3)
+    assert np.array_equal(alone.change, changes().change[: len(alone.change)])
+    assert set(alone.label.tolist()) == {"normal", "swash_plate", "piston", "cylinder_block", "valve_plate"}
+
+
+def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> None:
+    size = np.abs(changes().change).mean(axis=(1, 2))
+    normal = changes().label == "normal"
+    assert np.median(size[~normal]) > 1.5 * np.median(size[normal])
+
+
+def test_the_shipped_prior_names_faults_that_nobody_measured() -> None:
+    shipped = load_prior("25scy14-1b").adapt(healthy())
+    verdicts = [shipped.diagnose(recording(label, 9)) for label in FAULTS]
+    assert [verdict.label for verdict in verdicts] == list(FAULTS)
+    assert all(abs(sum(verdict.probabilities.values()) - 1) < 1e-6 for verdict in verdicts)
+
+
+def test_a_gain_changes_no_probability() -> None:
+    louder = trained().adapt([replace(item, signal=4 * item.signal) for item in healthy()])
+    test = recording("piston", 9)
+    assert np.allclose(
+        louder.predict_proba([replace(test, signal=4 * test.signal)]), adapted().predict_proba([test]), atol=1e-6
+    )
+
+
+def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
+    before = adapted().predict_proba([recording("piston", 9)])[0]
+    taught = trained().adapt([*healthy(), recording("piston", 1)])
+    after = taught.predict_proba([recording("piston", 9)])[0]
+    place = taught.classes.index("piston")
+    assert after[place] > before[place]
+    assert taught.taught == (("piston", 1),)
+    assert "1 of piston" in repr(taught)
+
+
+def test_what_adapted_it_is_told_when_it_is_diagnosed() -> None:
+    assert "proves nothing" in adapted().diagnose(healthy()[0]).notes[0]
+
+
+def changed(**values: object) -> Recording:
+    return replace(recording("normal", 9), **values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("test", "message"),
+    [
+        (changed(condition=CONDITION.replaced(speed=rpm(2000))), "2000 rev/min; the prior's virtual pumps run at 750"),
+        (changed(condition=CONDITION.replaced(discharge_pressure=MPa(30))), "30 MPa; the prior's virtual pumps run"),
+        (changed(condition=CONDITION.replaced(discharge_pressure=MPa(15))), "discharge pressure of 15 MPa"),
+        (changed(condition=None), "states no speed"),
+        (changed(channels=("a", "b", "c")), "has the channels a, b, c, and the prior of 25scy14-1b"),
+        (changed(specimen="B"), "no healthy recording is of the machine B (there are those of A)"),
+        (changed(sample_rate=8000.0), "sampled at 8000 Hz"),
+        (changed(unit="g"), "is in g, the healthy recordings are in m/s^2"),
+        (recording("normal", 9).slice(0, 4096), "lasts 0.25 s"),
+    ],
+)
+def test_what_cannot_be_compared_has_no_verdict(test: Recording, message: str) -> None:
+    verdict = adapted().diagnose(test)
+    assert verdict.label is None
+    assert message in str(verdict.no_verdict)
+
+
+@pytest.mark.parametrize(
+    ("recordings", "message"),
+    [
+        ([], "needs healthy recordings of the machine"),
+        ([recording("piston")], "needs healthy recordings of the machine"),
+        ([*healthy(1), replace(recording("piston"), label="cavitation")], "and no 'cavitation'"),
+    ],
+)
+def test_recordings_that_cannot_adapt_it_are_refused(recordings: Sequence[Recording], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        trained().adapt(recordings)
+
+
+def test_another_design_is_refused() -> None:
+    other = replace(load_pump("25scy14-1b"), name="nine-pistons")
+    with pytest.raises(DataError, match="the prior is of 25scy14-1b, and the machine of the design nine-pistons"):
+        trained().adapt(healthy(1), pump=other)
+    with pytest.raises(InputError, match="no prior of the design nine-pistons is shipped"):
+        load_prior("nine-pistons")
+
+
+def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
+    verdict = adapted().diagnose(recording("normal", 9, condition=CONDITION.replaced(speed=rpm(1150))))
+    assert "at another speed only" in verdict.notes[0]
+
+
+def test_a_saved_one_answers_alike(tmp_path: Path) -> None:
+    again = PriorClassifier.load(adapted().save(tmp_path / "model.safetensors"))
+    test = [recording("piston", 9)]
+    assert np.allclose(again.predict_proba(test), adapted().predict_proba(test), atol=1e-3)
+    assert again.manifest == adapted().manifest
+
+
+def test_the_shipped_prior_is_at_most_a_megabyte() -> None:
+    from swashtwin.diagnosis.prior_classifier import SHIPPED
+
+    assert all(path.stat().st_size <= 1_000_000 for path in SHIPPED.glob("*.safetensors"))
+
+
+@pytest.mark.parametrize(
+    ("tensor", "index", "value", "message"),
+    [
+        ("left", 0, 0, "leads back"),
+        ("left", 0, 10**6, "leads out"),
+        ("root", 0, 10**6, "not one entry"),
+        ("column", 0, 10**4, "do not fit its classes and bands"),
+    ],
+)
+def test_trees_that_lead_astray_are_refused(
+    tmp_path: Path, tensor: str, index: int, value: int, message: str
+) -> None:
+    path = adapted().save(tmp_path / "model.safetensors")
+    facts = ("speed", "pressure")
+    card, tensors = read_artifact(path, PriorClassifier.KIND, 1, advice="", may_be_nan=facts)
+    tensors[tensor][index] = value
+    write_artifact(path, PriorClassifier.KIND, 1, card, tensors, may_be_nan=facts)
+    with pytest.raises(ArtifactError, match=message):
+        PriorClassifier.load(path)
+
+
+def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) -> None:
+    folder = tmp_path / "pump"
+    items = [*healthy(2), recording("piston", 9)]
+    files = [f"{number}.h5" for number in range(len(items))]
+    for item, file in zip(items, files, strict=True):
+        write_recording(item, folder / file)
+    write_index(items[:2], files[:2], folder / "recordings.toml")
+    model = tmp_path / "model.safetensors"
+    trained_by = run("train", folder, "--prior", "25scy14-1b", "--out", model, "--json")
+    assert json.loads(trained_by.stdout)["healthy"] == 2
+    told = run("diagnose", model, folder / "2.h5", "--json")
+    (verdict,) = json.loads(told.stdout)["diagnoses"]
+    assert verdict["label"] == "piston"
+    refused = run("train", folder, "--prior", "25scy14-1b", "--budget", "1 min", code=2)
+    assert "belongs to a training on measured windows" in " ".join(refused.stderr.split())
+
+
+def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
+    out = tmp_path / "prior.safetensors"
+    told = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")
+    assert json.loads(told.stdout)["pumps"] == 10
+    assert load_prior(out).speed == pytest.approx((rpm(900), rpm(1000)))
+    refused = run("twin", "prior", "--out", out, "--speed", "900 rpm", code=2)
+    assert "is no range" in " ".join(refused.stderr.split())

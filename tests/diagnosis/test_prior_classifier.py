@@ -180,9 +180,7 @@ def test_the_shipped_prior_is_at_most_a_megabyte() -> None:
         ("column", 0, 10**4, "do not fit its classes and bands"),
     ],
 )
-def test_trees_that_lead_astray_are_refused(
-    tmp_path: Path, tensor: str, index: int, value: int, message: str
-) -> None:
+def test_trees_that_lead_astray_are_refused(tmp_path: Path, tensor: str, index: int, value: int, message: str) -> None:
     path = adapted().save(tmp_path / "model.safetensors")
     facts = ("speed", "pressure")
     card, tensors = read_artifact(path, PriorClassifier.KIND, 1, advice="", may_be_nan=facts)

@@ -45,9 +45,9 @@ from swashtwin.signals import OrderBands, power_density
 VERSION = 1
 SHIPPED = Path(__file__).parent / "priors"
 """Folder of the shipped priors, one for each design."""
-FEW_SHOT_WEIGHT = 1.0
+FEW_SHOT_WEIGHT = 3.0
 """What a measured fault counts in a leaf of the forest, against all virtual pumps there together; chosen on fleets
-100-103 of the virtual rig."""
+100-103 of both versions of the virtual rig."""
 
 _TURNS = 8
 """Revolutions in each segment of a spectrum, so that eight spectral lines lie from order to order."""

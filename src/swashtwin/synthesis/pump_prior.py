@@ -253,8 +253,9 @@ def _levels_of_pump(
     power = np.abs(mixing @ (shell * response)) ** 2 / 2
     noise = _noise(prior, orders * set_speed / (2 * math.pi), np.abs(response) ** 2, rng)
     noise *= power[:_REFERENCES].sum(axis=-1).mean()
-    in_bands = bands.sums(power, orders, _SWING * orders)
-    in_bands += bands.sums(noise, orders, 0.5) * _spread(rng, 0.1, (len(labels), sensors, 1))
+    middle = orders.astype(np.float64)
+    in_bands = bands.sums(power, middle, _SWING * middle)
+    in_bands += bands.sums(noise, middle, 0.5) * _spread(rng, 0.1, (len(labels), sensors, 1))
     averages = _AVERAGES * np.maximum(bands.edges[:, 1] - bands.edges[:, 0], 0.5)
     in_bands *= np.exp(rng.normal(0, 1, in_bands.shape) * 0.3 / np.sqrt(averages))
     return np.log10(np.maximum(in_bands, 1e-30))

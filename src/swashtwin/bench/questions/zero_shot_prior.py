@@ -56,7 +56,7 @@ def prior_trials(
         if all(len(drawn) >= count for drawn in draws.values()) and names:
             rows = np.stack([changes[name] for name in names])
             forests[few_shot(count)] = adapted.taught_by(rows, [str(by_id[name].label) for name in names]).forest
-    if draws:
+    if draws and references:
         measured = [*references, *(changes[name] for names in pool.values() for name in names)]
         target = [0] * len(references) + [adapted.classes.index(label) for label, names in pool.items() for _ in names]
         forests[ORACLE] = fit_forest(np.stack(measured), np.array(target), seed=seed)

@@ -101,6 +101,14 @@ class Comparison:
             return _sigma(measurement.amplitude, measurement.deviation, self.floor)
         return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation, self.floor).repeat(1, 2)
 
+    @property
+    def deviation(self) -> Float[np.ndarray, " observable"]:
+        """Standard deviation of each observable from the measurement alone [m/s^2]."""
+        measurement = self.measurement
+        if measurement.phasor_deviation is None:
+            return measurement.deviation.reshape(-1)
+        return np.tile(measurement.phasor_deviation, 2).reshape(-1)
+
     def lines(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.severity.dimensions import FaultSpace
 from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
-from swashtwin.calibration.uncertainty.profiles import ProfileProblem
+from swashtwin.calibration.uncertainty.profiles import THRESHOLD, ProfileProblem
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1
@@ -50,6 +50,16 @@ class Prior:
     """Covariance of all that is uncertain."""
     drift: Float[np.ndarray, "unknown unknown"]
     """The part of it that differs from recording to recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Valley:
+    """A local minimum of the sum of squares."""
+
+    point: Float[np.ndarray, " unknown"]
+    """Where it is."""
+    height: float
+    """Sum of squares there."""
 
 
 class Inversion(ProfileProblem):
@@ -86,11 +96,11 @@ class Inversion(ProfileProblem):
             self.objective, comparisons=tuple(with_fault(comparison) for comparison in self.objective.comparisons)
         )
 
-    def amplitude(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " observable"]:
-        """Simulated amplitudes [m/s^2]."""
+    def observables(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " observable"]:
+        """Simulated observables [m/s^2]."""
         self.simulations += 1
         with torch.no_grad():
-            return self._objective_at(point).amplitude(torch.as_tensor(point[: self.n_unknowns])).numpy()
+            return self._objective_at(point).observables(torch.as_tensor(point[: self.n_unknowns])).numpy()
 
     def at(
         self, point: Float[np.ndarray, " unknown"]
@@ -98,9 +108,9 @@ class Inversion(ProfileProblem):
         """Residuals of lines and priors over their standard deviations, and their derivatives."""
         self.simulations += 1
         objective, count = self._objective_at(point), self.n_unknowns
-        amplitude, slope = objective.sensitivity(torch.as_tensor(point[:count]))
-        columns = [self._difference(point, index, amplitude.numpy()) for index in range(count, len(point))]
-        difference = (amplitude - objective.measured).numpy()
+        observables, slope = objective.sensitivity(torch.as_tensor(point[:count]))
+        columns = [self._difference(point, index, observables.numpy()) for index in range(count, len(point))]
+        difference = (observables - objective.measured).numpy()
         whitened = self.whiten(np.column_stack([difference, slope.numpy(), *columns]))
         rows = np.zeros((len(point) - 1, len(point)))
         rows[:count, :count] = self.prior_root
@@ -112,7 +122,7 @@ class Inversion(ProfileProblem):
     def _difference(self, point: np.ndarray, index: int, here: np.ndarray) -> np.ndarray:
         ahead = point.copy()
         ahead[index] += _STEP
-        return (self.amplitude(ahead) - here) / _STEP
+        return (self.observables(ahead) - here) / _STEP
 
     def whiten(self, observables: Float[np.ndarray, "observable *column"]) -> Float[np.ndarray, "observable *column"]:
         """Observables in independent standard deviations."""
@@ -125,22 +135,34 @@ class Inversion(ProfileProblem):
         around = linearize(objective, point[: self.n_unknowns])
         self.root = np.linalg.cholesky(noise_covariance(around, Discrepancy((), SHARE, SHARE, SHARE)))
 
-    def widen(self, factor: float) -> None:
-        """Multiply all standard deviations of lines by `factor`."""
-        self.root = self.root * factor
+    def search(self) -> tuple[list[Valley], float]:
+        """Valleys of the sum of squares that are likely enough to hold the truth, the deepest first; and the misfit.
 
-    def search(self) -> tuple[Float[np.ndarray, " unknown"], float]:
-        """The best point from several starts, weights taken there, and its sum of squares."""
+        The misfit is the root mean square of the lines' residuals at the first descent. Where it exceeds 1, all
+        standard deviations of lines are widened by it.
+        """
         descents = []
         for start in self._starts():
             self.weigh(start)
             point, height = self.descend(start, fixed=None)
             descents.append((height + 2 * np.log(np.diag(self.root)).sum(), point))
-        best = min(descents, key=lambda pair: pair[0])[1]
+        points = [point for _, point in sorted(descents, key=lambda pair: pair[0])]
         for _ in range(_ROUNDS):
-            self.weigh(best)
-            best, height = self.descend(best, fixed=None)
-        return best, height
+            self.weigh(points[0])
+            points[0], height = self.descend(points[0], fixed=None)
+        misfit = math.sqrt(height / len(self.root))
+        self.root = self.root * max(misfit, 1.0)
+        deepest, *others = sorted((Valley(*self.descend(point, fixed=None)) for point in points), key=_height)
+        valleys = [deepest]
+        for valley in others:
+            is_likely = valley.height - deepest.height < THRESHOLD
+            if is_likely and not any(self._are_same(valley, other) for other in valleys):
+                valleys.append(valley)
+        return valleys, misfit
+
+    def _are_same(self, valley: Valley, other: Valley) -> bool:
+        ends = valley.point[self.severity :], other.point[self.severity :]
+        return bool(np.allclose(*ends, rtol=0.02, atol=0.02))
 
     def _starts(self) -> Iterable[np.ndarray]:
         """The best points of the first grid that are clearly distinct."""
@@ -150,7 +172,7 @@ class Inversion(ProfileProblem):
         for factor, *further in product(FACTORS, *grids):
             point = np.concatenate([self.prior.center, [factor], further, fixed])
             try:
-                misses = (self.amplitude(point) - self.objective.measured.numpy()) / self.objective.sigma.numpy()
+                misses = (self.observables(point) - self.objective.measured.numpy()) / self.objective.sigma.numpy()
             except SwashTwinError:  # no pump runs with a fault so severe
                 self.upper[self.severity] = seen[-1][1][self.severity] if seen else FACTORS[0]
                 break
@@ -178,14 +200,14 @@ class Inversion(ProfileProblem):
         """
         _, slope = self.at(point)
         others = np.delete(slope, self.severity, axis=1)
-        silent = self.amplitude(point)
+        silent = self.observables(point)
         needed = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR))
 
         def surplus(logarithm: float) -> float:
             moved = point.copy()
             moved[self.severity] = np.exp(logarithm)
             change = np.zeros(len(slope))
-            change[: len(silent)] = self.whiten(self.amplitude(moved) - silent)
+            change[: len(silent)] = self.whiten(self.observables(moved) - silent)
             residual = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
             return float(np.linalg.norm(residual)) - needed
 
@@ -201,9 +223,11 @@ class Inversion(ProfileProblem):
         n_lines = len(self.root)
         covariance = np.linalg.pinv(slope.T @ slope)
         weights = covariance[self.severity] @ slope.T
-        noise = np.concatenate(
-            [comparison.measurement.deviation.reshape(-1) for comparison in self.objective.comparisons]
-        )
+        noise = np.concatenate([comparison.deviation for comparison in self.objective.comparisons])
         errors = scipy.linalg.solve_triangular(self.root, weights[:n_lines], lower=True, trans="T")
         drift = self.prior_root.T @ weights[n_lines : n_lines + self.n_unknowns]
         return covariance, float(np.sqrt(np.sum((errors * noise) ** 2) + drift @ self.prior.drift @ drift))
+
+
+def _height(valley: Valley) -> float:
+    return valley.height

@@ -13,7 +13,7 @@ from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison
 from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
-from swashtwin.calibration.severity.inversion import Inversion, Prior
+from swashtwin.calibration.severity.inversion import Inversion, Prior, Valley
 from swashtwin.calibration.severity.severity import (
     DimensionEstimate,
     Severity,
@@ -22,7 +22,7 @@ from swashtwin.calibration.severity.severity import (
     SeverityVerdict,
 )
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
-from swashtwin.calibration.uncertainty.profiles import interval_of, profile_likelihood
+from swashtwin.calibration.uncertainty.profiles import THRESHOLD, interval_of, profile_likelihood
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, carry_over
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, is_healthy, values_match
@@ -143,20 +143,17 @@ def _of_recording(
 ) -> Severity:
     started = time.perf_counter()
     inversion = _inversion(healthy_calibration, recording, space, healthy, settings)
-    point, height = inversion.search()
-    misfit = math.sqrt(height / len(inversion.root))
-    if misfit > 1:
-        inversion.widen(misfit)
-        point, height = inversion.descend(point, fixed=None)
-    coordinate, rise = profile_likelihood(inversion, point, height, inversion.severity)
+    valleys, misfit = inversion.search()
+    point, height = valleys[0].point, valleys[0].height
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
     without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
     covariance, deviation = inversion.deviations(point)
     law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, height_without - height)
-    severity = _severity(space, point, (coordinate, rise), inversion, law, is_there=evidence > inversion.threshold)
-    further = _further(space, point, covariance, inversion)
+    ends = _severity_ends(inversion, valleys)
+    severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
+    further = _further(space, valleys, inversion)
     inversion.weigh(without_fault)
     limit = inversion.detection_limit(without_fault)
     assert recording.condition is not None  # `_chosen` lets none pass
@@ -192,9 +189,12 @@ def _inversion(
     healthy_twin = healthy_calibration if isinstance(healthy_calibration, Twin) else healthy_calibration.nominal
     twin = replace(healthy_twin.at(recording.condition), fault=space.reference, path=None)
     lines = _lines_of(twin, settings.band)
-    measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines)
+    phases = isinstance(healthy_calibration, Calibration) and bool(healthy_calibration.settings.get("phases"))
+    measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
+    if phases and background is not None:  # a phase that nobody knows makes a background an error
+        background, floor = None, np.hypot(floor, background)
     unknowns = _unknowns(healthy_calibration, limited, measurement.channels)
     comparison = Comparison(limited, measurement, background, floor)
     objective = Objective((comparison,), search_space(limited), unknowns)
@@ -288,17 +288,29 @@ def _calibrated_at(
     return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
 
 
+def _severity_ends(inversion: Inversion, valleys: Sequence[Valley]) -> tuple[float | None, float | None]:
+    """Ends of the severity's interval over all valleys, over the reference's; None where nothing limits it."""
+    lows, highs = [], []
+    for valley in valleys:
+        coordinate, rise = profile_likelihood(inversion, valley.point, valley.height, inversion.severity)
+        low, high = interval_of(coordinate, rise + valley.height - valleys[0].height)
+        lows.append(low)
+        highs.append(high)
+    below, above = [low for low in lows if low is not None], [high for high in highs if high is not None]
+    return min(below) if len(below) == len(lows) else None, max(above) if len(above) == len(highs) else None
+
+
 def _severity(
     space: FaultSpace,
     point: np.ndarray,
-    profile: tuple[np.ndarray, np.ndarray],
+    ends: tuple[float | None, float | None],
     inversion: Inversion,
     law: float,
     *,
     is_there: bool,
 ) -> DimensionEstimate:
-    """The severity with the interval of its profile, widened by the error of the fault's law."""
-    below, above = interval_of(*profile)
+    """The severity with the interval of its profiles, widened by the error of the fault's law."""
+    below, above = ends
     relative, typical = float(point[inversion.severity]), space.reference.severity
     most = float(inversion.upper[inversion.severity])
     low, high = (below or 0.0) if is_there else 0.0, most if above is None else above
@@ -319,17 +331,22 @@ def _severity(
     return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
-def _further(
-    space: FaultSpace, point: np.ndarray, covariance: np.ndarray, inversion: Inversion
-) -> list[DimensionEstimate]:
+def _further(space: FaultSpace, valleys: Sequence[Valley], inversion: Inversion) -> list[DimensionEstimate]:
+    """The further dimensions with the hull of their intervals in all valleys."""
     estimates = []
+    deviations = [np.sqrt(np.diag(inversion.deviations(valley.point)[0])) for valley in valleys]
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
-        std = float(np.sqrt(covariance[index, index]))
-        value = getattr(space.reference, dimension.name) * math.exp(float(point[index]))
-        interval = (value * math.exp(-QUANTILE * std), value * math.exp(QUANTILE * std))
-        estimates.append(
-            DimensionEstimate(dimension, value, interval, std, _verdict(dimension, float(point[index]), std))
-        )
+        lows, highs = [], []
+        for valley, deviation in zip(valleys, deviations, strict=True):
+            reach = math.sqrt(THRESHOLD - (valley.height - valleys[0].height)) * deviation[index]
+            lows.append(valley.point[index] - reach)
+            highs.append(valley.point[index] + reach)
+        typical, coordinate = getattr(space.reference, dimension.name), float(valleys[0].point[index])
+        low, high = min(lows), max(highs)
+        std = float(high - low) / (2 * QUANTILE)
+        interval = (typical * math.exp(low), typical * math.exp(high))
+        verdict = _verdict(dimension, coordinate, std)
+        estimates.append(DimensionEstimate(dimension, typical * math.exp(coordinate), interval, std, verdict))
     return estimates
 
 

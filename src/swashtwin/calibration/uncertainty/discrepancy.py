@@ -153,7 +153,7 @@ def _repeated_errors(around: Linearization) -> np.ndarray:
     if len(set(conditions)) == len(conditions):
         return noise
     level, quarter = _levels(around.objective, around.simulated)
-    deviation = np.concatenate([_deviation(comparison) for comparison in comparisons])
+    deviation = np.concatenate([comparison.deviation for comparison in comparisons])
     error = np.sqrt(np.maximum(around.sigma**2 - deviation**2, 0.0)) / np.hypot(level, quarter)
     level, quarter = level * error, quarter * error
     ends = np.cumsum([comparison.measured.numel() for comparison in comparisons])[:-1]
@@ -164,14 +164,6 @@ def _repeated_errors(around: Linearization) -> np.ndarray:
             block = np.outer(level[rows], level[columns]) + np.outer(quarter[rows], quarter[columns])
             noise[np.ix_(rows, columns)], noise[np.ix_(columns, rows)] = is_same * block, (is_same * block).T
     return noise
-
-
-def _deviation(comparison: Comparison) -> np.ndarray:
-    """Standard deviation of each observable from the measurement alone [m/s^2]."""
-    measurement = comparison.measurement
-    if measurement.phasor_deviation is None:
-        return measurement.deviation.reshape(-1)
-    return np.tile(measurement.phasor_deviation, 2).reshape(-1)
 
 
 def _line_names(comparison: Comparison) -> np.ndarray:

@@ -41,6 +41,8 @@ from .severity.dimensions import Dimension as Dimension
 from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
 from .severity.dimensions import search_of as search_of
+from .severity.forecast import LEAST_ESTIMATES as LEAST_ESTIMATES
+from .severity.forecast import SeverityForecast as SeverityForecast
 from .severity.severity import Severity as Severity
 from .severity.severity import SeveritySettings as SeveritySettings
 from .severity.severity import SeverityTrend as SeverityTrend
@@ -65,6 +67,7 @@ __all__ = [
     "GRAVITY",
     "IPINN",
     "LBFGS",
+    "LEAST_ESTIMATES",
     "PAPER_CALIBRATION",
     "PAPER_RATES",
     "QUANTILE",
@@ -91,6 +94,7 @@ __all__ = [
     "RecordingPlan",
     "ResumableCalibrator",
     "Severity",
+    "SeverityForecast",
     "SeveritySearch",
     "SeveritySettings",
     "SeverityTrend",

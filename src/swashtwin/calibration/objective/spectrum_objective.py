@@ -102,6 +102,12 @@ class Comparison:
         return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation, self.floor).repeat(1, 2)
 
     @property
+    def observable_frequency(self) -> Float[np.ndarray, " observable"]:
+        """Frequency of each observable of a channel [Hz]."""
+        lines = self.measurement.orders * self.twin.condition.shaft_frequency
+        return np.tile(lines, 2) if self.has_phases else lines
+
+    @property
     def deviation(self) -> Float[np.ndarray, " observable"]:
         """Standard deviation of each observable from the measurement alone [m/s^2]."""
         measurement = self.measurement
@@ -193,6 +199,12 @@ class Objective:
     def has_phases(self) -> bool:
         """Whether phases are compared too."""
         return self.comparisons[0].has_phases
+
+    @property
+    def frequency(self) -> Float[np.ndarray, " observable"]:
+        """Frequency of each observable [Hz]."""
+        lines = [np.tile(item.observable_frequency, len(item.measured)) for item in self.comparisons]
+        return np.concatenate(lines)
 
     @cached_property
     def measured(self) -> Float[Tensor, " observable"]:

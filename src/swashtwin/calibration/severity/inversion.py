@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.severity.dimensions import FaultSpace
+from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
 from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.profiles import THRESHOLD, ProfileProblem
 from swashtwin.foundation import SwashTwinError
@@ -25,8 +25,12 @@ from swashtwin.foundation import SwashTwinError
 SHARE = 0.1
 """Relative errors of the excitation, of the path and of single lines that a twin is expected to have; see
 `discrepancy`. An estimate of ours: what a fault's law lacks, no healthy recording shows."""
+ROLL_OFF_FREQUENCY = 1000.0
+"""Frequency [Hz] for which `SeveritySearch.roll_off` is stated."""
 FACTORS = np.geomspace(0.03, 8.0, 9)
 """Severities over the reference's on the first grid; the last is the greatest it can find."""
+LEAST_SEVERITY = 1e-3
+"""Severity over the reference's that counts as next to none."""
 GRID_POINTS = 27
 """Number of values of a further dimension on the first grid, over two standard deviations to both sides: lines up to
 order k distinguish a length from those a few k-ths longer, so that there are many valleys."""
@@ -67,6 +71,7 @@ class Inversion(ProfileProblem):
 
     def __init__(self, objective: Objective, space: FaultSpace, prior: Prior) -> None:
         self.objective, self.space, self.prior = objective, space, prior
+        self.roll_off = search_of(space.reference).roll_off
         self.n_unknowns, self.simulations = len(prior.center), 0
         spread = 6 * np.sqrt(np.diag(prior.covariance))
         further = 4 * np.array([dimension.deviation for dimension in space.free[1:]])
@@ -133,7 +138,12 @@ class Inversion(ProfileProblem):
         """Set the weights by noise and the twin's expected errors at `point`."""
         objective = self._objective_at(point)
         around = linearize(objective, point[: self.n_unknowns])
-        self.root = np.linalg.cholesky(noise_covariance(around, Discrepancy((), SHARE, SHARE, SHARE)))
+        covariance = noise_covariance(around, Discrepancy((), SHARE, SHARE, SHARE))
+        if self.roll_off:
+            by_fault = point[self.severity] * self._difference(point, self.severity, around.simulated)
+            error = self.roll_off * (objective.frequency / ROLL_OFF_FREQUENCY) ** 2 * by_fault
+            covariance = covariance + np.outer(error, error)
+        self.root = np.linalg.cholesky(covariance)
 
     def search(self) -> tuple[list[Valley], float]:
         """Valleys of the sum of squares that are likely enough to hold the truth, the deepest first; and the misfit.
@@ -191,8 +201,9 @@ class Inversion(ProfileProblem):
         return severities > 1 or bool((np.abs(point[first + 1 :] - other[first + 1 :]) > 0.05).any())
 
     def detection_limit(self, point: Float[np.ndarray, " unknown"]) -> float | None:
-        """Least severity over the reference's that these lines distinguish from none; None beyond the search, and where
-        the fault does not vanish with its severity.
+        """Least severity over the reference's that these lines distinguish from next to none; None beyond the search.
+
+        Next to none, because a fault of several effects need not vanish with its severity.
 
         Parameters
         ----------
@@ -200,7 +211,9 @@ class Inversion(ProfileProblem):
         """
         _, slope = self.at(point)
         others = np.delete(slope, self.severity, axis=1)
-        silent = self.observables(point)
+        least = point.copy()
+        least[self.severity] = LEAST_SEVERITY
+        silent = self.observables(least)
         needed = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR))
 
         def surplus(logarithm: float) -> float:
@@ -211,8 +224,8 @@ class Inversion(ProfileProblem):
             residual = change - others @ np.linalg.lstsq(others, change, rcond=None)[0]
             return float(np.linalg.norm(residual)) - needed
 
-        low, high = np.log(1e-3), np.log(self.upper[self.severity])
-        if surplus(high) < 0 or surplus(low) > 0:
+        low, high = np.log(LEAST_SEVERITY), np.log(self.upper[self.severity])
+        if surplus(high) < 0:
             return None
         return float(np.exp(scipy.optimize.brentq(surplus, low, high, xtol=0.02)))
 

@@ -1,11 +1,14 @@
 """Severity of a fault in one recording and in several, in its unit and with an interval."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from swashtwin.calibration.severity.dimensions import Dimension
+from swashtwin.calibration.severity.forecast import SeverityForecast, forecast_line
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
 from swashtwin.foundation import InputError
 from swashtwin.pump import Fault, OperatingCondition
@@ -25,8 +28,8 @@ class SeveritySettings:
     [an estimate of ours], beside half of what oil and pressure are expected to move it by."""
     law: float | None = None
     """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
-    be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: 0.25 for
-    contacts, 0.1 for openings and leaks (`dimensions.SeveritySearch`) [estimates of ours]."""
+    be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: that of the
+    fault, from 0.08 for a clearance to 0.25 for a contact (`dimensions.SeveritySearch`)."""
 
     def __post_init__(self) -> None:
         for name in ("drift", "law"):
@@ -90,7 +93,8 @@ class Severity:
     """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all cases."""
     detection_limit: float | None
     """Least severity [SI] that such a recording distinguishes from none with 5 % of errors of either kind (Currie 1968,
-    doi:10.1021/ac60259a007); None beyond the search."""
+    doi:10.1021/ac60259a007); None beyond the search. Where a fault acts besides its severity, as a grown area does
+    beside an advance, none is a severity of nearly zero."""
     repeatability: float
     """Standard deviation of the logarithm of the severity from recording to recording of this pump: noise and drift
     of its films. What is common to all of them, such as the fault's law, is not in it."""
@@ -109,6 +113,21 @@ class Severity:
     def severity(self) -> DimensionEstimate:
         """The dimension that carries the severity."""
         return self.dimensions[0]
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the severity from recording to recording [SI]."""
+        value = self.severity.value
+        if value > 0 and math.isfinite(self.repeatability):
+            return self.repeatability * value
+        return self.severity.interval[1] / QUANTILE
+
+    @property
+    def common_std(self) -> float:
+        """Standard deviation of the logarithm that is common to all recordings; infinite where it may be zero."""
+        low, high = self.severity.interval
+        whole = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
+        return math.sqrt(max(whole**2 - self.repeatability**2, 0.0))
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
@@ -166,6 +185,29 @@ class SeverityTrend:
         ratio = ends[0].severity.value / ends[1].severity.value
         factor = math.exp(QUANTILE * math.hypot(*(severity.repeatability for severity in ends)))
         return ratio, (ratio / factor, ratio * factor)
+
+    def forecast(self, times: Sequence[float], ahead: Sequence[float], limit: float | None = None) -> SeverityForecast:
+        """How the severity goes on if it grows in proportion to time, with a band of 90 %.
+
+        A straight line through the estimates, weighed by their repeatability. Where they scatter by more than that,
+        the band widens by it. What is common to all estimates, such as the error of the fault's law, scales the band as
+        a whole. A fault that grows faster and faster leaves the band upwards.
+
+        Parameters
+        ----------
+        times : when each recording was made, such as its running hours.
+        ahead : times to forecast, in the same unit.
+        limit : severity [SI] whose date is wanted; it is searched up to the last of `ahead`.
+
+        Raises
+        ------
+        InputError
+            Not one time for each estimate, fewer than three different ones, or an impossible limit.
+        """
+        values = [estimate.severity.value for estimate in self.estimates]
+        shared = [estimate.common_std for estimate in self.estimates if estimate.severity.interval[0] > 0]
+        common = float(np.median(shared)) if shared else 0.0
+        return forecast_line(values, [item.deviation for item in self.estimates], common, times, ahead, limit)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""

@@ -193,8 +193,8 @@ def _inversion(
     measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
-    if phases and background is not None:  # a phase that nobody knows makes a background an error
-        background, floor = None, np.hypot(floor, background)
+    if background is not None and phases:  # of an amplitude whose phase nobody knows remains an error
+        background, floor = None, np.hypot(floor, np.asarray(background))
     unknowns = _unknowns(healthy_calibration, limited, measurement.channels)
     comparison = Comparison(limited, measurement, background, floor)
     objective = Objective((comparison,), search_space(limited), unknowns)
@@ -338,7 +338,7 @@ def _further(space: FaultSpace, valleys: Sequence[Valley], inversion: Inversion)
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []
         for valley, deviation in zip(valleys, deviations, strict=True):
-            reach = math.sqrt(THRESHOLD - (valley.height - valleys[0].height)) * deviation[index]
+            reach = math.sqrt(THRESHOLD - (valley.height - valleys[0].height)) * dimension.share * deviation[index]
             lows.append(valley.point[index] - reach)
             highs.append(valley.point[index] + reach)
         typical, coordinate = getattr(space.reference, dimension.name), float(valleys[0].point[index])

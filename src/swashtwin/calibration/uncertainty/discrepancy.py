@@ -183,9 +183,7 @@ def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:
     objective = around.objective
     constants = [np.outer(slope, slope) for slope in _constant_slopes(objective, around.point, names)]
     comparisons = objective.comparisons
-    frequency = np.concatenate(
-        [np.tile(_frequency(comparison), len(comparison.measured)) for comparison in comparisons]
-    )
+    frequency = objective.frequency
     condition = np.concatenate([np.full(comparison.measured.numel(), i) for i, comparison in enumerate(comparisons)])
     channel = np.concatenate(
         [np.repeat(comparison.measurement.channels, comparison.measured.shape[1]) for comparison in comparisons]
@@ -199,12 +197,6 @@ def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:
         nearness * (channel[:, None] == channel),
         np.diag(level**2 + quarter**2),
     ]
-
-
-def _frequency(comparison: Comparison) -> np.ndarray:
-    """Frequency [Hz] of each observable of a channel."""
-    lines = comparison.measurement.orders * comparison.twin.condition.shaft_frequency
-    return np.tile(lines, 2) if comparison.has_phases else lines
 
 
 def _levels(objective: Objective, simulated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """Severity by inversion: found again from a twin's own recordings, and said where it cannot be."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from commandline import run, run_json
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, SeveritySettings, calibrate, estimate_severity
 from swashtwin.calibration.severity.dimensions import fault_space
+from swashtwin.calibration.severity.inversion import Inversion, Minimum
+from swashtwin.calibration.severity.severity_search import _severity_ends
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -134,7 +137,74 @@ def test_which_piston_is_worn_changes_no_amplitude_and_is_not_offered(true_twin:
 
 def test_an_angle_is_told_modulo_a_pistons_turn_and_that_is_said(calibration: Calibration, record: Record) -> None:
     trend = estimate_severity(calibration, [record(LONG, "angle")], LONG, free=("angle",))
-    assert any("phases are dropped" in text for text in trend.notes)
+    assert any("from the angle one piston further on" in text for text in trend.notes)
+
+
+def test_phases_of_the_calibration_lower_the_detection_limit(
+    pump: Pump, at_15: OperatingCondition, calibration: Calibration, healthy: list[Recording], record: Record
+) -> None:
+    band = (0, 1000)
+    method, nuisances = GaussNewton(starts=1), Nuisances.usual()
+    phased = calibrate(Twin(pump, at_15), healthy, method=method, nuisances=nuisances, band=band, explain_misfit=False)
+    worn, start = [record(PistonWear(um(45)), "worn")], PistonWear(um(100))
+    amplitudes, lines = (
+        estimate_severity(base, worn, start, healthy=healthy).estimates[0] for base in (calibration, phased)
+    )
+    assert lines.severity.interval[0] < um(45) < lines.severity.interval[1]
+    assert lines.severity.value == pytest.approx(um(45), rel=0.15)
+    assert lines.detection_limit is not None
+    assert amplitudes.detection_limit is not None
+    assert lines.detection_limit < amplitudes.detection_limit
+
+
+def test_a_recess_that_slippers_follow_less_at_high_frequencies_is_still_as_deep(
+    calibration: Calibration, record: Record
+) -> None:
+    true = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
+    without, recording = record(None, "same"), record(true, "same")
+    frequency = np.fft.rfftfreq(recording.signal.shape[1], 1 / recording.sample_rate)
+    share = 1 / (1 + (frequency / 1500) ** 2)
+    by_fault = np.fft.irfft(np.fft.rfft(recording.signal - without.signal) * share, recording.signal.shape[1])
+    muffled = recording.replace(signal=without.signal + by_fault)
+    (estimate,) = estimate_severity(calibration, [muffled], LONG).estimates
+    assert estimate.severity.interval[0] < true.depth < estimate.severity.interval[1]
+    assert estimate.severity.value == pytest.approx(true.depth, rel=0.25)
+
+
+def test_an_eroded_groove_has_a_limit_from_which_its_advance_is_seen(calibration: Calibration, record: Record) -> None:
+    (estimate,) = estimate_severity(
+        calibration, [record(GrooveErosion(deg(9)), "eroded")], GrooveErosion(deg(5))
+    ).estimates
+    assert estimate.severity.interval[0] < deg(9) < estimate.severity.interval[1]
+    assert estimate.detection_limit is not None
+    assert deg(0.05) < estimate.detection_limit < deg(9)
+
+
+class _TwoMinima(Inversion):
+    """Sum of squares that is 0 at 1 and `height` at 3."""
+
+    def __init__(self, height: float) -> None:
+        self.n_unknowns, self.lower, self.upper = 0, np.array([0.0]), np.array([8.0])
+        self.scale = math.sqrt(height)
+
+    def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and slopes."""
+        x = float(point[0])
+        ramp = self.scale * (x - 1) / 2
+        return np.array([9 * (x - 1) * (x - 3), ramp]), np.array([[9 * (2 * x - 4)], [self.scale / 2]])
+
+
+@pytest.mark.parametrize("height", [0.5, 2.5])
+def test_an_interval_reaches_around_all_minima_that_explain_the_lines(height: float) -> None:
+    problem = _TwoMinima(height)
+    low, high = _severity_ends(problem, [Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)])
+    assert low is not None
+    assert high is not None
+    assert 0.8 < low < 1
+    assert 3 < high < 3.2
+    alone = _severity_ends(problem, [Minimum(np.array([1.0]), 0.0)])
+    assert alone[1] is not None
+    assert alone[1] < 1.2
 
 
 def test_a_width_above_the_slippers_is_not_identified(calibration: Calibration, record: Record) -> None:

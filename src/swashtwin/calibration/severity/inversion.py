@@ -33,7 +33,7 @@ LEAST_SEVERITY = 1e-3
 """Severity over the reference's that counts as next to none."""
 GRID_POINTS = 27
 """Number of values of a further dimension on the first grid, over two standard deviations to both sides: lines up to
-order k distinguish a length from those a few k-ths longer, so that there are many valleys."""
+order k distinguish a length from those a few k-ths longer, so that there are many minima."""
 STARTS = 3
 """Number of starts that are descended from."""
 _STEP = 1e-3
@@ -57,7 +57,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Valley:
+class Minimum:
     """A local minimum of the sum of squares."""
 
     point: Float[np.ndarray, " unknown"]
@@ -88,7 +88,7 @@ class Inversion(ProfileProblem):
     @property
     def threshold(self) -> float:
         """Rise of the sum of squares without the fault above which it is there: noise alone exceeds it in 5 % of all
-        cases. Where a further dimension is free there are many valleys for noise to fall into (Bonferroni)."""
+        cases. Where a further dimension is free there are many minima for noise to fall into (Bonferroni)."""
         return float(scipy.stats.chi2.isf(2 * ERROR / (GRID_POINTS if len(self.space.free) > 1 else 1), 1))
 
     def _objective_at(self, point: np.ndarray) -> Objective:
@@ -145,8 +145,8 @@ class Inversion(ProfileProblem):
             covariance = covariance + np.outer(error, error)
         self.root = np.linalg.cholesky(covariance)
 
-    def search(self) -> tuple[list[Valley], float]:
-        """Valleys of the sum of squares that are likely enough to hold the truth, the deepest first; and the misfit.
+    def search(self) -> tuple[list[Minimum], float]:
+        """Minima of the sum of squares that are likely enough to hold the truth, the deepest first; and the misfit.
 
         The misfit is the root mean square of the lines' residuals at the first descent. Where it exceeds 1, all
         standard deviations of lines are widened by it.
@@ -162,16 +162,16 @@ class Inversion(ProfileProblem):
             points[0], height = self.descend(points[0], fixed=None)
         misfit = math.sqrt(height / len(self.root))
         self.root = self.root * max(misfit, 1.0)
-        deepest, *others = sorted((Valley(*self.descend(point, fixed=None)) for point in points), key=_height)
-        valleys = [deepest]
-        for valley in others:
-            is_likely = valley.height - deepest.height < THRESHOLD
-            if is_likely and not any(self._are_same(valley, other) for other in valleys):
-                valleys.append(valley)
-        return valleys, misfit
+        deepest, *others = sorted((Minimum(*self.descend(point, fixed=None)) for point in points), key=_height)
+        minima = [deepest]
+        for minimum in others:
+            is_likely = minimum.height - deepest.height < THRESHOLD
+            if is_likely and not any(self._are_same(minimum, other) for other in minima):
+                minima.append(minimum)
+        return minima, misfit
 
-    def _are_same(self, valley: Valley, other: Valley) -> bool:
-        ends = valley.point[self.severity :], other.point[self.severity :]
+    def _are_same(self, minimum: Minimum, other: Minimum) -> bool:
+        ends = minimum.point[self.severity :], other.point[self.severity :]
         return bool(np.allclose(*ends, rtol=0.02, atol=0.02))
 
     def _starts(self) -> Iterable[np.ndarray]:
@@ -242,5 +242,5 @@ class Inversion(ProfileProblem):
         return covariance, float(np.sqrt(np.sum((errors * noise) ** 2) + drift @ self.prior.drift @ drift))
 
 
-def _height(valley: Valley) -> float:
-    return valley.height
+def _height(minimum: Minimum) -> float:
+    return minimum.height

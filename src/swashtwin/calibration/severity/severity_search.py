@@ -13,7 +13,7 @@ from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison
 from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
-from swashtwin.calibration.severity.inversion import Inversion, Prior, Valley
+from swashtwin.calibration.severity.inversion import Inversion, Minimum, Prior
 from swashtwin.calibration.severity.severity import (
     DimensionEstimate,
     Severity,
@@ -52,12 +52,12 @@ def estimate_severity(
     dimensions together with the six interface values and the constants that the healthy calibration had searched, whose
     posterior is the prior here, carried over to the recording's oil and pressure (`twin.carry_over`, the pistons' film
     with half the viscosity's power) and widened by `SeveritySettings.drift`. Minimized is the sum of squares of
-    measured minus simulated amplitudes, weighed by noise and by what twins lack; the severity's interval is where the
-    least sum over all else rises by 2.71 (profile likelihood).
+    measured minus simulated lines, weighed by noise and by what twins lack; the severity's interval is where the least
+    sum over all else rises by 2.71 (profile likelihood), around all minima that lie so low.
 
-    Amplitudes only, no phases. Which piston or which bore is damaged changes no line's
-    amplitude and cannot be found; a swash plate defect's angle changes them through interference with the pressures'
-    lines only, and repeats after a piston's share of a turn; a width above a slipper's diameter does not act at all.
+    Phases of the lines are compared where the calibration compared them. Which piston or which bore is damaged only
+    turns all lines together and cannot be found; a swash plate defect's angle repeats after a piston's share of a turn;
+    a width above a slipper's diameter does not act at all.
 
     Parameters
     ----------
@@ -143,17 +143,17 @@ def _of_recording(
 ) -> Severity:
     started = time.perf_counter()
     inversion = _inversion(healthy_calibration, recording, space, healthy, settings)
-    valleys, misfit = inversion.search()
-    point, height = valleys[0].point, valleys[0].height
+    minima, misfit = inversion.search()
+    point, height = minima[0].point, minima[0].height
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
     without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
     covariance, deviation = inversion.deviations(point)
     law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, height_without - height)
-    ends = _severity_ends(inversion, valleys)
+    ends = _severity_ends(inversion, minima)
     severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
-    further = _further(space, valleys, inversion)
+    further = _further(space, minima, inversion)
     inversion.weigh(without_fault)
     limit = inversion.detection_limit(without_fault)
     assert recording.condition is not None  # `_chosen` lets none pass
@@ -288,16 +288,16 @@ def _calibrated_at(
     return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
 
 
-def _severity_ends(inversion: Inversion, valleys: Sequence[Valley]) -> tuple[float | None, float | None]:
-    """Ends of the severity's interval over all valleys, over the reference's; None where nothing limits it."""
-    lows, highs = [], []
-    for valley in valleys:
-        coordinate, rise = profile_likelihood(inversion, valley.point, valley.height, inversion.severity)
-        low, high = interval_of(coordinate, rise + valley.height - valleys[0].height)
-        lows.append(low)
-        highs.append(high)
-    below, above = [low for low in lows if low is not None], [high for high in highs if high is not None]
-    return min(below) if len(below) == len(lows) else None, max(above) if len(above) == len(highs) else None
+def _severity_ends(inversion: Inversion, minima: Sequence[Minimum]) -> tuple[float | None, float | None]:
+    """Ends of the severity's interval around all minima, over the reference's; None where nothing limits it."""
+    below, above = [], []
+    for minimum in minima:
+        coordinate, rise = profile_likelihood(inversion, minimum.point, minimum.height, inversion.severity)
+        low, high = interval_of(coordinate, rise + minimum.height - minima[0].height)
+        below.append(-math.inf if low is None else low)
+        above.append(math.inf if high is None else high)
+    low, high = min(below), max(above)
+    return low if low > -math.inf else None, high if high < math.inf else None
 
 
 def _severity(
@@ -331,17 +331,17 @@ def _severity(
     return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
-def _further(space: FaultSpace, valleys: Sequence[Valley], inversion: Inversion) -> list[DimensionEstimate]:
-    """The further dimensions with the hull of their intervals in all valleys."""
+def _further(space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion) -> list[DimensionEstimate]:
+    """The further dimensions with the hull of their intervals in all minima."""
     estimates = []
-    deviations = [np.sqrt(np.diag(inversion.deviations(valley.point)[0])) for valley in valleys]
+    deviations = [np.sqrt(np.diag(inversion.deviations(minimum.point)[0])) for minimum in minima]
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []
-        for valley, deviation in zip(valleys, deviations, strict=True):
-            reach = math.sqrt(THRESHOLD - (valley.height - valleys[0].height)) * dimension.share * deviation[index]
-            lows.append(valley.point[index] - reach)
-            highs.append(valley.point[index] + reach)
-        typical, coordinate = getattr(space.reference, dimension.name), float(valleys[0].point[index])
+        for minimum, deviation in zip(minima, deviations, strict=True):
+            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * dimension.share * deviation[index]
+            lows.append(minimum.point[index] - reach)
+            highs.append(minimum.point[index] + reach)
+        typical, coordinate = getattr(space.reference, dimension.name), float(minima[0].point[index])
         low, high = min(lows), max(highs)
         std = float(high - low) / (2 * QUANTILE)
         interval = (typical * math.exp(low), typical * math.exp(high))
@@ -400,8 +400,8 @@ def _notes(
         yield f"{', '.join(flat)}: not identified; the recording hardly says more than was assumed."
     if "angle" in {dimension.name for dimension in space.free}:
         yield (
-            "amplitudes tell an angle only where the fault's lines meet those of the pressures, and not from the angle "
-            "one piston further on: phases are dropped."
+            "an angle is not told from the angle one piston further on, and without phases only where the fault's "
+            "lines meet those of the pressures."
         )
     if not healthy and space.reference.label != "swash_plate":
         yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."

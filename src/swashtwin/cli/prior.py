@@ -34,8 +34,11 @@ def prior(
     from swashtwin.synthesis import PumpPrior, simulate_changes
 
     require_target(out, ".safetensors")
-    ranges = {"speed": _range(speed, "rad/s", "--speed"), "pressure": _range(pressure, "Pa", "--pressure")}
-    drawing = PumpPrior(pump=load_pump(pump), **{name: ends for name, ends in ranges.items() if ends is not None})
+    drawing = PumpPrior(
+        pump=load_pump(pump),
+        speed=_range(speed, "rad/s", "--speed") or PumpPrior.speed,
+        pressure=_range(pressure, "Pa", "--pressure") or PumpPrior.pressure,
+    )
     with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
         changes = simulate_changes(drawing, count, seed=seed, jobs=jobs, progress=bar)
     n_pumps = len(set(changes.pump.tolist()))

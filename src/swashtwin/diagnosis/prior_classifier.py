@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Float64, Int64, Shaped
+from jaxtyping import Float, Float64, Int64, Shaped
 from torch import from_numpy
 
 from swashtwin.diagnosis.verdict import Diagnosis
@@ -326,7 +326,7 @@ class PriorClassifier:
 
 def fit_prior(
     bands: OrderBands,
-    change: Float64[np.ndarray, "recording channel band"],
+    change: Float[np.ndarray, "recording channel band"],
     label: Shaped[np.ndarray, " recording"],
     *,
     pump: Pump,

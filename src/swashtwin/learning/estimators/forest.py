@@ -114,6 +114,7 @@ def fit_forest(
         roots.append(first)
         first += tree.node_count
     column, threshold, left, right, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
+    column, left, right = (part.astype(np.int64) for part in (column, left, right))
     return Forest(np.array(roots), column, threshold, left, right, probability)
 
 
@@ -125,8 +126,8 @@ def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:
         if left[node] >= 0:
             order += [left[node], right[node]]
             queue += [left[node], right[node]]
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
+    position = np.empty(len(order), dtype=np.int64)
+    position[order] = np.arange(len(order))
     leaf = left[order] < 0
     nodes = np.arange(len(order))
     lefts = np.where(leaf, nodes, place[left[order]])

@@ -130,7 +130,7 @@ def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:
     position[order] = np.arange(len(order))
     leaf = left[order] < 0
     nodes = np.arange(len(order))
-    lefts = np.where(leaf, nodes, place[left[order]])
+    lefts = np.where(leaf, nodes, position[left[order]])
     probability = tree.value[order, 0]  # type: ignore[attr-defined]
     return (
         np.where(leaf, -1, tree.feature[order]),  # type: ignore[attr-defined]

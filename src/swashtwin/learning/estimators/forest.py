@@ -89,7 +89,7 @@ class Forest:
         if (left[~leaf] + 1 >= column.size).any():
             raise ValueError("a node of its trees leads out of them")
         probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
-        probability[leaf] = of_leaves
+        probability[leaf] = of_leaves / of_leaves.sum(axis=1, keepdims=True)
         return cls(root, column, threshold, left, np.where(leaf, nodes, left + 1), probability)
 
 

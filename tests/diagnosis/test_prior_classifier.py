@@ -98,8 +98,8 @@ def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
     before = adapted().predict_proba([recording("piston", 9)])[0]
     taught = trained().adapt([*healthy(), recording("piston", 1)])
     after = taught.predict_proba([recording("piston", 9)])[0]
-    column = taught.classes.index("piston")
-    assert after[column] > before[column]
+    index = taught.classes.index("piston")
+    assert after[index] > before[index]
     assert taught.taught == (("piston", 1),)
     assert "1 of piston" in repr(taught)
 
@@ -200,8 +200,8 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     model = tmp_path / "model.safetensors"
     trained_by = run("train", folder, "--prior", "25scy14-1b", "--out", model, "--json")
     assert json.loads(trained_by.stdout)["healthy"] == 2
-    answer = run("diagnose", model, folder / "2.h5", "--json")
-    (verdict,) = json.loads(answer.stdout)["diagnoses"]
+    result = run("diagnose", model, folder / "2.h5", "--json")
+    (verdict,) = json.loads(result.stdout)["diagnoses"]
     assert verdict["label"] == "piston"
     refused = run("train", folder, "--prior", "25scy14-1b", "--budget", "1 min", code=2)
     assert "belongs to a training on measured windows" in " ".join(refused.stderr.split())
@@ -209,8 +209,8 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
 
 def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
-    answer = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")
-    assert json.loads(answer.stdout)["pumps"] == 10
+    result = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")
+    assert json.loads(result.stdout)["pumps"] == 10
     assert load_prior(out).speed == pytest.approx((rpm(900), rpm(1000)))
     refused = run("twin", "prior", "--out", out, "--speed", "900 rpm", code=2)
     assert "is no range" in " ".join(refused.stderr.split())

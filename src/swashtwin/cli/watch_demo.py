@@ -83,7 +83,7 @@ def demo(
         if end:
             stop.set()
         else:
-            note("The course is over; the page stays until Ctrl-C.")
+            note("All recordings are judged; the page stays until Ctrl-C.")
 
     with stop_signals() as stop:
         run_watch(config, stop=stop, started=start, progress=show)

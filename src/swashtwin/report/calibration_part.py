@@ -97,7 +97,11 @@ def _change_words(calibration: Calibration, name: str) -> str:
 def verdict_counts(calibration: Calibration) -> str:
     """How many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
-    named = [f"{count} {'is' if count == 1 else 'are'} {verdict}" for verdict, count in counts.most_common()]
+    phrases = {"at bound": "at a bound"}
+    named = [
+        f"{count} {'is' if count == 1 else 'are'} {phrases.get(verdict, verdict)}"
+        for verdict, count in counts.most_common()
+    ]
     return ", ".join(named)
 
 

@@ -52,6 +52,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = "swashtwin"
 html_show_sourcelink = False
 html_extra_path = ["llms.txt"]
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_theme_options = {
     "show_nav_level": 1,
     "navigation_with_keys": False,

@@ -94,7 +94,7 @@ def severity(
 
     The severity (a depth, a clearance) is always searched; one that is given is where the search starts. Of the further
     dimensions the usual ones are searched unless they are given. Calibrate with --band "0-1 kHz", the band in which
-    severities are searched.
+    severities are searched, and with phases, the default.
     """
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError

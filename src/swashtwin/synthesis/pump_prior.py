@@ -4,8 +4,9 @@ A twin's levels are off by the housing, the sensors and the mounting, which nobo
 against the healthy recordings of the same pump is not. So every virtual pump has healthy recordings of its own, each
 another assembly at another oil temperature, and a fault is described by the changes of its levels against these.
 
-The widths are estimates of ours of how far pumps of one drawing differ. Viscosity acts on leakages and on the films' damping, a slipper follows a recess less the faster it is
-(a low pass of first order in power), and clearances, port timing and unbalance have tolerances.
+The widths are estimates of ours of how far pumps of one drawing differ. Viscosity acts on leakages and on the films'
+damping, a slipper follows a recess less the faster it is (a low pass of first order in power), and clearances, port
+timing and unbalance have tolerances.
 """
 
 import math

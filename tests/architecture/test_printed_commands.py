@@ -38,7 +38,11 @@ NOT_RUN = (
 )
 """Commands that are parsed and not run, and why."""
 
-ELSEWHERE = {"docs/how-to/recordings.md": "tests/cli/test_recordings.py", "docs/tutorials/watch.md": "test_watch.py"}
+ELSEWHERE = {
+    "docs/how-to/recordings.md": "tests/cli/test_recordings.py",
+    "docs/how-to/zero-shot.md": "tests/diagnosis/test_prior_classifier.py",
+    "docs/tutorials/watch.md": "tests/cli/test_watch.py",
+}
 """Pages that a test of their own runs."""
 
 

@@ -65,7 +65,10 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
         },
     ),
     "history": ("Use the history of watched machines in other programs.", {"export": history.export}),
-    "model": ("Use a trained model in other programs.", {"export": testing.export}),
+    "model": (
+        "Adapt a shipped model to a machine, or use a trained one in other programs.",
+        {"adapt": prior.adapt, "export": testing.export},
+    ),
     "bench": (
         "Ask whether the methods work: virtual rig, fillers, studies.",
         {

@@ -27,7 +27,7 @@ from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.prior import diagnose_with_prior
 from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import confidence_advice
-from swashtwin.foundation import artifact_kind, plural
+from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,6 +62,7 @@ def diagnose(
     The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
     """
     import swashtwin.diagnosis as diagnosis
+    from swashtwin.foundation import artifact_kind
 
     facts = file_facts(locals())
     if artifact_kind(model) == diagnosis.PriorClassifier.KIND:

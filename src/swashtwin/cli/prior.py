@@ -1,13 +1,13 @@
-"""The pump prior: swashtwin twin prior, and what train and diagnose do with one."""
+"""The pump prior: swashtwin twin prior, model adapt, and what diagnose does with one."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swashtwin.cli.console import note, note_merged, progress, say, table, tell, with_bar
 from swashtwin.cli.exits import NO_VERDICT, require_target, resumable
-from swashtwin.cli.options import Jobs, Json, PumpName, Seed
+from swashtwin.cli.options import Index, Jobs, Json, PumpName, Seed
 from swashtwin.cli.pages import write_page
 from swashtwin.foundation import plural
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from swashtwin.diagnosis import Diagnosis, PriorClassifier
-    from swashtwin.recordings import Recording, Recordings
+    from swashtwin.recordings import Recording
 
 
 def prior(
@@ -28,7 +28,7 @@ def prior(
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
-    """Simulate virtual pumps of a design with every fault, and train on them what train --prior adapts to a machine."""
+    """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
     from swashtwin.diagnosis import fit_prior
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, simulate_changes
@@ -58,7 +58,7 @@ def prior(
         say(f"{out}: {model!r}")
         if n_pumps < count:
             note(f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge.")
-        say(f"Next: swashtwin train HEALTHY --prior {out}")
+        say(f"Next: swashtwin model adapt {out} HEALTHY")
 
     tell({"model": out, "pump": model.pump, "pumps": n_pumps, "classes": model.classes, "seed": seed}, as_json, show)
 
@@ -75,29 +75,23 @@ def _range(text: str | None, unit: str, option: str) -> tuple[float, float] | No
     return parse(ends[0], unit, name=option), parse(ends[1], unit, name=option)
 
 
-def train_prior(name: str, recordings: "Recordings", out: Path, as_json: bool, **others: Any) -> None:
-    """Write the classifier that a pump prior and these recordings make.
-
-    Parameters
-    ----------
-    name : design whose shipped prior is taken, or a prior's file.
-    others : options of train that belong to another training, by name; a wrong command line where one was given.
-    """
+def adapt(
+    prior: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
+    source: Index,
+    out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("pump.safetensors"),
+    as_json: Json = False,
+) -> None:
+    """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index teach it further."""
     from swashtwin.diagnosis import load_prior
+    from swashtwin.recordings import load_recordings
 
-    for option, value in others.items():
-        if value:
-            raise typer.BadParameter(
-                "belongs to a training on measured windows; with --prior the virtual pumps are what was trained on. "
-                "Leave it out.",
-                param_hint=f"--{option.replace('_', '-')}",
-            )
-    shipped = load_prior(name)
+    require_target(out, ".safetensors")
+    shipped = load_prior(prior)
     with progress("measuring levels"):
-        model = shipped.adapt(recordings)
+        model = shipped.adapt(load_recordings(source))
     model.save(out)
     result = {
-        "model": out, "kind": "prior classifier", "prior": name, "pump": model.pump, "classes": model.classes,
+        "model": out, "kind": "prior classifier", "prior": prior, "pump": model.pump, "classes": model.classes,
         "healthy": len(model.specimen), "faults": dict(model.taught), "recordings": sorted(model.manifest),
     }  # fmt: skip
 

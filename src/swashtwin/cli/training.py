@@ -20,7 +20,6 @@ from swashtwin.cli.options import (
     defaults_of,
     read_settings,
 )
-from swashtwin.cli.prior import train_prior
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
         ValidationPlan,
         WindowSet,
     )
-    from swashtwin.recordings import Manifest, Recordings
+    from swashtwin.recordings import Manifest
 
 
 _ERROR_RATE = 0.1
@@ -95,14 +94,6 @@ def train(
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DESIGN|FILE",
-            help="Learn faults from virtual pumps (swashtwin twin prior): 25scy14-1b, or a prior's file. The index "
-            "needs healthy recordings only; measured faults teach it further.",
-        ),
-    ] = None,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
     checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
@@ -111,15 +102,9 @@ def train(
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on.
 
-    Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate; with --prior, a
-    classifier of faults that nobody measured.
+    Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     is_chosen = network is None and preset is Preset.recommended
-    classifier_options = {
-        "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
-        "set": settings, "checkpoint": checkpoint, "window_stride": window_stride, "window": window,
-        "budget": budget, "preset": preset is Preset.paper, "group": group != "recording",
-    }  # fmt: skip
     _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
     from swashtwin.diagnosis import save_classifier
     from swashtwin.foundation import DataError, parse
@@ -156,11 +141,16 @@ def train(
     added = [load_windows(path) for path in add or ()]
     manifest = join_manifests([synthetic.manifest for synthetic in added])
     recordings = load_recordings(source)
-    if prior is not None or (not added and are_healthy(recordings)):
-        _train_on_healthy(prior, recordings, source, out, error_rate, as_json, added, classifier_options)
-        return
     length = window or (usual_window(recordings) if is_chosen else _NETWORK_WINDOW)
     layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
+    if not added and are_healthy(recordings):
+        classifier_options = {
+            "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
+            "set": settings, "checkpoint": checkpoint, "window_stride": window_stride, "window": window,
+            "budget": budget, "preset": preset is Preset.paper, "group": group != "recording",
+        }  # fmt: skip
+        train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
+        return
     test_fraction = _or_default(test_fraction, _TEST_FRACTION)
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     groups = recording_groups(recordings, group)
@@ -226,23 +216,6 @@ def train(
             classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
         save_classifier(classifier, out)
     _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
-
-
-def _train_on_healthy(
-    prior: str | None,
-    recordings: "Recordings",
-    source: Path,
-    out: Path,
-    error_rate: float | None,
-    as_json: bool,
-    added: list["WindowSet"],
-    others: dict[str, Any],
-) -> None:
-    """What needs no measured fault: a classifier from a pump prior, or an anomaly detector."""
-    if prior is None:
-        train_detector(recordings, source, out, error_rate, as_json, **others)
-    else:
-        train_prior(prior, recordings, out, as_json, add=added, error_rate=error_rate, **others)
 
 
 def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.fft
 from jaxtyping import Float, Float64, Int64, Shaped
 from torch import from_numpy
 
+from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,
@@ -35,12 +35,10 @@ from swashtwin.recordings import (
     facts_of,
     join_manifests,
     manifest_of,
-    refuse_unfit,
     seen_recordings,
     stated_pressure,
-    stated_speed,
 )
-from swashtwin.signals import OrderBands, power_density
+from swashtwin.signals import OrderBands
 
 VERSION = 1
 SHIPPED = Path(__file__).parent / "priors"
@@ -49,10 +47,6 @@ FEW_SHOT_WEIGHT = 3.0
 """What a measured fault counts in a leaf of the forest, against all virtual pumps there together; chosen on fleets
 100-103 of both versions of the virtual rig."""
 
-_TURNS = 8
-"""Revolutions in each segment of a spectrum, so that eight spectral lines lie from order to order."""
-_STRETCH = 1 << 18
-"""Samples of a channel that are transformed together."""
 _FACTS = ("speed", "pressure")
 _FORM: dict[str, Any] = {
     "pump": str,
@@ -150,7 +144,7 @@ class PriorClassifier:
             self,
             levels=np.stack([order_levels(recording, self.bands) for recording in sound]),
             specimen=tuple(recording.specimen or "" for recording in sound),
-            point_speed=np.array([2 * math.pi * _speed(recording) for recording in sound]),
+            point_speed=np.array([2 * math.pi * shaft_frequency(recording) for recording in sound]),
             point_pressure=np.array([stated_pressure(recording) for recording in sound]),
             unit=sound[0].unit,
             manifest=manifest_of(recordings),
@@ -218,7 +212,7 @@ class PriorClassifier:
 
     def _require_fit(self, recording: Recording, unit: str) -> None:
         """Refuse a recording that no virtual pump is like."""
-        name, shaft = recording.recording_id, _speed(recording)
+        name, shaft = recording.recording_id, shaft_frequency(recording)
         if recording.channels != self.channels:
             raise DataError(
                 f"{name} has the channels {', '.join(recording.channels)}, and the prior of {self.pump} those of its "
@@ -253,7 +247,7 @@ class PriorClassifier:
                 f"no healthy recording of {recording.specimen or 'the machine'} is at a discharge pressure of "
                 f"{stated_pressure(recording) / 1e6:.4g} MPa, so nothing can be said about this one."
             )
-        speed = 2 * math.pi * _speed(recording)
+        speed = 2 * math.pi * shaft_frequency(recording)
         at_speed = at_pressure & values_match(self.point_speed, speed, SPEED_TOLERANCE)
         if at_speed.any():
             return np.flatnonzero(at_speed), ()
@@ -290,7 +284,7 @@ class PriorClassifier:
         ArtifactError
             It is damaged, edited, something else, or of another version.
         """
-        advice = "make it with swashtwin twin prior, or with swashtwin train --prior"
+        advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
         card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_FACTS)
         with refuse_misfits(path, cls.KIND):
             require_form(card, _FORM, "card")
@@ -388,46 +382,3 @@ def load_prior(name: Path | str) -> PriorClassifier:
             "prior --pump FILE, and give its file."
         )
     return PriorClassifier.load(shipped[str(name)])
-
-
-def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray, "channel band"]:
-    """log10 of the power of each channel in each band, from power densities (Welch, Hann taper) of eight turns each.
-
-    Raises
-    ------
-    DataError
-        The recording is unfit, shorter than eight turns, states no speed, or its rate is too low for the bands.
-    """
-    refuse_unfit(recording)
-    shaft, rate = _speed(recording), float(recording.sample_rate)
-    if bands.highest * shaft > rate / 2:
-        raise DataError(
-            f"{recording.recording_id} is sampled at {rate:g} Hz; the prior's bands end at shaft order "
-            f"{bands.highest:g}, which takes {2 * bands.highest * shaft:.0f} Hz at least."
-        )
-    length = scipy.fft.next_fast_len(math.ceil(_TURNS * rate / shaft), real=True)
-    if recording.n_samples < length:
-        raise DataError(
-            f"{recording.recording_id} lasts {recording.duration:.3g} s; a prior compares spectra of {_TURNS} "
-            f"revolutions, which are {_TURNS / shaft:.3g} s: record longer."
-        )
-    step, parts, weights = max(length, _STRETCH), [], []
-    for start in range(0, recording.n_samples - length + 1, step):
-        signal = recording.slice(start, min(start + step, recording.n_samples)).signal
-        frequency, density = power_density(signal, rate, length)
-        parts.append(density)
-        weights.append(signal.shape[1])
-    power = np.average(parts, axis=0, weights=weights) * frequency[1]
-    sums = bands.sums(power[:, 1:], frequency[1:] / shaft, frequency[1] / shaft / 2)
-    return np.asarray(np.log10(np.maximum(sums, 1e-30)))
-
-
-def _speed(recording: Recording) -> float:
-    """Shaft frequency [Hz] that a recording states."""
-    shaft = stated_speed(recording)
-    if not shaft:
-        raise DataError(
-            f"{recording.recording_id} states no speed, and a prior compares shaft orders; state it in the index, or "
-            "with --speed."
-        )
-    return shaft

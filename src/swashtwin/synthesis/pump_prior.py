@@ -101,7 +101,7 @@ class PumpPrior:
         for name in ("speed", "pressure", "temperature", "mode_frequency", "following", "noise"):
             low, high = getattr(self, name)
             if not 0 < low <= high:
-                raise InputError(f"PumpPrior.{name} ({low:g} to {high:g}) must rise from a positive value.")
+                raise InputError(f"the {name} of a pump prior ({low:g} to {high:g}) must rise from a positive value.")
 
 
 @dataclass(frozen=True, eq=False)

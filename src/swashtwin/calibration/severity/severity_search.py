@@ -21,11 +21,12 @@ from swashtwin.calibration.severity.severity import (
     SeverityTrend,
     SeverityVerdict,
 )
+from swashtwin.calibration.severity.severity_notes import recording_notes, severity_notes
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import THRESHOLD, interval_of, profile_likelihood
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, carry_over
-from swashtwin.pump import PRESSURE_TOLERANCE, Fault, InterfaceValue, OperatingCondition, is_healthy, values_match
+from swashtwin.pump import Fault, InterfaceValue, OperatingCondition, is_healthy
 from swashtwin.recordings import Recording
 
 TRADED = 0.7
@@ -89,7 +90,7 @@ def estimate_severity(
         reference=fault,
         estimates=estimates,
         left_out=left_out,
-        notes=tuple(_notes(healthy_calibration, space, estimates, healthy_recordings)),
+        notes=tuple(severity_notes(healthy_calibration, space, estimates, healthy_recordings)),
         settings={
             **asdict(settings),
             "band": list(settings.band),
@@ -173,7 +174,7 @@ def _of_recording(
         wall_s=time.perf_counter() - started,
         notes=(
             *inversion.objective.comparisons[0].measurement.notes,
-            *_recording_notes(healthy_calibration, recording, misfit),
+            *recording_notes(healthy_calibration, recording, misfit),
         ),
     )
 
@@ -366,42 +367,3 @@ def _traded(covariance: np.ndarray, inversion: Inversion) -> str | None:
     names = [*inversion.objective.unknowns.names, *(dimension.name for dimension in inversion.space.free)]
     other = int(np.argmax(correlation))
     return names[other] if correlation[other] > TRADED else None
-
-
-def _recording_notes(healthy_calibration: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
-    assert recording.condition is not None
-    if isinstance(healthy_calibration, Calibration):
-        pressure = recording.condition.discharge_pressure
-        calibrated = [fit.condition.discharge_pressure for fit in healthy_calibration.fits]
-        if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
-            at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
-            yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
-    if misfit > 2:
-        yield f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another fault"
-
-
-def _notes(
-    healthy_calibration: Calibration | Twin,
-    space: FaultSpace,
-    estimates: Sequence[Severity],
-    healthy: Sequence[Recording],
-) -> Iterable[str]:
-    if isinstance(healthy_calibration, Twin):
-        yield "no healthy calibration of this pump was given: its values were free, and the severity is less certain."
-    partners = {estimate.traded_with for estimate in estimates} - {None}
-    if partners:
-        yield (
-            f"the severity is traded with {', '.join(sorted(map(str, partners)))}: it is known no better than these; a "
-            "change from recording to recording is known better (repeatability)."
-        )
-    dimensions = [item for severity in estimates for item in severity.dimensions]
-    flat = sorted({item.dimension.name for item in dimensions if item.verdict == "not identified"})
-    if flat:
-        yield f"{', '.join(flat)}: not identified; the recording hardly says more than was assumed."
-    if "angle" in {dimension.name for dimension in space.free}:
-        yield (
-            "an angle is not told from the angle one piston further on, and without phases only where the fault's "
-            "lines meet those of the pressures."
-        )
-    if not healthy and space.reference.label != "swash_plate":
-        yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."

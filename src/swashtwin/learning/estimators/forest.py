@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from sklearn.ensemble import RandomForestClassifier
 from torch import Tensor, from_numpy
 
 N_TREES = 100
@@ -103,6 +102,8 @@ def fit_forest(
     target : class of each row, from 0, every one of them present.
     n_leaves : leaves of each tree, at most.
     """
+    from sklearn.ensemble import RandomForestClassifier
+
     fitted = RandomForestClassifier(
         N_TREES, max_leaf_nodes=n_leaves, class_weight="balanced", random_state=seed % 2**32, n_jobs=1
     ).fit(values.astype(np.float32), target)

@@ -76,7 +76,7 @@ def _range(text: str | None, unit: str, option: str) -> tuple[float, float] | No
 
 
 def adapt(
-    prior: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
+    design: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("pump.safetensors"),
     as_json: Json = False,
@@ -86,12 +86,12 @@ def adapt(
     from swashtwin.recordings import load_recordings
 
     require_target(out, ".safetensors")
-    shipped = load_prior(prior)
+    shipped = load_prior(design)
     with progress("measuring levels"):
         model = shipped.adapt(load_recordings(source))
     model.save(out)
     result = {
-        "model": out, "kind": "prior classifier", "prior": prior, "pump": model.pump, "classes": model.classes,
+        "model": out, "kind": "prior classifier", "prior": design, "pump": model.pump, "classes": model.classes,
         "healthy": len(model.specimen), "faults": dict(model.taught), "recordings": sorted(model.manifest),
     }  # fmt: skip
 

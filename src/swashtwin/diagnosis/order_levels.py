@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Recording, refuse_unfit
+from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals import OrderBands, power_density
 
 _TURNS = 8

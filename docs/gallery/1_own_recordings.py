@@ -6,7 +6,7 @@ You have a folder of recordings, and for each of them you know whether the pump 
 At the end you have a model that names the state of a new recording and says how sure it is.
 
 Any format that swashtwin reads will do; :doc:`/how-to/recordings` shows how to write the index of your own folder.
-Here the virtual rig stands in for a machine.
+Here the virtual rig, a simulation, stands in for a machine. Terms are in :doc:`/reference/nomenclature`.
 """
 
 # %%
@@ -35,8 +35,8 @@ print(st.inspect_recordings(list(recordings)))
 # %%
 # Split
 # -----
-# Whole recordings are held out. The windows of one recording resemble each other: a model that has seen half of them
-# knows the other half by heart, and its score says nothing about new recordings (:doc:`/how-to/leakage`).
+# Whole recordings are held out. The windows (slices) of one recording resemble each other. A model that has seen half
+# of them recognizes the other half, and its score says nothing about new recordings (:doc:`/how-to/leakage`).
 
 train, test = recordings.split(test=0.2, by="recording", seed=0)
 print(len(train), "recordings to train,", len(test), "to test")
@@ -44,8 +44,8 @@ print(len(train), "recordings to train,", len(test), "to test")
 # %%
 # Train
 # -----
-# Without further arguments, training tries a list of candidates on parts of your training recordings, as measured and
-# with noise, gain and speed changed, and takes the one that holds best. On the command line:
+# Without further arguments, training tries a list of candidate models on parts of your training recordings: as
+# measured, and with noise, gain and speed changed. It takes one of the best. On the command line:
 # ``swashtwin train rig --out pump.safetensors``.
 
 classifier = st.FaultClassifier(seed=0).fit(train)
@@ -70,8 +70,8 @@ axes.set(xlim=(0, 1), xlabel="probability", title=f"truth: {test[0].label}")
 plt.show()
 
 # %%
-# What it sounds like
-# -------------------
+# What its spectrum looks like
+# ----------------------------
 # The spectrum of the recording, with the lines of the shaft and of the seven pistons.
 
 st.plot.spectrum(test[0], pistons=7)

@@ -3,8 +3,8 @@ Calibrate the twin of your pump
 ===============================
 
 The twin is a model of the pump with 13 degrees of freedom (:doc:`/explanation/physics`). Six of its values differ from
-pump to pump and stand on no drawing: stiffness and damping of the three lubricated interfaces. Calibration finds them
-from *healthy* recordings, each with an interval and a verdict.
+pump to pump and stand on no drawing: stiffness and damping of the three lubricated interfaces. Calibration estimates
+them from *healthy* recordings, each with an interval and a verdict. Terms are in :doc:`/reference/nomenclature`.
 """
 
 # %%
@@ -24,7 +24,7 @@ pump
 # %%
 # Calibrate
 # ---------
-# One pump of the virtual rig lends its healthy recordings. On the command line:
+# The healthy recordings are of one pump of the virtual rig, a simulation. On the command line:
 # ``swashtwin calibrate rig --pump 25scy14-1b --specimen A --out twin.json``.
 
 build_rig("rig", seed=0, size="tiny")
@@ -34,7 +34,7 @@ calibration = st.calibrate(pump, healthy, seed=0)
 # %%
 # What came out
 # -------------
-# A value is called *identified* only if the recordings determine it. Do not use the others as measurements.
+# A value is called *identified* only if the recordings determine it. Do not use the other values.
 
 for estimate in calibration.estimates:
     low, high = estimate.interval
@@ -56,7 +56,7 @@ plt.show()
 # %%
 # How much closer the twin is
 # ---------------------------
-# By what share each error of the spectrum fell. A negative number means that it grew.
+# By what share each error of the twin fell by the calibration. A negative number means that it grew.
 
 for name, share in calibration.improvement.items():
     print(f"{name:5} {100 * share:+.0f} %")

@@ -2,8 +2,9 @@
 A fault nobody measured
 =======================
 
-At one pressure the worn swash plate was recorded once only, or never. A calibrated twin can simulate it there, and the
-classifier trains on measured and synthetic windows together.
+At one pressure the worn swash plate was recorded once only, or never. A calibrated twin can simulate it there. The
+classifier then trains on measured and synthetic windows (slices of a recording) together. Terms are in
+:doc:`/reference/nomenclature`.
 """
 
 # %%

@@ -20,7 +20,13 @@ from swashtwin.bench.questions.zero_shot_data import (
     prepare_zero_shot,
     split_zero_shot,
 )
-from swashtwin.bench.questions.zero_shot_prior import FOREST
+from swashtwin.bench.questions.zero_shot_prior import (
+    FOREST,
+    OTHER_PRESSURES,
+    PRIOR,
+    at_unseen_pressure,
+    prior_trials,
+)
 from swashtwin.bench.questions.zero_shot_table import choose_zero_shot
 from swashtwin.bench.studies.priors import any_fault, rig_fault, wide_fault
 from swashtwin.calibration import GaussNewton, Nuisances
@@ -131,11 +137,32 @@ def test_the_rows_are_those_of_the_schema(study: StudyTable) -> None:
     assert table["study"] == "zero-shot"
     for name in ("training_set", "classifier", "test", "balanced_accuracy", "g_mean", "recall_piston", "discriminator"):
         assert all(name in row for row in table["rows"])
-    assert {row["test"] for row in table["rows"]} == {SAME, UNSEEN}
+    highest = {at_unseen_pressure(test) for test in (SAME, UNSEEN)}
+    assert {row["test"] for row in table["rows"]} == {SAME, UNSEEN} | highest
     assert {"BiTCN", "extra trees", "order threshold"} <= {row["classifier"] for row in table["rows"]}
     assert "stand-in for a machine" in table["origin"]
     by_window = [row for row in table["rows"] if row["classifier"] != FOREST]
     assert len(table["details"]["confusion"]) == len(by_window)
+
+
+def test_no_fault_at_the_highest_pressure_teaches_what_is_tested_there(
+    two_pressures: list[Recording], data: ZeroShotData
+) -> None:
+    def at_highest(faulty: set[str]) -> dict[tuple[str, str], float]:
+        trials = prior_trials(two_pressures, replace(data.split, faulty=frozenset(faulty)), 0)
+        return {
+            (trial.factors["training_set"], trial.factors["test"]): trial.values["recording_accuracy"]
+            for trial in trials
+            if trial.factors["test"].endswith("unseen pressure")
+        }
+
+    faulty = {recording.recording_id for recording in two_pressures if recording.label != "normal"}
+    lower = {name for name in faulty if "_15MPa_" not in name}
+    assert lower
+    assert lower != faulty
+    scores = at_highest(faulty)
+    assert {training_set for training_set, _ in scores} == {PRIOR, f"{PRIOR} and {OTHER_PRESSURES}"}
+    assert scores == at_highest(lower)
 
 
 def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fault(study: StudyTable) -> None:

@@ -16,7 +16,14 @@ from swashtwin.bench.questions.zero_shot_data import (
     UNSEEN,
     ZeroShotSettings,
 )
-from swashtwin.bench.questions.zero_shot_prior import FOREST, PRIOR, SHOTS, few_shot
+from swashtwin.bench.questions.zero_shot_prior import (
+    FOREST,
+    OTHER_PRESSURES,
+    PRIOR,
+    SHOTS,
+    at_unseen_pressure,
+    few_shot,
+)
 from swashtwin.bench.results.table import StudyTable, Trial
 from swashtwin.learning import Scores
 
@@ -137,16 +144,22 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
         mean = rows.get((training_set, classifier, test), {}).get(metric, {}).get("mean")
         return "no number" if mean is None else f"{mean:.3f}"
 
-    def pair(training_set: str, classifier: str = FOREST) -> str:
-        both = (score(training_set, classifier, test, "recording_balanced_accuracy") for test in (SAME, UNSEEN))
-        return " / ".join(both)
+    def pair(training_set: str, classifier: str = FOREST, tests: tuple[str, str] = (SAME, UNSEEN)) -> str:
+        return " / ".join(score(training_set, classifier, test, "recording_balanced_accuracy") for test in tests)
 
     best = choose_zero_shot(study)
     shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
+    highest = {
+        name: pair(name, tests=(at_unseen_pressure(SAME), at_unseen_pressure(UNSEEN)))
+        for name in (PRIOR, f"{PRIOR} and {OTHER_PRESSURES}", OTHER_PRESSURES)
+    }
     answer = (
         f"A pump prior and the machine's healthy recordings, no measured fault: balanced accuracy by recording "
         f"{pair(PRIOR)} (same pumps / pumps held out); twins of the pump itself ({best[1]}, {best[0]}) {pair(*best)}; "
         f"taught by measured faults {pair(ORACLE)}. With measured recordings of each fault: {shots}.",
+        "At the highest pressure, at which no fault was measured: "
+        + "; ".join(f"{name} {scores}" for name, scores in highest.items())
+        + ".",
     )
     if not study.settings["calibrated"]:
         return answer

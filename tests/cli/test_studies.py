@@ -110,6 +110,15 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
     assert result.stderr
 
 
+@pytest.mark.parametrize("fast", [True, False])
+def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
+    fast: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swashtwin.foundation.has_short_arithmetic", lambda: fast, raising=False)
+    words = ("bench", "paper", "--precision", "bfloat16", "--experiments", "guess", "--out", str(tmp_path / "runs"))
+    assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
+
+
 def test_values_that_a_study_does_not_have_and_those_at_which_nothing_is_trained_are_named() -> None:
     line = one_line(run("bench", "few-shot", "x", "--values", "guess", code=3))
     assert "has no value 'guess' to choose; the values of real_windows are 0, 5," in line

@@ -1,4 +1,5 @@
-"""Torch's random numbers and threads for one piece of work, without a change of what the process shares."""
+"""Torch's random numbers and threads for one piece of work, without a change of what the process shares, and what its
+processor can do."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -91,3 +92,8 @@ def one_thread() -> Iterator[None]:
     torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
     with threadpool_limits(limits=1, user_api="openmp"):
         yield
+
+
+def has_short_arithmetic() -> bool:
+    """Whether this processor has instructions for numbers of 16 bits (bfloat16); without, they are slower than 32."""
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())

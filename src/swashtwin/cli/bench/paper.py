@@ -8,7 +8,7 @@ import typer
 
 from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs
 from swashtwin.cli.bench.results import typed_command
-from swashtwin.cli.console import note_done_before, progress, say, tell
+from swashtwin.cli.console import note, note_done_before, progress, say, tell
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Json, as_folder, read_seeds, read_words
 
@@ -62,9 +62,15 @@ def paper(
 ) -> None:
     """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
     from swashtwin.bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
+    from swashtwin.foundation import has_short_arithmetic
 
     numbers = read_seeds(seeds)
     names = EXPERIMENTS if experiments is None else read_words(experiments)
+    if precision is Precision.bfloat16 and device is Device.cpu and not has_short_arithmetic():
+        note(
+            "This processor has no instructions for 16 bits: --precision bfloat16 trains many times slower here than "
+            "float32."
+        )
     hint = "finished runs are kept, and trainings go on from their last epoch; the same command resumes"
     with resumable(hint), progress("the paper") as bar:
 

@@ -104,6 +104,24 @@ def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
     assert "1 of piston" in repr(taught)
 
 
+def test_healthy_recordings_that_differ_teach_how_far_the_machine_moves_without_a_fault() -> None:
+    scattered = [replace(item, signal=(1 + 0.3 * number) * item.signal) for number, item in enumerate(healthy())]
+    moving = trained().adapt(scattered)
+    alone = trained().adapt(scattered[:1])
+    changes = moving.healthy_changes()
+    assert changes.shape == (3, moving.levels[0].size)
+    assert np.allclose(changes[0].reshape(moving.levels[0].shape), moving.levels[0] - moving.levels[1:].mean(axis=0))
+    assert len(alone.healthy_changes()) == 0
+    untaught = trained().forest.predict_proba(changes)[:, 0]
+    assert (moving.forest.predict_proba(changes)[:, 0] > untaught).all()
+    assert np.array_equal(alone.forest.probability, trained().forest.probability)
+
+
+def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
+    other = [replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)]
+    assert len(trained().adapt([*healthy(1), *other]).healthy_changes()) == 0
+
+
 def test_what_adapted_it_is_told_when_it_is_diagnosed() -> None:
     assert "proves nothing" in adapted().diagnose(healthy()[0]).notes[0]
 

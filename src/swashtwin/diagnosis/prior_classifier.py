@@ -47,6 +47,10 @@ FEW_SHOT_WEIGHT = 3.0
 """What a measured fault counts in a leaf of the forest, against all virtual pumps there together; chosen on fleets
 100-103 of both versions of the virtual rig."""
 
+HEALTHY_WEIGHT = 0.3
+"""What the change of a healthy recording against the others of its machine counts, likewise; chosen on fleets 100-102 of
+both versions. Machines whose healthy recordings differ more than the prior's then give fewer false alarms."""
+
 _FACTS = ("speed", "pressure")
 _FORM: dict[str, Any] = {
     "pump": str,
@@ -149,6 +153,7 @@ class PriorClassifier:
             unit=sound[0].unit,
             manifest=manifest_of(recordings),
         )
+        adapted = replace(adapted, forest=adapted.forest.taught(*adapted._healthy_rows(), HEALTHY_WEIGHT))
         if not faulty:
             return adapted
         changes = np.stack([adapted.change(recording)[0].ravel() for recording in faulty])
@@ -231,6 +236,27 @@ class PriorClassifier:
                     f"{name} was recorded at a {what} of {value * scale:.4g} {word}; the prior's virtual pumps run at "
                     f"{low * scale:.4g} to {high * scale:.4g} {word}. Make a prior for it with swashtwin twin prior."
                 )
+
+    def healthy_changes(self) -> Float64[np.ndarray, "change column"]:
+        """Change of each healthy recording against the others of its machine and operating point, in one row each.
+
+        A recording without another one at its discharge pressure is left out.
+        """
+        rows = []
+        for index, levels in enumerate(self.levels):
+            others = np.array([name == self.specimen[index] for name in self.specimen], dtype=bool)
+            others &= values_match(self.point_pressure, self.point_pressure[index], PRESSURE_TOLERANCE)
+            others[index] = False
+            at_speed = others & values_match(self.point_speed, self.point_speed[index], SPEED_TOLERANCE)
+            others = at_speed if at_speed.any() else others
+            if others.any():
+                rows.append((levels - self.levels[others].mean(axis=0)).ravel())
+        return np.stack(rows) if rows else np.empty((0, self.levels[0].size))
+
+    def _healthy_rows(self) -> tuple[Float64[np.ndarray, "change column"], Int64[np.ndarray, " change"]]:
+        """`healthy_changes`, and the number of their class."""
+        changes = self.healthy_changes()
+        return changes, np.full(len(changes), [is_healthy(name) for name in self.classes].index(True), dtype=np.int64)
 
     def _members(self, recording: Recording) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
         """Indices of the healthy recordings that it is compared with, and notes."""

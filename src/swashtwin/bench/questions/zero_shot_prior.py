@@ -47,7 +47,7 @@ def prior_trials(
     healthy = [by_id[name] for name in sorted(split.healthy)]
     adapted = (prior or load_prior("25scy14-1b")).adapt(healthy)
     changes = {name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)}
-    references = _against_others(adapted, [recording.recording_id for recording in healthy])
+    references = adapted.healthy_changes()
     pool = {
         label: [name for name in sorted(split.faulty) if by_id[name].label == label] for label in adapted.classes[1:]
     }
@@ -71,7 +71,7 @@ def prior_trials(
         if all(len(drawn) >= count for drawn in draws.values()) and names:
             forests[few_shot(count)] = taught(names)
     faulty = [name for names in pool.values() for name in names]
-    if faulty and references:
+    if faulty and len(references):
         forests[ORACLE] = from_measured(faulty)
     yield from _trials(forests, split.tests, changes, by_id, adapted.classes, seed)
     elsewhere = [name for name in faulty if name in below]
@@ -79,7 +79,7 @@ def prior_trials(
     forests = {PRIOR: adapted.forest}
     if elsewhere:
         forests[f"{PRIOR} and {OTHER_PRESSURES}"] = taught(elsewhere)
-    if elsewhere and references:
+    if elsewhere and len(references):
         forests[OTHER_PRESSURES] = from_measured(elsewhere)
     yield from _trials(forests, at_highest, changes, by_id, adapted.classes, seed)
 
@@ -99,23 +99,6 @@ def _trials(
             target = np.array([classes.index(str(recordings[name].label)) for name in sorted(ids)])
             factors = {"training_set": training_set, "classifier": FOREST, "test": test}
             yield Trial(factors, seed, recording_scores(predicted, target, classes))
-
-
-def _against_others(adapted: PriorClassifier, names: Sequence[str]) -> list[np.ndarray]:
-    """Changes of healthy recordings, each against the others of its point; none where it is the only one."""
-    rows = []
-    for index in range(len(names)):
-        others = np.array(
-            [
-                adapted.specimen[other] == adapted.specimen[index]
-                and np.isclose(adapted.point_pressure[other], adapted.point_pressure[index])
-                and other != index
-                for other in range(len(names))
-            ]
-        )
-        if others.any():
-            rows.append((adapted.levels[index] - adapted.levels[others].mean(axis=0)).ravel())
-    return rows
 
 
 def recording_scores(predicted: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:

@@ -34,6 +34,7 @@ def fit_to_phone(figure: Figure) -> None:
         handles = [handle for handle in legend.legend_handles if handle is not None]
         figure.legend(handles, texts, loc="outside upper center", ncols=columns)
     for axes in figure.axes:
+        axes.set_aspect("auto")
         _wrap_texts(axes)
         _thin_out(axes)
     figure.set_size_inches(NARROW, max([height, *map(_label_height, figure.axes)]))
@@ -64,7 +65,8 @@ def _wrap_texts(axes: Axes) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         axis.label.set_text(_wrapped(2 * _BESIDE, axis.label.get_text()))
     _wrap_names(axes.yaxis, _BESIDE)
-    if not any(label.get_rotation() for label in axes.get_xticklabels()):
+    shared = axes.get_shared_x_axes().get_siblings(axes)  # which have one formatter, and names below one of them only
+    if not any(label.get_rotation() for panel in shared for label in panel.get_xticklabels()):
         _wrap_names(axes.xaxis, max(6, _ACROSS // max(1, len(axes.get_xticks()))))
     if axes.get_xscale() == "linear" and not _has_names(axes.xaxis):
         axes.locator_params(axis="x", nbins=5)

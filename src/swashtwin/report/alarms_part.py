@@ -3,6 +3,7 @@
 from swashtwin.diagnosis import AlarmScores
 from swashtwin.foundation import plural
 from swashtwin.plot import words
+from swashtwin.pump import is_healthy
 from swashtwin.report.page import Cell, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import number, percent
 
@@ -14,7 +15,8 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
     ----------
     key : not used; it has no figures.
     """
-    healthy, *faulty = scores.classes
+    healthy = [item for item in scores.classes if is_healthy(item.label)]
+    faulty = [item for item in scores.classes if not is_healthy(item.label)]
     alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
     rows = tuple(
         (
@@ -32,11 +34,18 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
     table = Table("Alarms by class. AUROC is of the class against the healthy recordings.", header, rows)
     return Part(
         title="Test of a detector of deviations",
-        answer=(f"Of {plural(healthy.n_recordings, 'healthy recording')}, {healthy.n_alarms} raised a false alarm.",),
+        answer=tuple(
+            f"Of {plural(item.n_recordings, 'healthy recording')}, {item.n_alarms} raised a false alarm."
+            for item in healthy
+        )
+        or ("No healthy recording was tested, so this test says nothing about false alarms.",),
         notice="",
         sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
         results={"alarms": [scores.to_dict()]},
         verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",
         certainty=(f"The detector states a false-alarm rate of {percent(scores.error_rate)}.",),
-        actions=("Use it: swashtwin diagnose MODEL FILE --report page.html.",),
+        actions=(
+            *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
+            "Use it: swashtwin diagnose MODEL FILE --report page.html.",
+        ),
     )

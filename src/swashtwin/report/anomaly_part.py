@@ -9,6 +9,7 @@ from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.origin import fact_entries, rig_notice
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
+from swashtwin.report.spectrum_figure import spectrum_sentences
 from swashtwin.report.wording import number, percent
 
 _NOT_CHECKED = (
@@ -27,7 +28,7 @@ def anomaly_part(verdict: AnomalyVerdict, key: str) -> Part:
         blocks += (_change_table(verdict), Picture(level_drawing(verdict, key)))
     blocks += (Bullets("What was not checked", _NOT_CHECKED),)
     moved = "; ".join((*verdict.shifts, *(change.sentence for change in verdict.changes[:3])))
-    spectrum = () if verdict.spectrum is None else (verdict.spectrum.sentence(),)
+    spectrum = spectrum_sentences(verdict.spectrum)
     answers = {
         True: (f"It differs from the healthy recordings. Moved: {moved or 'no single level'}.", *spectrum),
         False: ("It differs no more from the healthy recordings than these from each other.", *spectrum),

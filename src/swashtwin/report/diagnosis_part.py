@@ -9,7 +9,7 @@ from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.origin import fact_entries, rig_notice
 from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
-from swashtwin.report.spectrum_figure import spectrum_over_healthy
+from swashtwin.report.spectrum_figure import spectrum_over_healthy, spectrum_sentences
 from swashtwin.report.training_part import choice_blocks
 from swashtwin.report.wording import percent
 
@@ -95,7 +95,7 @@ def _tone(diagnosis: Diagnosis) -> Tone:
 def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The verdict in a sentence, and how the spectrum differs from healthy ones."""
     nearest = f"The vibration is most like that of recordings of the class {words(diagnosis.label or '')}."
-    return (nearest, *(() if diagnosis.spectrum is None else (diagnosis.spectrum.sentence(),)))
+    return (nearest, *spectrum_sentences(diagnosis.spectrum))
 
 
 def glance(verdict: Diagnosis | AnomalyVerdict, key: str, labels: tuple[str, ...]) -> tuple[Picture | Cutaway, ...]:

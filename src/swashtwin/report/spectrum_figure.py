@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 
 from swashtwin.diagnosis import HealthySpectrum
+from swashtwin.foundation import plural
 from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, unit_words, words
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.drawing import Drawing, render_drawing
@@ -12,6 +13,22 @@ _MARKS = 4
 """Multiples of the piston-pass line that are marked."""
 _LOWEST = 5.0
 """Frequency from which the axis begins at least [Hz]."""
+
+
+_FEW_HEALTHY = 5
+"""Healthy recordings below which their range is too narrow to judge by."""
+
+
+def spectrum_sentences(spectrum: HealthySpectrum | None) -> tuple[str, ...]:
+    """How a recording differs from healthy ones, and that few of them span a narrow range."""
+    if spectrum is None:
+        return ()
+    if (count := len(spectrum.healthy)) >= _FEW_HEALTHY:
+        return (spectrum.sentence(),)
+    return (
+        f"{spectrum.sentence()} {plural(count, 'healthy recording')} {'spans' if count == 1 else 'span'} a narrow "
+        "range: bands outside it are no sign of a fault by themselves.",
+    )
 
 
 @figure_style()

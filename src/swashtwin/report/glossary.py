@@ -35,12 +35,21 @@ TERMS = MappingProxyType(
         "baseline": "What this machine does when it is healthy, at the same speed and pressure.",
         "kurtosis": "How much the samples spike: 3 for noise, more where there are impacts.",
         "crest factor": "Highest peak over the root mean square.",
+        "C_sw": "Damping between slippers and swash plate.",
+        "K_sw": "Stiffness between slippers and swash plate.",
+        "C_v": "Damping between cylinder block and valve plate.",
+        "K_v": "Stiffness between cylinder block and valve plate.",
+        "C_Hz": "Damping between pistons and their bores.",
+        "K_Hz": "Stiffness between pistons and their bores.",
+        "G_ε": "Geometric mean of the shares found, with half a window more counted as found and as missed.",
         "RMS": "Root mean square: strength of the vibration as one number.",
     }
 )
 """Explanations by word, as the pages spell it."""
 
 _PATTERN = re.compile("|".join(rf"\b{re.escape(term)}\b" for term in sorted(TERMS, key=len, reverse=True)))
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+_UNBROKEN = Markup('<span class="option">{}</span>')
 _BUTTON = Markup('<button class="term" type="button" popovertarget="term-{}">{}</button>')
 
 
@@ -59,6 +68,15 @@ class Glossary:
             if TERMS[term] in self.used.values():
                 continue
             self.used[term] = TERMS[term]
-            parts += [escape(text[end : match.start()]), _BUTTON.format(len(self.used), term)]
+            parts += [_unbroken(text[end : match.start()]), _BUTTON.format(len(self.used), term)]
             end = match.end()
-        return Markup().join([*parts, escape(text[end:])])
+        return Markup().join([*parts, _unbroken(text[end:])])
+
+
+def _unbroken(text: str) -> Markup:
+    """The text as markup in which no line ends within an option such as ``--report``."""
+    parts, end = [Markup()], 0
+    for match in _OPTION.finditer(text):
+        parts += [escape(text[end : match.start()]), _UNBROKEN.format(match[0])]
+        end = match.end()
+    return Markup().join([*parts, escape(text[end:])])

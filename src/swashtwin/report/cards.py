@@ -1,6 +1,6 @@
 """The first screen of a page: a card for each subject, or a table where there are many."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,14 +36,19 @@ def cards_of(parts: Sequence[Part]) -> list[Card]:
     groups: dict[str, list[Part]] = {}
     for number, part in enumerate(parts):
         groups.setdefault(part.subject or f"part {number}", []).append(part)
-    return [_card(group, len(groups) > 1) for group in groups.values()]
+    firsts = [group[0] for group in groups.values()]
+    stated = [dict(part.facts) for part in firsts if part.facts]
+    first = stated[0] if stated else {}
+    shared = {name for name, value in first.items() if all(facts.get(name) == value for facts in stated)}
+    return [_card(group, shared, len(groups) > 1) for group in groups.values()]
 
 
-def _card(parts: Sequence[Part], is_named: bool) -> Card:
+def _card(parts: Sequence[Part], shared: Collection[str], is_named: bool) -> Card:
     first = parts[0]
-    about = ", ".join([first.title, *(value for _, value in first.facts)]) if is_named else ""
+    own = [f"{name.lower()} {value}" for name, value in first.facts if name not in shared]
+    about = ", ".join([first.title, *own]) if is_named else ""
     return Card(
-        about,
+        "" if about == first.verdict else about,
         first.verdict,
         first.tone,
         tuple(text for part in parts for text in part.answer),

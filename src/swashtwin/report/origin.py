@@ -6,12 +6,18 @@ from swashtwin.recordings import RecordingFacts
 def fact_entries(facts: RecordingFacts) -> tuple[tuple[str, str], ...]:
     """(name, value) of each fact that is stated."""
     entries = (
-        ("Machine", facts.machine),
+        _counted("Machine", facts.machine),
         ("Recorded", facts.date),
         ("Condition", facts.condition),
-        ("File", facts.file),
+        _counted("File", facts.file),
     )
     return tuple((name, value) for name, value in entries if value)
+
+
+def _counted(name: str, value: str) -> tuple[str, str]:
+    """(name, value), the name in the plural where the value lists several or is their number."""
+    count = value.removesuffix(f" {name.lower()}s")
+    return (f"{name}s", count) if count != value or ", " in value else (name, value)
 
 
 def rig_notice(facts: RecordingFacts) -> str:

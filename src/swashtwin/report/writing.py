@@ -170,19 +170,50 @@ class _Content:
 def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Mapping[str, str]) -> _Content:
     if not items:
         raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
-    parts = [part_of(item, key) for item, key in zip(items, _keys(items), strict=True)]
+    parts = _told_apart([part_of(item, key) for item, key in zip(items, _keys(items), strict=True)])
     cards, sections = cards_of(parts), _sections(items, parts)
     overview = overview_of(parts, cards)
     if overview is not None:
         sections = [folded_section(parts, cards)]
-    stated = facts_of(recordings)
-    subjects = {part.subject for part in parts}
-    facts = dict(parts[0].facts if len(subjects) == 1 else ()) | dict(fact_entries(stated)) | dict(about)
+    stated = facts_of(_used(items, recordings))
+    facts = _shared_facts(parts) | dict(fact_entries(stated)) | dict(about)
     notices = [part.notice for part in parts] + [rig_notice(stated)]
     return _Content(
         parts, [] if overview else cards, overview, sections, list(facts.items()),
         list(dict.fromkeys(filter(None, notices))),
     )  # fmt: skip
+
+
+_ORDINALS = ("first", "second", "third", "fourth")
+
+
+def _told_apart(parts: Sequence[Part]) -> list[Part]:
+    """The parts, those of one title and no subject, such as two calibrations, with their number in it."""
+    total = Counter(part.title for part in parts if not part.subject)
+    seen, named = Counter[str](), []
+    for part in parts:
+        number = seen[part.title]
+        seen[part.title] += 1
+        word = _ORDINALS[number] if number < len(_ORDINALS) else f"number {number + 1}"
+        named.append(replace(part, title=f"{part.title} ({word})") if total[part.title] > 1 else part)
+    return named
+
+
+def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """The recordings that the items are of; calibrations name those that they used."""
+    if not all(isinstance(item, Calibration | IdentifiabilityReport) for item in items):
+        return recordings
+    names = {name for item in items if isinstance(item, Calibration) for name in item.recording_ids}
+    return [recording for recording in recordings if recording.recording_id in names] if names else recordings
+
+
+def _shared_facts(parts: Sequence[Part]) -> dict[str, str]:
+    """What all parts that state facts agree in; a count of recordings belongs to one part alone."""
+    stated = [dict(part.facts) for part in parts if part.facts]
+    if not stated or len({part.subject for part in parts}) > 1:
+        return {}
+    shared = {name: value for name, value in stated[0].items() if all(facts.get(name) == value for facts in stated)}
+    return shared if len(stated) == 1 else {name: value for name, value in shared.items() if name != "Recordings"}
 
 
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
@@ -197,16 +228,14 @@ def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
             for section in part.sections
         ]
     total = Counter(section.title for part in parts for section in part.sections)
-    sections = [
-        section if total[section.title] == 1 else _folded(section, part.title)
-        for part in parts
-        for section in part.sections
-    ]
+    sections = []
+    for part in parts:
+        alike = [section for section in part.sections if total[section.title] > 1]
+        sections += [section for section in part.sections if total[section.title] == 1]
+        if alike:
+            groups = tuple(Group(section.title, section.blocks, is_open=False) for section in alike)
+            sections.append(replace(alike[0], title=part.title, blocks=groups))
     return sorted(sections, key=lambda section: section.position)
-
-
-def _folded(section: Section, whose: str) -> Section:
-    return replace(section, title=whose, blocks=(Group(section.title, section.blocks, is_open=False),))
 
 
 def _short(title: str) -> str:

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
+from types import MappingProxyType
 
 from swashtwin.calibration import Calibration, Estimate
 from swashtwin.foundation import plural
@@ -14,13 +15,16 @@ from swashtwin.report.origin import rig_notice
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import facts_table, flatten_settings, number, number_cell, parameter_words, percent
 
-_FIGURES = (
-    ("rmse", "RMSE of the waveforms [m/s²]"),
-    ("relative_rmse", "RMSE over the RMS of the measured waveform"),
-    ("peak_error", "PE, peak error"),
-    ("spectrum_value_error", "SVE, spectrum value error"),
-    ("spectral_correlation", "correlation of the lines' levels in dB"),
+FIGURES = MappingProxyType(
+    {
+        "rmse": "RMSE of the waveforms [m/s²]",
+        "relative_rmse": "RMSE over the RMS of the measured waveform",
+        "peak_error": "PE, peak error",
+        "spectrum_value_error": "SVE, spectrum value error",
+        "spectral_correlation": "correlation of the lines' levels in dB",
+    }
 )
+"""How well a twin fits its recordings, by name: in words."""
 
 
 def calibration_part(calibration: Calibration, key: str) -> Part:
@@ -53,9 +57,9 @@ def _sentence(text: str) -> str:
 
 
 def _change(calibration: Calibration) -> str:
-    """Change of the spectrum's error, such as ``-51 %``."""
+    """Change of the spectrum's error, such as ``fell by 51 %``."""
     share = calibration.improvement.get("spectrum_value_error", math.nan)
-    return f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "not known"
+    return f"{'fell' if share > 0 else 'rose'} by {percent(abs(share))}" if math.isfinite(share) else "not known"
 
 
 def _facts(calibration: Calibration) -> tuple[tuple[str, str], ...]:
@@ -136,7 +140,7 @@ def fit_table(calibration: Calibration) -> Table:
     """RMSE, PE and SVE before and after."""
     before, after = asdict(calibration.fit_before), asdict(calibration.fit_after)
     rows = []
-    for name, label in _FIGURES:
+    for name, label in FIGURES.items():
         share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
         change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
         rows.append((Cell(label), number_cell(before[name]), number_cell(after[name]), Cell(change)))
@@ -198,7 +202,9 @@ def comparison_table(calibrations: Sequence[Calibration]) -> Table:
                 *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in estimates),
             )
         )
-    for name, label in (_FIGURES[0], *_FIGURES[2:]):
+    for name, label in FIGURES.items():
+        if name == "relative_rmse":
+            continue
         pairs = [
             (asdict(calibration.fit_before)[name], asdict(calibration.fit_after)[name]) for calibration in calibrations
         ]

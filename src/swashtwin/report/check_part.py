@@ -31,7 +31,7 @@ def check_part(check: DataCheck, key: str) -> Part:
     uses = Table(
         "What the recordings suffice for.",
         ("", "enough?", "with what, or what is missing"),
-        tuple((Cell(use.name), Cell(_STATES[use.state]), Cell(use.reason)) for use in check.uses),
+        tuple((Cell(use.name), Cell(_STATES[use.state]), Cell(_in_words(use.reason, check))) for use in check.uses),
     )
     return Part(
         title="Check of the recordings",
@@ -45,10 +45,18 @@ def check_part(check: DataCheck, key: str) -> Part:
         verdict=check.answer,
         tone="good" if check.is_sound and check.is_enough else "bad" if not check.is_sound else "unsure",
         certainty=(_LIMITS,),
-        actions=tuple(
-            f"{use.name[:1].upper()}{use.name[1:]}: {use.reason}" for use in check.uses if use.state != "yes"
+        actions=(
+            *(("Train a model on them: swashtwin train INDEX.",) if check.is_sound and check.is_enough else ()),
+            *(f"{use.name[:1].upper()}{use.name[1:]}: {use.reason}" for use in check.uses if use.state != "yes"),
         ),
     )
+
+
+def _in_words(text: str, check: DataCheck) -> str:
+    """The text with its classes in words."""
+    for label in {count.label for count in check.counts if count.label}:
+        text = text.replace(label, words(label))
+    return text
 
 
 def _counts_table(check: DataCheck) -> Table:

@@ -2,7 +2,7 @@
 
 from swashtwin.calibration import VALUES, IdentifiabilityReport
 from swashtwin.report.identifiability_figures import coordinate_words, identifiability_drawings
-from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
 
@@ -10,14 +10,20 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
     """Part of the page about one identifiability report."""
     return Part(
         title="What the measurement can tell",
-        answer=identifiability_answer(report),
+        answer=identifiability_answer(report)[:1],
         notice="",
         sections=(
             Section(SectionOrder.CALIBRATION, "What the measurement can tell", identifiability_blocks(report, key)),
         ),
         results={"identifiability": [report.to_dict()]},
-        verdict="What the measurement can tell",
+        verdict=f"The measurement tells {report.standing[VALUES].count('identified') or 'none'} of 6 values clearly",
+        actions=(*identifiability_answer(report)[1:], *(() if report.gains else _NEXT)),
     )
+
+
+_NEXT = ("To tell more of them, record more: swashtwin twin next says at which speed and pressure, and how long.",)
+_FEW_COORDINATES = 12
+"""Coordinates whose table is not folded away; the figure shows all."""
 
 
 def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
@@ -36,10 +42,13 @@ def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
 
 def identifiability_blocks(report: IdentifiabilityReport, key: str) -> tuple:
     """Sentences, tables and figures of one report."""
+    table: Table | Group = coordinates_table(report)
+    if len(report.names) > _FEW_COORDINATES:
+        table = Group(f"Table of all {len(report.names)} coordinates", (table,), is_open=False)
     return (
         Bullets("In words", report.words),
-        coordinates_table(report),
         directions_table(report),
+        table,
         *(Picture(drawing) for drawing in identifiability_drawings(report, key)),
     )
 

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from stub_runs import scored
 
-from swashtwin.diagnosis import Diagnosis, HealthySpectrum
+from swashtwin.diagnosis import AlarmScores, Diagnosis, HealthySpectrum
+from swashtwin.diagnosis.alarm_scores import ClassAlarms
+from swashtwin.learning import check_recordings
 from swashtwin.physics import Twin
-from swashtwin.plot import panels
+from swashtwin.plot import confusion, panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
 from swashtwin.recordings import Recording, RecordingFacts, facts_of
-from swashtwin.report import page_text, render_drawing, write_report
+from swashtwin.report import Paragraph, Part, Section, SectionOrder, page_text, render_drawing, write_report
 from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.glossary import Glossary
+from swashtwin.report.origin import fact_entries
 from swashtwin.report.phone_form import NARROW
 from swashtwin.signals import indicators_of, stacked, trend_of
 
@@ -197,3 +200,76 @@ def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
     command += [f"--print-to-pdf={paper}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 4
+
+
+def test_names_of_shared_upright_labels_stay_on_one_line_on_a_phone() -> None:
+    figure, axes = panels(2, 1, 3.0, sharex=True)
+    for panel in axes.flat:
+        panel.plot([0, 9], [0, 1])
+    axes[1, 0].set_xticks(range(10), [f"from {i}.25 kHz" for i in range(10)], rotation=90)
+    drawing = render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
+    assert "from 0.25 kHz" in drawing.narrow
+
+
+def test_a_matrix_uses_the_width_of_a_phone_with_its_labels_in_view() -> None:
+    figure = confusion(np.eye(5, dtype=int), [f"cylinder block {i}" for i in range(5)])
+    render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
+    (panel,) = figure.axes
+    assert panel.get_aspect() == "auto"
+    figure.draw_without_rendering()
+    assert panel.yaxis.label.get_window_extent().x0 >= 0
+
+
+def test_two_calibrations_or_more_items_of_one_title_are_told_apart() -> None:
+    def part(verdict: str) -> Part:
+        section = Section(SectionOrder.CALIBRATION, "Calibration", (Paragraph(verdict),))
+        facts = (("Pump", "P"), ("Recordings", "2"))
+        return Part("Calibration of P", (), "", (section,), {}, verdict=verdict, facts=facts)
+
+    head = Part("Comparison", ("They differ.",), "", (), {}, verdict="1 value differs")
+    mixed = (head, part("one"), part("two"), scored(0.7))
+    page = page_text(*mixed)
+    assert re.findall(r'<p class="about">(Calibration.*?)</p>', page) == [
+        "Calibration of P (first)",
+        "Calibration of P (second)",
+    ]
+    assert re.findall(r"<h2>(Calibration.*?)</h2>", page) == ["Calibration of P (first)", "Calibration of P (second)"]
+    assert re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page) == [("Pump", "P")]
+
+
+def test_numbers_of_files_and_machines_stand_below_names_in_the_plural() -> None:
+    facts = RecordingFacts(machine="A, B", file="60 files")
+    assert fact_entries(facts) == (("Machines", "A, B"), ("Files", "60"))
+    assert fact_entries(RecordingFacts(machine="A", file="a.h5")) == (("Machine", "A"), ("File", "a.h5"))
+
+
+def test_an_option_is_never_broken_and_figures_of_a_table_are_explained() -> None:
+    assert '<span class="option">--group</span> specimen' in Glossary().mark("train --group specimen")
+    assert re.search(r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7)))
+
+
+def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> None:
+    faulty = ClassAlarms("piston", 12, 0, 9, math.nan)
+    page = page_text(AlarmScores(0.05, (faulty,)))
+    assert "9 of 12 faulty recordings raised an alarm" in page
+    assert "No healthy recording was tested" in page
+    healthy = replace(faulty, label="normal", n_alarms=1)
+    assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(AlarmScores(0.05, (healthy, faulty)))
+
+
+def test_bands_outside_the_range_of_few_healthy_recordings_are_no_sign_of_a_fault() -> None:
+    few = replace(spectrum(), healthy=spectrum().healthy[:2])
+    assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
+    assert "narrow range" not in page_text(diagnosis())
+
+
+def test_a_sound_and_sufficient_data_set_says_to_train() -> None:
+    signals = np.random.default_rng(0).normal(size=(48, 1, 4096))
+    recordings = [
+        Recording(signal, 1000.0, f"r{i}", label=("normal", "swash_plate")[i % 2], specimen="AB"[i // 2 % 2])
+        for i, signal in enumerate(signals)
+    ]
+    check = check_recordings(recordings)
+    page = page_text(check)
+    assert check.is_enough == ("Train a model on them" in page)
+    assert "swash_plate" not in page

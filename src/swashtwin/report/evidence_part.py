@@ -31,14 +31,17 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     """Part of the page about the evidence for one verdict."""
     span = evidence.moment * evidence.moments.shape[1]
     introduction = (
-        f"From {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that speaks most "
-        f"for the verdict. The network's score of {words(evidence.label)} less that of {words(evidence.rival)} "
-        f"changes by {number(evidence.margin)} from {evidence.baseline} to these samples"
+        f"This looks at {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that "
+        f"speaks most for the verdict. Compared with {evidence.baseline}, these samples change the network's score of "
+        f"{words(evidence.label)} over that of {words(evidence.rival)} by {number(evidence.margin)}"
     )
     pictures: tuple[Picture, ...] = ()
     if evidence.adds_up:
         gap = percent(evidence.gap) if evidence.gap else "0 %"
-        introduction += f"; integrated gradients divide that between lines and moments (all but {gap} of it)."
+        introduction += (
+            f". The figures below divide that change between lines and moments (by integrated gradients; {gap} of it "
+            "is left over)."
+        )
         pictures = Picture(line_drawing(evidence, key)), Picture(moment_drawing(evidence, key))
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."

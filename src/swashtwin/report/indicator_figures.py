@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from swashtwin.foundation import plural
 from swashtwin.plot import LIGHT, MEASURED, figure_style, marked_spectrum, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
+from swashtwin.report.wording import indicator_words
 from swashtwin.signals import LineSpectrum, Mark, Trend, TrendPoint
 
 _ABOVE, _BELOW = "#d55e00", "#aa4499"
@@ -85,7 +86,7 @@ def trend_drawing(trend: Trend) -> Drawing:
         panel.plot(x, factor * point.value, marker, color=face, markeredgecolor=color, markersize=5, zorder=3)
     _name_recordings(panel, trend.points)
     panel.grid(axis="x", visible=False)
-    panel.set_ylabel(f"{words(trend.indicator.name)} [{unit_words(unit)}]")
+    panel.set_ylabel(f"{indicator_words(trend.indicator.name)} [{unit_words(unit)}]")
     _trend_legend(panel, trend)
     rows = [
         {
@@ -106,13 +107,15 @@ def trend_drawing(trend: Trend) -> Drawing:
     ]
     meaning = trend.indicator.meaning
     least = min((point.count for point in trend.points if point.status != "no baseline"), default=0)
-    caption = (
-        f"{meaning[:1].upper()}{meaning[1:]}. Gray: median and {trend.k:g} spreads (1.4826 MAD) of the same machine's "
-        "other healthy recordings at the same speed and pressure"
-        + (f", from {plural(least, 'recording')} on" if least else "")
-        + ". No limit of a standard is drawn: none is made for axial piston pumps."
+    baseline = (
+        f"Gray: median and {trend.k:g} spreads (1.4826 MAD) of the same machine's other healthy recordings at the same "
+        f"speed and pressure, from {plural(least, 'recording')} on. "
     )
-    title = f"{words(trend.indicator.name)} of {words(trend.channel)}"
+    caption = (
+        f"{meaning[:1].upper()}{meaning[1:]}. {baseline if least else ''}"
+        "No limit of a standard is drawn: none is made for axial piston pumps."
+    )
+    title = f"{indicator_words(trend.indicator.name)} of {words(trend.channel)}"
     return render_drawing("trend", figure, tabulate(rows), title=title, caption=caption)
 
 

@@ -9,7 +9,7 @@ from swashtwin.foundation import plural
 from swashtwin.plot import LIGHT, class_colors, figure_style, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import number
+from swashtwin.report.wording import indicator_words, number
 from swashtwin.signals import Indicator, IndicatorTable
 
 _SHOWN = ("rms", "velocity_rms", "crest_factor", "kurtosis")
@@ -27,7 +27,7 @@ def indicators_part(table: IndicatorTable, key: str) -> Part:
     channels = list(dict.fromkeys(row.channel for row in table.rows))
     shown = [index for index, column in enumerate(table.columns) if column.name in _SHOWN]
     shown += [index for index, column in enumerate(table.columns) if column.name.startswith("order_amplitude")]
-    meanings = tuple(f"{words(column.name)}: {column.meaning}." for column in table.columns)
+    meanings = tuple(f"{indicator_words(column.name)}: {column.meaning}." for column in table.columns)
     rows = _table(table, shown)
     blocks = (
         rows if len(rows.rows) <= _FEW_ROWS else Group("Values of each recording", (rows,), is_open=False),
@@ -105,7 +105,7 @@ def _draw_dots(
 def _name(column: Indicator) -> str:
     name = column.name.replace("order_amplitude", "amplitude at order")
     unit = unit_words(column.shown[1])
-    return f"{words(name)}{f' [{unit}]' if unit != '1' else ''}"
+    return f"{indicator_words(name)}{f' [{unit}]' if unit != '1' else ''}"
 
 
 def _table(table: IndicatorTable, shown: list[int]) -> Table:

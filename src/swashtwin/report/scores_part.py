@@ -31,11 +31,15 @@ def scores_part(scores: Scores, key: str) -> Part:
     interval = (
         f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if has_interval else "no interval"
     )
-    level = f"{scores.level} ({LEVELS[scores.level]})" if scores.level else "at a level that the caller did not state"
+    distance = (
+        f"Level of generalization: {scores.level} ({LEVELS[scores.level]})."
+        if scores.level
+        else "How far the test lies from the training was not stated."
+    )
     counted = (
         f"Of {plural(scores.n_windows, 'measured test window')} from {plural(scores.n_recordings, 'recording')}, "
         f"{100 * scores.accuracy:.1f} % were classified correctly ({interval}); of the recordings, "
-        f"{100 * scores.recording_accuracy:.1f} %. Level of generalization: {level}.",
+        f"{100 * scores.recording_accuracy:.1f} %. {distance}",
     )
     reasons = tuple(f"{_METRICS.get(name, words(name))}: {why}" for name, why in scores.reasons.items())
     blocks = (
@@ -101,7 +105,7 @@ def _actions(scores: Scores) -> tuple[str, ...]:
         actions.append(f"Test on more recordings: {scores.n_recordings} leave a wide interval.")
     if weakest := _weakest(scores):
         name = weakest.split(",")[0]
-        actions.append(f"Record more of {name}, or add synthetic windows of it (swashtwin synthesize).")
+        actions.append(f"Record more of the class {name}, or add synthetic windows of it (swashtwin synthesize).")
     if not scores.level:
         actions.append("Say with --level how far the test is from the training: another recording, another machine.")
     return (*actions, "Use it: swashtwin diagnose MODEL FILE --report page.html.")

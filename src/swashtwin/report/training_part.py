@@ -3,14 +3,14 @@
 from collections import Counter
 
 import numpy as np
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from swashtwin.diagnosis import AnomalyDetector
 from swashtwin.foundation import plural
 from swashtwin.learning import Choice, FittedClassifier
 from swashtwin.plot import CALIBRATED, NOMINAL, figure_style, panels, words
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Cell, Group, Paragraph, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import facts_table, number, percent
 
 _NO_TEST = "Shares of a training are no test: evaluate the model on recordings that had no part in it."
@@ -113,7 +113,11 @@ def _summary(classifier: FittedClassifier) -> dict[str, object]:
     }
 
 
-def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table, ...]:
+_FEW_TRIALS = 12
+"""Candidates whose table is not folded away."""
+
+
+def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table | Group, ...]:
     """How a model was chosen, where training chose it."""
     if choice is None:
         return ()
@@ -132,7 +136,9 @@ def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table, ...]:
         "was taken."
     )
     header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
-    return (Paragraph(choice.sentence()), *((Table(caption, header, rows),) if rows else ()))
+    table = Table(caption, header, rows)
+    tried = (Group(f"All {len(rows)} candidates", (table,), is_open=False),) if len(rows) > _FEW_TRIALS else (table,)
+    return (Paragraph(choice.sentence()), *(tried if rows else ()))
 
 
 @figure_style()
@@ -148,7 +154,8 @@ def trials_drawing(choice: Choice, key: str) -> Drawing:
     panel.plot([trial.disturbed for trial in trials], spots, "D", color=NOMINAL, label="with noise, gain and speed")
     names = [f"{trial.candidate}{' (chosen)' * (trial.candidate == choice.chosen)}" for trial in trials]
     panel.set(yticks=list(spots), yticklabels=names, xlabel="mean share of each class that is told right")
-    panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %", decimals=0))
+    panel.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+    panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.grid(axis="y", visible=False)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     columns: dict[str, list] = {

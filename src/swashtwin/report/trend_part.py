@@ -6,7 +6,7 @@ from swashtwin.foundation import plural
 from swashtwin.plot import words
 from swashtwin.report.indicator_figures import trend_drawing
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
-from swashtwin.report.wording import number
+from swashtwin.report.wording import indicator_words, number
 from swashtwin.signals import Trend, TrendPoint
 
 _SMALL = 12
@@ -23,7 +23,7 @@ def trend_part(trend: Trend, key: str) -> Part:
     flagged, total = len(trend.flagged), len(trend.points)
     counts = [point.count for point in trend.points if point.status != "no baseline"]
     without = total - len(counts)
-    name = f"{words(trend.indicator.name)} of {words(trend.channel)}"
+    name = f"{indicator_words(trend.indicator.name)} of {words(trend.channel)}"
     certainty = [
         f"A recording is flagged {trend.k:g} spreads or more from the median of its baseline: the same machine's other "
         "healthy recordings at the same speed and pressure."
@@ -32,7 +32,7 @@ def trend_part(trend: Trend, key: str) -> Part:
         small = "; so few flag some healthy ones too" if min(counts) < _SMALL else ""
         certainty.append(f"The smallest baseline has {plural(min(counts), 'recording')}{small}.")
     if without:
-        certainty.append(f"{plural(without, 'recording')} without a baseline: it takes five healthy ones.")
+        certainty.append(f"{plural(without, 'recording')} without a baseline: it takes five other healthy ones.")
     table = Table(
         "Flagged recordings, furthest first: value, its baseline, and how many spreads they are apart.",
         ("recording", "class", "machine", f"value [{trend.indicator.shown[1] or '1'}]", "baseline", "spreads"),

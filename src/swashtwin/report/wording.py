@@ -87,6 +87,17 @@ def parameter_words(name: str) -> str:
     return f"{INTERFACES[interface]} {quantity}"
 
 
+def indicator_words(name: str) -> str:
+    """Name of an indicator in words.
+
+    Examples
+    --------
+    >>> indicator_words("velocity_rms")
+    'velocity RMS'
+    """
+    return " ".join("RMS" if word == "rms" else word for word in name.split("_"))
+
+
 def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
     """Table of names and values."""
     return Table(caption, ("", ""), tuple((Cell(name), Cell(_plain(value))) for name, value in entries))

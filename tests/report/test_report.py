@@ -24,7 +24,8 @@ from swashtwin.foundation import InputError, MPa, mm, rpm
 from swashtwin.learning import LEVELS
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect
-from swashtwin.report import write_report
+from swashtwin.recordings import Recording
+from swashtwin.report import page_text, write_report
 from swashtwin.report.calibration_part import calibration_answer
 from swashtwin.report.writing import part_of
 
@@ -181,6 +182,16 @@ def test_the_page_of_a_calibration_on_the_rig_says_that_it_stands_in_for_a_machi
     assert words in write_report(calibration, folder=tmp_path / "rig").read_text(encoding="utf-8")
     of_machine = replace(calibration, origin="")
     assert words not in write_report(of_machine, folder=tmp_path / "machine").read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_calibration_states_the_recordings_that_it_used_only(calibration):
+    (name,) = calibration.recording_ids
+    samples = np.random.default_rng(0).normal(size=(1, 64))
+    recordings = [
+        Recording(samples, 10.0, recording, attributes={"file": f"{recording}.h5"}) for recording in (name, "b", "c")
+    ]
+    page = page_text(calibration, recordings=recordings)
+    assert f"<dt>File</dt> <dd>{name}.h5</dd>" in page
 
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):

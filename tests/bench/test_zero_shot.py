@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from swashtwin.bench import StudyTable, run_zero_shot, write_study_report
+from swashtwin.bench.questions import zero_shot_prior
 from swashtwin.bench.questions.zero_shot import ZERO_SHOT_SIZES
 from swashtwin.bench.questions.zero_shot_data import (
     BOTH_NORMALS,
@@ -146,23 +148,48 @@ def test_the_rows_are_those_of_the_schema(study: StudyTable) -> None:
 
 
 def test_no_fault_at_the_highest_pressure_teaches_what_is_tested_there(
+    two_pressures: list[Recording], data: ZeroShotData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    normal = {recording.recording_id for recording in two_pressures if recording.label == "normal"}
+    faulty = {recording.recording_id for recording in two_pressures} - normal
+    taught: list[set[str]] = []
+    for method in ("teach", "learn_measured"):
+        plain = getattr(zero_shot_prior._Rows, method)
+
+        def note(*words: Any, plain: Any = plain) -> Any:
+            taught.append(set(words[-1]))
+            return plain(*words)
+
+        monkeypatch.setattr(zero_shot_prior._Rows, method, note)
+    split = replace(data.split, healthy=frozenset(normal), faulty=frozenset(faulty))
+    trials = [trial.factors for trial in prior_trials(two_pressures, split, 0)]
+    lower = {name for name in faulty if "_15MPa_" not in name}
+    assert 0 < len(lower) < len(faulty)
+    assert taught[-2:] == [lower, lower]
+    at_highest = {trial["training_set"] for trial in trials if trial["test"].endswith("unseen pressure")}
+    assert at_highest == {PRIOR, f"{PRIOR} and {OTHER_PRESSURES}", OTHER_PRESSURES}
+
+
+def test_measured_faults_that_lack_a_class_leave_it_without_probability(
     two_pressures: list[Recording], data: ZeroShotData
 ) -> None:
-    def at_highest(faulty: set[str]) -> dict[tuple[str, str], float]:
-        trials = prior_trials(two_pressures, replace(data.split, faulty=frozenset(faulty)), 0)
-        return {
-            (trial.factors["training_set"], trial.factors["test"]): trial.values["recording_accuracy"]
-            for trial in trials
-            if trial.factors["test"].endswith("unseen pressure")
-        }
+    normal = {recording.recording_id for recording in two_pressures if recording.label == "normal"}
+    pistons = {recording.recording_id for recording in two_pressures if recording.label == "piston"}
+    split = replace(data.split, healthy=frozenset(normal), faulty=frozenset(pistons), tests={SAME: frozenset(pistons)})
+    scores = {trial.factors["training_set"]: trial.values for trial in prior_trials(two_pressures, split, 0)}
+    assert scores[ORACLE]["recall_piston"] == 1.0
 
-    faulty = {recording.recording_id for recording in two_pressures if recording.label != "normal"}
-    lower = {name for name in faulty if "_15MPa_" not in name}
-    assert lower
-    assert lower != faulty
-    scores = at_highest(faulty)
-    assert {training_set for training_set, _ in scores} == {PRIOR, f"{PRIOR} and {OTHER_PRESSURES}"}
-    assert scores == at_highest(lower)
+
+def test_recordings_of_one_pressure_have_no_unseen_pressure(two_pressures: list[Recording], data: ZeroShotData) -> None:
+    alone = [recording for recording in two_pressures if "_15MPa_" in recording.recording_id]
+    names = {recording.recording_id for recording in alone}
+    split = replace(
+        data.split,
+        healthy=data.split.healthy & names,
+        faulty=data.split.faulty & names,
+        tests={test: ids & names for test, ids in data.split.tests.items()},
+    )
+    assert {trial.factors["test"] for trial in prior_trials(alone, split, 0)} == {SAME, UNSEEN}
 
 
 def test_a_stranger_recall_is_of_what_learned_and_a_choice_needs_no_measured_fault(study: StudyTable) -> None:

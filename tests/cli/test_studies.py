@@ -114,7 +114,7 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
 def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
     fast: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin.foundation.has_short_arithmetic", lambda: fast, raising=False)
+    monkeypatch.setattr("swashtwin.foundation.has_bfloat16_arithmetic", lambda: fast, raising=False)
     words = ("bench", "paper", "--precision", "bfloat16", "--experiments", "guess", "--out", str(tmp_path / "runs"))
     assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
 

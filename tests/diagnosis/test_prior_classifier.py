@@ -117,6 +117,12 @@ def test_healthy_recordings_that_differ_teach_how_far_the_machine_moves_without_
     assert np.array_equal(alone.forest.probability, trained().forest.probability)
 
 
+def test_an_adapted_classifier_is_not_adapted_again() -> None:
+    with pytest.raises(DataError, match="adapted already"):
+        adapted().adapt(healthy())
+    assert len(trained().healthy_changes()) == 0
+
+
 def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
     other = [replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)]
     assert len(trained().adapt([*healthy(1), *other]).healthy_changes()) == 0

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64, Shaped
+from jaxtyping import Bool, Float, Float64, Int64, Shaped
 from torch import from_numpy
 
 from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
@@ -44,12 +44,12 @@ VERSION = 1
 SHIPPED = Path(__file__).parent / "priors"
 """Folder of the shipped priors, one for each design."""
 FEW_SHOT_WEIGHT = 3.0
-"""What a measured fault counts in a leaf of the forest, against all virtual pumps there together; chosen on fleets
-100-103 of both versions of the virtual rig."""
-
+"""What a measured fault counts in a leaf of the forest, against all that came there before it together; chosen on
+fleets 100-103 of both versions of the virtual rig, without `HEALTHY_WEIGHT`."""
 HEALTHY_WEIGHT = 0.3
-"""What the change of a healthy recording against the others of its machine counts, likewise; chosen on fleets 100-102 of
-both versions. Machines whose healthy recordings differ more than the prior's then give fewer false alarms."""
+"""What the change of a healthy recording against the others of its machine counts in a leaf, against all virtual pumps
+there together; chosen on fleets 100-102 of both versions. Machines whose healthy recordings differ more than the
+prior's then give fewer false alarms."""
 
 _FACTS = ("speed", "pressure")
 _FORM: dict[str, Any] = {
@@ -84,7 +84,7 @@ class PriorClassifier:
     channels: tuple[str, ...]
     """Channels that a recording must have, in order."""
     classes: tuple[str, ...]
-    """Classes, in the order of the probabilities."""
+    """Classes, in the order of the probabilities; the first one is healthy."""
     speed: tuple[float, float]
     """Speeds of the virtual pumps [rad/s]."""
     pressure: tuple[float, float]
@@ -116,7 +116,10 @@ class PriorClassifier:
         )
 
     def adapt(self, recordings: Sequence[Recording], *, pump: Pump | None = None) -> "PriorClassifier":
-        """The classifier of these machines: healthy recordings are what others are compared with, faults teach it.
+        """The classifier of these machines.
+
+        Other recordings are compared with the healthy ones. The changes of these among each other teach it how far the
+        machine moves without a fault, and measured faults teach it further.
 
         Parameters
         ----------
@@ -128,8 +131,13 @@ class PriorClassifier:
         ------
         DataError
             No healthy recording, another design, other channels, a speed or a pressure outside the prior's, a class
-            that it does not know, or an unfit recording.
+            that it does not know, an unfit recording, or a classifier that is adapted already.
         """
+        if self.specimen:
+            raise DataError(
+                "this classifier is adapted already, and its forest has learned from other recordings; adapt the prior "
+                "itself, with all recordings at once."
+            )
         if pump is not None and pump.name != self.pump:
             raise DataError(
                 f"the prior is of {self.pump}, and the machine of the design {pump.name} "
@@ -153,7 +161,9 @@ class PriorClassifier:
             unit=sound[0].unit,
             manifest=manifest_of(recordings),
         )
-        adapted = replace(adapted, forest=adapted.forest.taught(*adapted._healthy_rows(), HEALTHY_WEIGHT))
+        moves = adapted.healthy_changes()
+        healthy_target = np.zeros(len(moves), dtype=np.int64)
+        adapted = replace(adapted, forest=adapted.forest.taught(moves, healthy_target, HEALTHY_WEIGHT))
         if not faulty:
             return adapted
         changes = np.stack([adapted.change(recording)[0].ravel() for recording in faulty])
@@ -244,37 +254,39 @@ class PriorClassifier:
         """
         rows = []
         for index, levels in enumerate(self.levels):
-            others = np.array([name == self.specimen[index] for name in self.specimen], dtype=bool)
-            others &= values_match(self.point_pressure, self.point_pressure[index], PRESSURE_TOLERANCE)
-            others[index] = False
-            at_speed = others & values_match(self.point_speed, self.point_speed[index], SPEED_TOLERANCE)
-            others = at_speed if at_speed.any() else others
+            others = np.arange(len(self.levels)) != index
+            at_pressure, at_speed = self._comparable(
+                self.specimen[index], self.point_speed[index], self.point_pressure[index], others
+            )
+            others = at_speed if at_speed.any() else at_pressure
             if others.any():
                 rows.append((levels - self.levels[others].mean(axis=0)).ravel())
-        return np.stack(rows) if rows else np.empty((0, self.levels[0].size))
+        return np.stack(rows) if rows else np.empty((0, math.prod(self.levels.shape[1:])))
 
-    def _healthy_rows(self) -> tuple[Float64[np.ndarray, "change column"], Int64[np.ndarray, " change"]]:
-        """`healthy_changes`, and the number of their class."""
-        changes = self.healthy_changes()
-        return changes, np.full(len(changes), [is_healthy(name) for name in self.classes].index(True), dtype=np.int64)
+    def _comparable(
+        self, specimen: str, speed: float, pressure: float, among: Bool[np.ndarray, " healthy"]
+    ) -> tuple[Bool[np.ndarray, " healthy"], Bool[np.ndarray, " healthy"]]:
+        """Healthy recordings of a machine at a discharge pressure, and those of them at a speed."""
+        same = np.array([name == specimen for name in self.specimen], dtype=bool) & among
+        at_pressure = same & values_match(self.point_pressure, pressure, PRESSURE_TOLERANCE)
+        return at_pressure, at_pressure & values_match(self.point_speed, speed, SPEED_TOLERANCE)
 
     def _members(self, recording: Recording) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
         """Indices of the healthy recordings that it is compared with, and notes."""
-        same = np.array([name == (recording.specimen or "") for name in self.specimen], dtype=bool)
-        if not self.specimen or not same.any():
+        specimen, pressure = recording.specimen or "", stated_pressure(recording)
+        if specimen not in self.specimen:
             listed = ", ".join(sorted({name or "an unnamed machine" for name in self.specimen})) or "no machine"
             raise DataError(
                 f"no healthy recording is of the machine {recording.specimen or 'without a name'} (there are those of "
                 f"{listed}), so nothing can be said about this one."
             )
-        at_pressure = same & values_match(self.point_pressure, stated_pressure(recording), PRESSURE_TOLERANCE)
+        speed = 2 * math.pi * shaft_frequency(recording)
+        at_pressure, at_speed = self._comparable(specimen, speed, pressure, np.ones(len(self.specimen), dtype=bool))
         if not at_pressure.any():
             raise DataError(
                 f"no healthy recording of {recording.specimen or 'the machine'} is at a discharge pressure of "
-                f"{stated_pressure(recording) / 1e6:.4g} MPa, so nothing can be said about this one."
+                f"{pressure / 1e6:.4g} MPa, so nothing can be said about this one."
             )
-        speed = 2 * math.pi * shaft_frequency(recording)
-        at_speed = at_pressure & values_match(self.point_speed, speed, SPEED_TOLERANCE)
         if at_speed.any():
             return np.flatnonzero(at_speed), ()
         note = "Its machine has healthy recordings at another speed only; a change of speed may look like a fault."
@@ -323,6 +335,8 @@ class PriorClassifier:
             points = (n_healthy,)
             if shapes != {"levels": (n_healthy, len(channels), len(bands.edges)), "speed": points, "pressure": points}:
                 raise ValueError(f"its healthy recordings have the shapes {shapes}")
+            if not is_healthy(classes[0]):
+                raise ValueError("its first class is not the healthy one")
             if len(card["speed"]) != 2 or len(card["pressure"]) != 2:
                 raise ValueError("its ranges have not two ends")
             return cls(
@@ -367,13 +381,16 @@ def fit_prior(
     Raises
     ------
     InputError
-        There are fewer than two classes.
+        There are fewer than two classes, or the first is not healthy.
     """
     classes = tuple(dict.fromkeys(label.tolist()))
-    if len(classes) < 2:
-        raise InputError(f"a prior needs two classes at least; the virtual pumps show {', '.join(classes) or 'none'}.")
+    if len(classes) < 2 or not is_healthy(classes[0]):
+        raise InputError(
+            "a prior needs two classes at least, the healthy one first; the virtual pumps show "
+            f"{', '.join(classes) or 'none'}."
+        )
     target = np.array([classes.index(name) for name in label.tolist()], dtype=np.int64)
-    forest = fit_forest(np.asarray(change, dtype=np.float64).reshape(len(change), -1), target, seed=seed)
+    forest = fit_forest(np.asarray(change, dtype=np.float64).reshape(len(change), -1), target, len(classes), seed=seed)
     return PriorClassifier(
         pump=pump.name,
         bands=bands,

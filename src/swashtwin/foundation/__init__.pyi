@@ -47,7 +47,7 @@ from .texts import plain_text as plain_text
 from .texts import plural as plural
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
-from .torch_state import has_short_arithmetic as has_short_arithmetic
+from .torch_state import has_bfloat16_arithmetic as has_bfloat16_arithmetic
 from .torch_state import one_thread as one_thread
 from .units import MPa as MPa
 from .units import bar as bar
@@ -89,7 +89,7 @@ __all__ = [
     "end_with",
     "escape_controls",
     "file_name",
-    "has_short_arithmetic",
+    "has_bfloat16_arithmetic",
     "hertz",
     "holm_correction",
     "is_unit",

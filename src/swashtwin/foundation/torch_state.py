@@ -94,6 +94,9 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def has_short_arithmetic() -> bool:
-    """Whether this processor has instructions for numbers of 16 bits (bfloat16); without, they are slower than 32."""
-    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+def has_bfloat16_arithmetic() -> bool:
+    """Whether this processor may have instructions for bfloat16; without, 16 bits are slower than 32.
+
+    Those of x86 up to AVX2 have none. The first ones with AVX-512 have none either, which torch does not tell.
+    """
+    return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")

@@ -29,7 +29,6 @@ from swashtwin.bench.questions.zero_shot_data import (
     ORACLE,
     POSTERIOR,
     SAME,
-    UNSEEN,
     ZeroShotData,
     ZeroShotSettings,
     prepare_zero_shot,
@@ -37,6 +36,7 @@ from swashtwin.bench.questions.zero_shot_data import (
 from swashtwin.bench.questions.zero_shot_prior import prior_trials
 from swashtwin.bench.questions.zero_shot_table import (
     ENVELOPE_RULE,
+    LEVELS,
     METRICS,
     NET,
     NET_HEALTHY,
@@ -174,7 +174,7 @@ def run_zero_shot(
             "confusion": confusions_of(fleets),
             "rules": {str(fleet.seed): fleet.rules for fleet in fleets},
             "splits": {str(fleet.seed): fleet.roles for fleet in fleets},
-            "level": {"zero-shot": "L5", f"{ORACLE}, {SAME}": "L2", f"{ORACLE}, {UNSEEN}": "L4"},
+            "level": LEVELS,
         },
     )
     return replace(study, answer=answer_of(study))

@@ -1,6 +1,7 @@
 """Rows of the zero-shot study by recording: a pump prior with no measured fault and with a few, and measured faults."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,61 +45,77 @@ def prior_trials(
     prior : the shipped one by default.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    healthy = [by_id[name] for name in sorted(split.healthy)]
-    adapted = (prior or load_prior("25scy14-1b")).adapt(healthy)
-    changes = {name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)}
-    references = adapted.healthy_changes()
+    adapted = (prior or load_prior("25scy14-1b")).adapt([by_id[name] for name in sorted(split.healthy)])
+    rows = _Rows(
+        changes={name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)},
+        labels={name: str(recording.label) for name, recording in by_id.items()},
+        classes=adapted.classes,
+        seed=seed,
+    )
     pool = {
-        label: [name for name in sorted(split.faulty) if by_id[name].label == label] for label in adapted.classes[1:]
+        label: [name for name in sorted(split.faulty) if rows.labels[name] == label] for label in adapted.classes[1:]
     }
-    highest = max(stated_pressure(recording) for recording in recordings)
-    below = {name for name in by_id if not values_match(stated_pressure(by_id[name]), highest, PRESSURE_TOLERANCE)}
-
-    def taught(names: Sequence[str]) -> Forest:
-        return adapted.taught_by(
-            np.stack([changes[name] for name in names]), [str(by_id[name].label) for name in names]
-        ).forest
-
-    def from_measured(names: Sequence[str]) -> Forest:
-        target = [0] * len(references) + [adapted.classes.index(str(by_id[name].label)) for name in names]
-        return fit_forest(np.stack([*references, *(changes[name] for name in names)]), np.array(target), seed=seed)
-
+    faulty = [name for names in pool.values() for name in names]
     forests = {PRIOR: adapted.forest}
     rng = stream(seed, "few-shot")
     draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
     for count in SHOTS:
         names = [name for drawn in draws.values() for name in drawn[:count]]
         if all(len(drawn) >= count for drawn in draws.values()) and names:
-            forests[few_shot(count)] = taught(names)
-    faulty = [name for names in pool.values() for name in names]
-    if faulty and len(references):
-        forests[ORACLE] = from_measured(faulty)
-    yield from _trials(forests, split.tests, changes, by_id, adapted.classes, seed)
-    elsewhere = [name for name in faulty if name in below]
-    at_highest = {at_unseen_pressure(test): ids - below for test, ids in split.tests.items() if ids - below}
+            forests[few_shot(count)] = rows.teach(adapted, names)
+    if faulty:
+        forests |= rows.learn_measured(ORACLE, adapted, faulty)
+    yield from rows.trials(forests, split.tests)
+    pressures = {name: stated_pressure(recording) for name, recording in by_id.items()}
+    highest_pressure = max(pressures.values())
+    lower = {name for name in by_id if not values_match(pressures[name], highest_pressure, PRESSURE_TOLERANCE)}
+    if not lower:
+        return
     forests = {PRIOR: adapted.forest}
-    if elsewhere:
-        forests[f"{PRIOR} and {OTHER_PRESSURES}"] = taught(elsewhere)
-    if elsewhere and len(references):
-        forests[OTHER_PRESSURES] = from_measured(elsewhere)
-    yield from _trials(forests, at_highest, changes, by_id, adapted.classes, seed)
+    if lower_faults := [name for name in faulty if name in lower]:
+        forests[f"{PRIOR} and {OTHER_PRESSURES}"] = rows.teach(adapted, lower_faults)
+        forests |= rows.learn_measured(OTHER_PRESSURES, adapted, lower_faults)
+    yield from rows.trials(
+        forests, {at_unseen_pressure(test): ids - lower for test, ids in split.tests.items() if ids - lower}
+    )
 
 
-def _trials(
-    forests: Mapping[str, Forest],
-    tests: Mapping[str, Collection[str]],
-    changes: Mapping[str, np.ndarray],
-    recordings: Mapping[str, Recording],
-    classes: Sequence[str],
-    seed: int,
-) -> Iterator[Trial]:
-    """Scores of each forest on the recordings of each test."""
-    for training_set, forest in forests.items():
-        for test, ids in tests.items():
-            predicted = forest.predict_proba(np.stack([changes[name] for name in sorted(ids)])).argmax(axis=1)
-            target = np.array([classes.index(str(recordings[name].label)) for name in sorted(ids)])
-            factors = {"training_set": training_set, "classifier": FOREST, "test": test}
-            yield Trial(factors, seed, recording_scores(predicted, target, classes))
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Changes of all recordings of a fleet, from which forests learn and on which they are tested."""
+
+    changes: Mapping[str, np.ndarray]
+    """Of each recording, by its id."""
+    labels: Mapping[str, str]
+    """Class of each."""
+    classes: tuple[str, ...]
+    """In the order of the probabilities."""
+    seed: int
+    """Of the fleet."""
+
+    def teach(self, adapted: PriorClassifier, names: Sequence[str]) -> Forest:
+        """The adapted prior's forest after these measured faults."""
+        return adapted.taught_by(
+            np.stack([self.changes[name] for name in names]), [self.labels[name] for name in names]
+        ).forest
+
+    def learn_measured(self, training_set: str, adapted: PriorClassifier, names: Sequence[str]) -> dict[str, Forest]:
+        """A forest of these measured faults and the healthy recordings alone; none without two healthy ones."""
+        healthy = adapted.healthy_changes()
+        if not len(healthy):
+            return {}
+        target = [0] * len(healthy) + [self.classes.index(self.labels[name]) for name in names]
+        values = np.stack([*healthy, *(self.changes[name] for name in names)])
+        return {training_set: fit_forest(values, np.array(target), len(self.classes), seed=self.seed)}
+
+    def trials(self, forests: Mapping[str, Forest], tests: Mapping[str, Collection[str]]) -> Iterator[Trial]:
+        """Scores of each forest on the recordings of each test."""
+        for training_set, forest in forests.items():
+            for test, ids in tests.items():
+                predicted = forest.predict_proba(np.stack([self.changes[name] for name in sorted(ids)])).argmax(axis=1)
+                target = np.array([self.classes.index(self.labels[name]) for name in sorted(ids)])
+                factors = {"training_set": training_set, "classifier": FOREST, "test": test}
+                yield Trial(factors, self.seed, recording_scores(predicted, target, self.classes))
 
 
 def recording_scores(predicted: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:

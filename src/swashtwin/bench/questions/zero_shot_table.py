@@ -74,10 +74,21 @@ class Fleet:
     origin: str
 
 
+LEVELS = {
+    "no measured fault": "L5",
+    f"measured faults, {SAME}": "L2",
+    f"measured faults, {UNSEEN}": "L4",
+    f"{OTHER_PRESSURES}, {at_unseen_pressure(SAME)}": "L3",
+    f"{OTHER_PRESSURES}, {at_unseen_pressure(UNSEEN)}": "L4",
+}
+"""Level of generalization of the rows, by what teaches and what tests them."""
+
 NOTES = (
     "Severities are log-uniform over a decade around what the literature calls plausible; only the row that says so "
-    "knows the rig's. The faults of all rows but the oracle's are level L5: no measured fault was ever trained on. "
-    "Rows with measured normals have trained on healthy recordings of the same pumps: there their normals are L2.",
+    "knows the rig's. Rows that no measured fault teaches are level L5. Rows that measured faults teach (the oracle, a "
+    "few of each fault) are L2 on the same pumps and L4 on others; at the highest pressure, where faults of other "
+    "pressures teach, L3 and L4. Rows with measured normals have trained on healthy recordings of the same pumps, so "
+    "that their normals are L2 there.",
     "Against healthy: less the median of the same machine's own healthy recordings at the same pressure, which every "
     "machine has from its first days; also the pumps without a twin.",
     "Strangers are synthetic windows of twins drawn from the priors: what a choice can rest on before a fault was "
@@ -157,7 +168,7 @@ def answer_of(study: StudyTable) -> tuple[str, ...]:
         f"A pump prior and the machine's healthy recordings, no measured fault: balanced accuracy by recording "
         f"{pair(PRIOR)} (same pumps / pumps held out); twins of the pump itself ({best[1]}, {best[0]}) {pair(*best)}; "
         f"taught by measured faults {pair(ORACLE)}. With measured recordings of each fault: {shots}.",
-        "At the highest pressure, at which no fault was measured: "
+        "At the highest pressure, of which no measured fault teaches (L3 / L4): "
         + "; ".join(f"{name} {scores}" for name, scores in highest.items())
         + ".",
     )

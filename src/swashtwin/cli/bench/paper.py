@@ -62,11 +62,11 @@ def paper(
 ) -> None:
     """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
     from swashtwin.bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
-    from swashtwin.foundation import has_short_arithmetic
+    from swashtwin.foundation import has_bfloat16_arithmetic
 
     numbers = read_seeds(seeds)
     names = EXPERIMENTS if experiments is None else read_words(experiments)
-    if precision is Precision.bfloat16 and device is Device.cpu and not has_short_arithmetic():
+    if precision is Precision.bfloat16 and device is Device.cpu and not has_bfloat16_arithmetic():
         note(
             "This processor has no instructions for 16 bits: --precision bfloat16 trains many times slower here than "
             "float32."

@@ -93,13 +93,19 @@ class Forest:
 
 
 def fit_forest(
-    values: Float[np.ndarray, "row column"], target: Int[np.ndarray, " row"], *, seed: int, n_leaves: int = N_LEAVES
+    values: Float[np.ndarray, "row column"],
+    target: Int[np.ndarray, " row"],
+    n_classes: int,
+    *,
+    seed: int,
+    n_leaves: int = N_LEAVES,
 ) -> Forest:
     """Random forest, classes weighted alike (Breiman 2001, doi:10.1023/A:1010933404324).
 
     Parameters
     ----------
-    target : class of each row, from 0, every one of them present.
+    target : class of each row, from 0.
+    n_classes : number of classes; one without a row has no probability.
     n_leaves : leaves of each tree, at most.
     """
     from sklearn.ensemble import RandomForestClassifier
@@ -116,7 +122,9 @@ def fit_forest(
         first += tree.node_count
     column, threshold, left, right, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
     column, left, right = (part.astype(np.int64) for part in (column, left, right))
-    return Forest(np.array(roots), column, threshold, left, right, probability)
+    of_all = np.zeros((len(probability), n_classes))
+    of_all[:, fitted.classes_] = probability
+    return Forest(np.array(roots), column, threshold, left, right, of_all)
 
 
 def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:

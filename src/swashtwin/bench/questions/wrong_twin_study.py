@@ -33,7 +33,7 @@ STUDY = "wrong-twins"
 METRICS = {
     "identified": "values identified",
     "covered": "of these, covered",
-    "errs": "errs by two intervals",
+    "errs": "errs by two half widths",
     "warned": "warned",
     "silent": "errs without a warning",
     "named": "mistake named where warned",

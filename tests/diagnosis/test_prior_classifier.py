@@ -190,7 +190,7 @@ def test_a_saved_one_answers_alike(tmp_path: Path) -> None:
 
 
 def test_the_shipped_prior_is_at_most_a_megabyte() -> None:
-    from swashtwin.diagnosis.prior_classifier import SHIPPED
+    from swashtwin.diagnosis.pump_priors import SHIPPED
 
     assert all(path.stat().st_size <= 1_000_000 for path in SHIPPED.glob("*.safetensors"))
 

@@ -19,8 +19,8 @@ from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .persistence import persistent_alarms as persistent_alarms
 from .prior_classifier import PriorClassifier as PriorClassifier
-from .prior_classifier import fit_prior as fit_prior
-from .prior_classifier import load_prior as load_prior
+from .pump_priors import fit_prior as fit_prior
+from .pump_priors import load_prior as load_prior
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis

@@ -245,7 +245,7 @@ def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.nd
 
 def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:
     report = identifiability(objective, point)
-    assert report.directions[-1].words == "flat: K_sw"
+    assert report.directions[-1].words == "not determined: K_sw"
     assert [direction.share for direction in report.directions] == sorted(
         direction.share for direction in report.directions
     )
@@ -311,7 +311,7 @@ def test_what_was_learned_is_reported_with_figures_and_as_json(
 ) -> None:
     report = identifiability(objective, point, with_profiles=True, with_gains=True)
     page = write_report(report, folder=tmp_path).read_text(encoding="utf-8")
-    assert "flat: K_sw" in page
+    assert "not determined: K_sw" in page
     assert "K_sw: not identified, open on both sides" in page
     assert "The best further measurement: also " in page
     figures = {path.stem.removeprefix("identifiabilityreport_") for path in (tmp_path / "figures").glob("*.svg")}

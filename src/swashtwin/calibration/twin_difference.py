@@ -190,5 +190,5 @@ def _notes(first: Calibration, second: Calibration, shared: tuple[str, ...], set
         if "not identified" in (a.verdict, b.verdict)
     ]
     if weak:
-        notes.append(f"{', '.join(weak)}: not identified in one of them; its difference means nothing.")
+        notes.append(f"{', '.join(weak)}: not identified in at least one of them; its difference means nothing.")
     return notes

@@ -20,15 +20,17 @@ class Check:
     """What it would show, and by which physics."""
 
 
-_DRAIN = "Case drain flow at rated pressure and known oil temperature, against the pump's own earlier value."
-_OIL = "Oil sample from the running line: particle count, and which metals."
+_DRAIN = (
+    "Measure the case drain flow at rated pressure and known oil temperature; compare it with the pump's earlier value."
+)
+_OIL = "Take an oil sample from the running line: particle count, and which metals."
 _BEFORE = Check(
-    "Pressure, speed, oil level, suction pressure and air in the oil, and the sensor's mounting.",
+    "Check pressure, speed, oil level, suction pressure, air in the oil, and the sensor's mounting.",
     "A starved or aerated pump and a loose sensor change vibration more than early wear does; rule them out first.",
 )
 _PLAUSIBLE = (
     Check(
-        "The trend of levels and orders against this machine's own healthy baseline (swashtwin signal trend).",
+        "Look at the trend of levels and orders against this machine's healthy recordings (swashtwin signal trend).",
         "A learned class is a comparison with other pumps; a change of this pump at one operating point is not.",
     ),
 )
@@ -43,7 +45,10 @@ CHECKS = MappingProxyType(
                 "Slippers that ride over a recess lose their film: leakage through the slipper pockets drains into the "
                 "case, in bursts once per piston and turn.",
             ),
-            Check("Swash plate face and slipper soles, at the next opening.", "The recess itself is to be seen there."),
+            Check(
+                "Look at the swash plate face and the slipper soles at the next opening.",
+                "The recess itself is to be seen there.",
+            ),
         ),
         "cylinder_block": (
             Check(
@@ -51,11 +56,11 @@ CHECKS = MappingProxyType(
                 "A bore or block face that lost its shape widens the gap by its cube in the leakage (laminar slot).",
             ),
             Check(
-                "Case drain temperature against the tank's.",
+                "Compare the case drain temperature with the tank's.",
                 "Throttled oil carries the lost power as heat: some 0.05 K for each 0.1 MPa that leaks through.",
             ),
             Check(
-                "Spline and shaft bearing, and the block's running face, at the next opening.",
+                "Look at the spline, the shaft bearing and the block's running face at the next opening.",
                 "A block that tilts wears its face on one side, and vibrates once per turn.",
             ),
         ),
@@ -65,7 +70,7 @@ CHECKS = MappingProxyType(
                 "Radial clearance leaks with its cube; one worn piston of seven drains more, once per turn.",
             ),
             Check(
-                "Pressure ripple at the outlet, by order.",
+                "Measure the pressure ripple at the outlet, by order.",
                 "One piston that delivers less leaves lines at all multiples of the shaft, not only at the piston-pass "
                 "line.",
             ),
@@ -73,21 +78,27 @@ CHECKS = MappingProxyType(
         ),
         "valve_plate": (
             Check(
-                "Pressure ripple at the outlet, at the piston-pass line and its multiples.",
+                "Measure the pressure ripple at the outlet, at the piston-pass line and its multiples.",
                 "A scratched dam or an eroded groove changes how the pressure in each chamber rises at the dead "
                 "centers, for every piston alike.",
             ),
             Check(
-                _DRAIN + " Also the delivered flow.",
+                _DRAIN + " Measure the delivered flow too.",
                 "Leakage over the dam goes from discharge to suction: flow falls while the drain hardly grows.",
             ),
-            Check("Suction pressure and air in the oil.", "Cavitation erodes grooves and will do so again."),
-            Check("Valve plate and block face, at the next opening.", "Scratches and erosion are to be seen there."),
+            Check("Check suction pressure and air in the oil.", "Cavitation erodes grooves and will do so again."),
+            Check(
+                "Look at the valve plate and the block face at the next opening.",
+                "Scratches and erosion are to be seen there.",
+            ),
         ),
         "loose_slipper": (
             Check("Stop the pump and look soon.", "A slipper that comes off its ball breaks the pump within turns."),
             Check(_OIL, "A loosened crimp sheds bronze or brass."),
-            Check("Play of slippers on their balls, at the next opening.", "The axial play is what the class means."),
+            Check(
+                "Measure the play of the slippers on their balls at the next opening.",
+                "The axial play is what the class means.",
+            ),
         ),
     }
 )

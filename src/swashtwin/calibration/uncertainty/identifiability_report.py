@@ -62,8 +62,8 @@ class Direction:
         else:
             combination = ", ".join(letters[:-1]) + f" and {letters[-1]} together"
         if self.share > UNIDENTIFIED_SHARE:
-            return f"flat: {' traded with '.join(letters)}"
-        return f"{combination}: known to {self.share:.2g} of the prior"
+            return f"not determined: {' traded with '.join(letters)}"
+        return f"{combination}: uncertainty reduced to {self.share:.2g} of the prior's"
 
 
 @dataclass(frozen=True, eq=False)

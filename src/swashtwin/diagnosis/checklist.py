@@ -21,7 +21,8 @@ class Check:
 
 
 _DRAIN = (
-    "Measure the case drain flow at rated pressure and known oil temperature; compare it with the pump's earlier value."
+    "Measure the case drain flow at rated pressure and known oil temperature, and compare it with this pump's earlier "
+    "value."
 )
 _OIL = "Take an oil sample from the running line: particle count, and which metals."
 _BEFORE = Check(

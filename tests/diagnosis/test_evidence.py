@@ -179,7 +179,7 @@ def test_the_page_shows_lines_moments_neighbors_and_checks(classifier, evidence,
         "order 7 (112 Hz, piston-pass line)",
         evidence.nearest[0].recording_id,
         "What to check next",
-        "case drain".capitalize(),
+        "case drain flow",
     ):
         assert words in text
     table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)

@@ -66,7 +66,7 @@ def test_the_line_that_differs_is_the_strongest(evidence: Evidence) -> None:
 
 def test_the_page_names_the_mean_of_the_training_and_the_envelope(evidence: Evidence, tmp_path) -> None:
     text = write_report(evidence, folder=tmp_path).read_text(encoding="utf-8")
-    assert "from the mean of the training to these samples" in text
+    assert "Compared with the mean of the training, these samples" in text
     assert "silence" not in text
     table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)
     assert {"envelope order 9", "envelope level", "waveform shape"} <= set(table["band"])

@@ -229,6 +229,17 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     assert verdict["label"] == "piston"
 
 
+def test_recordings_without_a_class_are_said_to_count_as_healthy(tmp_path: Path) -> None:
+    folder = tmp_path / "pump"
+    items = [replace(item, label=None) for item in healthy(2)]
+    files = [f"{number}.h5" for number in range(len(items))]
+    for item, file in zip(items, files, strict=True):
+        write_recording(item, folder / file)
+    write_index(items, files, folder / "recordings.toml")
+    result = run("model", "adapt", "25scy14-1b", folder, "--out", tmp_path / "model.safetensors")
+    assert "2 recordings without a class counted as healthy" in " ".join(result.stderr.split())
+
+
 def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
     result = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")

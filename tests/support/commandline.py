@@ -8,6 +8,8 @@ from typer.testing import CliRunner, Result
 
 from swashtwin.cli import app
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
 TINY = ("--network", "bitcn", "--set", "epochs=1", "--set", "stride=32", "--set", "channels=8,8")
 DEFECT = ("--fault", "swash_plate:depth=0.08mm")
@@ -21,6 +23,8 @@ PYTHON_WORDS = re.compile(r"[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'
 def run(*words: object, code: int = 0) -> Result:
     """What a command printed, after it ended with `code`."""
     result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exit_code == INTERRUPTED != code:
+        raise KeyboardInterrupt  # Ctrl-C ends the tests, not the command alone
     assert result.exit_code == code, result.output
     if code == 3:
         assert not PYTHON_WORDS.search(result.stderr), result.stderr

@@ -86,9 +86,10 @@ def adapt(
     from swashtwin.recordings import load_recordings
 
     require_target(out, ".safetensors")
-    shipped = load_prior(design)
+    shipped, recordings = load_prior(design), load_recordings(source)
+    unlabeled = sum(recording.label is None for recording in recordings)
     with progress("measuring levels"):
-        model = shipped.adapt(load_recordings(source))
+        model = shipped.adapt(recordings)
     model.save(out)
     result = {
         "model": out, "kind": "prior classifier", "prior": design, "pump": model.pump, "classes": model.classes,
@@ -97,6 +98,10 @@ def adapt(
 
     def show() -> None:
         say(f"{out}: {model!r}")
+        if unlabeled:
+            note(
+                f"note: {plural(unlabeled, 'recording')} without a class counted as healthy; label or leave out faults."
+            )
         note(f"note: its faults were simulated for {model.pump}; on another design its answers mean nothing.")
         say(f"Next: swashtwin diagnose {out} FILE")
 

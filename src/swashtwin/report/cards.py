@@ -45,8 +45,8 @@ def cards_of(parts: Sequence[Part]) -> list[Card]:
 
 def _card(parts: Sequence[Part], shared: Collection[str], is_named: bool) -> Card:
     first = parts[0]
-    own = [f"{name.lower()} {value}" for name, value in first.facts if name not in shared]
-    about = ", ".join([first.title, *own]) if is_named else ""
+    differing_facts = [f"{name.lower()} {value}" for name, value in first.facts if name not in shared]
+    about = ", ".join([first.title, *differing_facts]) if is_named else ""
     return Card(
         "" if about == first.verdict else about,
         first.verdict,

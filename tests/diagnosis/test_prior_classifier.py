@@ -1,6 +1,7 @@
 """A classifier from a pump prior: faults that nobody measured, what it refuses, its file and its commands."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -15,6 +16,7 @@ from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg,
 from swashtwin.physics import Twin
 from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.report import write_report
 from swashtwin.synthesis import OrderChanges, PumpPrior, simulate_changes
 
 CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
@@ -227,6 +229,15 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
     assert verdict["label"] == "piston"
+
+
+def test_the_page_speaks_of_trees_and_simulated_pumps_and_of_no_window(tmp_path: Path) -> None:
+    page = write_report(adapted().diagnose(recording("piston", 9)), folder=tmp_path).read_text(encoding="utf-8")
+    text = re.sub(r"<[^>]+>", "", page)
+    assert "The change against 3 healthy recordings of the machine is most like that of simulated pumps" in text
+    assert "of the votes of the pump prior" in text
+    assert "windows say so" not in text
+    assert not list((tmp_path / "figures").glob("*windows*"))
 
 
 def test_recordings_without_a_class_are_said_to_count_as_healthy(tmp_path: Path) -> None:

@@ -219,6 +219,7 @@ class PriorClassifier:
             window_labels=(label,),
             agreement=1.0,
             notes=notes,
+            reference=plural(len(self._members(recording)[0]), "healthy recording") + " of the machine",
             facts=facts,
         )
 

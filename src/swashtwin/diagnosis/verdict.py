@@ -55,6 +55,8 @@ class Diagnosis:
     is one."""
     choice: Choice | None = None
     """How the classifier was chosen; None where its network was named."""
+    reference: str = ""
+    """Healthy recordings with which a pump prior compared it, in words; empty where windows were classified."""
     facts: RecordingFacts = field(default_factory=RecordingFacts)
     """Machine, date, condition and file of the recording, as far as it states them."""
     spectrum: HealthySpectrum | None = field(default=None, compare=False)

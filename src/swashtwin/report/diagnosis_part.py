@@ -25,6 +25,10 @@ _NOT_CHECKED = (
     "Whether pump, sensors and mounting resemble those of the training; scores at L4 show the cost of another pump.",
     "Whether the score is a probability: windows of one recording are not independent, so it only ranks the classes.",
 )
+_NOT_CHECKED_BY_PRIOR = (
+    *_NOT_CHECKED[:2],
+    "Whether this machine is like the virtual pumps on which the prior was trained.",
+)
 _NOT_CHECKED_BY_TRUST = (
     _NOT_CHECKED[1],
     "Whether this recording resembles those that calibrated the confidence: rates and thresholds hold only for their "
@@ -38,13 +42,9 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
     if diagnosis.label is None:
         return _no_verdict_part(diagnosis)
-    agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     trust = diagnosis.trust
-    kind = "score" if trust is None else "probability"
     certainty = (
-        f"Of {len(diagnosis.probabilities)} classes this one has a {kind} of "
-        f"{percent(diagnosis.probabilities[diagnosis.label])}, all windows together; taken alone, {agreeing} of "
-        f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}).",
+        *_how_sure(diagnosis),
         *((_UNCALIBRATED,) if trust is None else (trust.sentence(),)),
         *diagnosis.notes[:_MOST_NOTES],
     )
@@ -54,9 +54,9 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     blocks = (
         Bullets("More to know before trusting it", diagnosis.notes[_MOST_NOTES:]),
         Picture(probability_drawing(diagnosis, key)),
-        Picture(window_drawing(diagnosis, key)),
+        *(() if diagnosis.reference else (Picture(window_drawing(diagnosis, key)),)),
         *_folded_choice(diagnosis),
-        Bullets("What was not checked", _NOT_CHECKED if trust is None else _NOT_CHECKED_BY_TRUST),
+        Bullets("What was not checked", _not_checked(diagnosis)),
     )
     return Part(
         title=f"Diagnosis of {diagnosis.recording_id}",
@@ -72,6 +72,26 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         subject=diagnosis.recording_id,
         facts=fact_entries(diagnosis.facts),
     )
+
+
+def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What stands for the verdict, in a sentence."""
+    assert diagnosis.label is not None
+    count, share = len(diagnosis.probabilities), percent(diagnosis.probabilities[diagnosis.label])
+    if diagnosis.reference:
+        return (f"Of {count} classes this one has {share} of the votes of the pump prior's trees.",)
+    agreeing = round(diagnosis.agreement * diagnosis.n_windows)
+    kind = "score" if diagnosis.trust is None else "probability"
+    return (
+        f"Of {count} classes this one has a {kind} of {share}, all windows together; taken alone, {agreeing} of "
+        f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}).",
+    )
+
+
+def _not_checked(diagnosis: Diagnosis) -> tuple[str, ...]:
+    if diagnosis.reference:
+        return _NOT_CHECKED_BY_PRIOR
+    return _NOT_CHECKED if diagnosis.trust is None else _NOT_CHECKED_BY_TRUST
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
@@ -94,7 +114,10 @@ def _tone(diagnosis: Diagnosis) -> Tone:
 
 def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The verdict in a sentence, and how the spectrum differs from healthy ones."""
-    nearest = f"The vibration is most like that of recordings of the class {words(diagnosis.label or '')}."
+    name = words(diagnosis.label or "")
+    nearest = f"The vibration is most like that of recordings of the class {name}."
+    if diagnosis.reference:
+        nearest = f"The change against {diagnosis.reference} is most like that of simulated pumps of the class {name}."
     return (nearest, *spectrum_sentences(diagnosis.spectrum))
 
 
@@ -139,12 +162,14 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
         panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
     panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
     kind = "score" if diagnosis.trust is None else "probability"
-    panel.set_xlabel(f"{kind} of the class, all windows together")
+    panel.set_xlabel("share of the trees" if diagnosis.reference else f"{kind} of the class, all windows together")
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     panel.invert_yaxis()
     panel.grid(axis="y", visible=False)
     caption = "From the mean log-probability over the windows. It ranks the classes and is no calibrated probability."
+    if diagnosis.reference:
+        caption = "Share of the votes of the pump prior's trees. It ranks the classes and is no calibrated probability."
     if diagnosis.trust is not None:
         possible = ", ".join(words(name) for name in diagnosis.trust.prediction_set)
         caption = (

@@ -87,8 +87,8 @@ NOTES = (
     "Severities are log-uniform over a decade around what the literature calls plausible; only the row that says so "
     "knows the rig's. Rows that no measured fault teaches are level L5. Rows that measured faults teach (the oracle, a "
     "few of each fault) are L2 on the same pumps and L4 on others; at the highest pressure, where faults of other "
-    "pressures teach, L3 and L4. Rows with measured normals have trained on healthy recordings of the same pumps, so "
-    "that their normals are L2 there.",
+    "pressures teach, L3 and L4. The pump prior and rows with measured normals have learned from healthy recordings of "
+    "the same pumps, so that their normals are L2 there.",
     "Against healthy: less the median of the same machine's own healthy recordings at the same pressure, which every "
     "machine has from its first days; also the pumps without a twin.",
     "Strangers are synthetic windows of twins drawn from the priors: what a choice can rest on before a fault was "

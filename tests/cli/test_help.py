@@ -54,18 +54,18 @@ def test_an_unexpected_error_asks_for_a_report_and_shows_its_traceback_on_reques
     assert "Traceback" in run("--debug", "twin", "pump", "show", code=1).stderr
 
 
-def test_help_answers_at_once_and_loads_nothing_heavy() -> None:
+def test_help_loads_few_modules_and_none_that_is_heavy() -> None:
     code = (
-        "import sys, time; sys.argv = ['swashtwin', '--help']\n"
+        "import sys; sys.argv = ['swashtwin', '--help']\n"
         "from swashtwin.cli import main\n"
         "try: main()\n"
-        "except SystemExit: print(time.process_time(), *sys.modules, file=sys.stderr)"
+        "except SystemExit: print(*sys.modules, file=sys.stderr)"
     )
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    seconds, *modules = process.stderr.split()
+    modules = process.stderr.split()
     assert "calibrate" in process.stdout
-    assert float(seconds) < 0.5
     assert not set(HEAVY) & set(modules)
+    assert len(modules) <= 450
 
 
 def _paths(command: Any, *names: str) -> list[tuple[str, ...]]:

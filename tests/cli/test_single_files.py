@@ -127,3 +127,16 @@ def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path,
     assert (
         "needs 9 validation recordings" in run(*words, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3).stderr
     )
+
+
+def test_evaluate_says_how_many_recordings_diagnose_calls_unknown(folder: Path, tmp_path: Path) -> None:
+    model, strange = tmp_path / "c.safetensors", tmp_path / "strange"
+    shares = ("--validation-fraction", 0.5, "--error-rate", 0.25)
+    run("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *shares, *TINY)
+    for number, frequency in enumerate((700, 720, 740)):
+        write_tone(strange / f"piston_{number}.csv", frequency)
+    run("index", strange, *FACTS)
+    said = run("evaluate", model, strange)
+    unknown = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
+    assert unknown > 0
+    assert f"diagnose would call {unknown:.0%} of these recordings unknown" in " ".join(said.stderr.split())

@@ -51,6 +51,11 @@ def evaluate(
     if actual not in (None, level):
         note(f"level {level} is stated; by machines and operating points these recordings are {actual}: "
              f"{learning.LEVELS[str(actual)]}.")  # fmt: skip
+    if confidence is not None and confidence.called_unknown > 0:
+        note(
+            f"diagnose would call {confidence.called_unknown:.0%} of these recordings unknown; the scores count the "
+            "likeliest class of each, not that answer."
+        )
     names = [recording.recording_id for recording in chosen]
     if not ids and len(names) < len(recordings):
         note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")

@@ -16,6 +16,10 @@ _SILENT = 40.0
 _SAME_GAIN = 3.0
 """Difference between the changes of level and noise floor, from the training's medians or from its ranges, up to
 which a gain explains both [dB]."""
+_UNITS_APART = 20 * math.log10(9.80665)
+"""Level of a signal in m/s^2 above that in g [dB]."""
+_SAME_FACTOR = 0.7
+"""Distance from that level up to which a wrong unit is the likelier cause of a change [dB]."""
 _MOST = 6
 
 
@@ -73,7 +77,7 @@ def _of_channel(
     if any(abs(difference) <= _SAME_GAIN for difference in differences):
         yield (
             f"The gain of channel {name} looks {abs(change[0]):.0f} dB {'higher' if change[0] > 0 else 'lower'} than "
-            "in the training: its level and its noise floor both moved."
+            f"in the training: its level and its noise floor both moved.{_unit_hint(change[0])}"
         )
         level = floor = None
     if floor is not None:
@@ -86,6 +90,12 @@ def _of_channel(
             f"The strongest lines of channel {name} hold {share:.0f} % of its power; in the training they held "
             f"{low:.0f} to {high:.0f} %."
         )
+
+
+def _unit_hint(change: float) -> str:
+    if abs(abs(change) - _UNITS_APART) > _SAME_FACTOR:
+        return ""
+    return " That is the factor of 9.81 between g and m/s^2: check the unit of the file."
 
 
 def _moved(fact: OutsideFact, unit: str) -> str:

@@ -62,6 +62,12 @@ def test_an_unknown_class_offers_the_nearest(text: str, nearest: str) -> None:
         canonical_label(text)
 
 
+def test_a_word_far_from_every_class_is_given_none() -> None:
+    with pytest.raises(InputError) as caught:
+        canonical_label("cavitation")
+    assert "Did you mean" not in str(caught.value)
+
+
 @pytest.mark.parametrize("text", ["slipper", "slippr", "swashplate", "zzz", ""])
 def test_only_a_class_in_use_is_offered(text: str) -> None:
     classes = ("normal", "piston")

@@ -63,7 +63,7 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     if ALIASES.get(word) in classes:
         return ALIASES[word]
     names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.3)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
     hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter
@@ -19,6 +20,8 @@ from swashtwin.foundation import csv_text, escape_controls
 from swashtwin.report.phone_form import fit_to_phone
 
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+_POINTS = 72
+"""Dots per inch of an SVG."""
 _PAGE_COLORS = {
     "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
     "#e6e6e6": "grid", "#efefef": "faint", "#009e73": "green", "#d55e00": "orange", "#aa4499": "purple",
@@ -125,8 +128,14 @@ def render_drawing(
 
 
 def _saved(figure: Figure) -> str:
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata=_NO_METADATA)
+    """What `Figure.savefig` writes, without the first of its two drawings, which only serves to find the layout."""
+    text, canvas, engine = io.StringIO(), FigureCanvasSVG(figure), figure.get_layout_engine()
+    figure.set_dpi(_POINTS)
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine("none")
+    canvas.print_svg(text, metadata=_NO_METADATA)
+    figure.set_layout_engine(engine)
     return text.getvalue()
 
 

@@ -97,6 +97,24 @@ def test_severities_of_single_parts_and_dams_are_found(
     assert estimate.severity.verdict == "identified"
 
 
+def test_ports_that_open_late_do_not_hide_an_advance(pump: Pump, true_twin: Twin, at_15: OperatingCondition) -> None:
+    plate = pump.valve_plate
+    late = replace(plate, discharge_open=plate.discharge_open + deg(0.8), suction_open=plate.suction_open - deg(0.3))
+    machine = replace(true_twin, pump=replace(pump, valve_plate=late))
+    eroded = machine.with_fault(GrooveErosion(deg(4)))
+    healthy, worn = (
+        twin.simulate(3.0, 5120.0, recording_id=name) for twin, name in ((machine, "healthy"), (eroded, "worn"))
+    )
+    known = calibrate(
+        Twin(pump, at_15), [healthy], method=GaussNewton(starts=1), nuisances=Nuisances.usual(), band=(0, 1000),
+        phases=False,
+    )  # fmt: skip
+    (estimate,) = estimate_severity(known, [worn], GrooveErosion(deg(4)), healthy=[healthy]).estimates
+    low, high = estimate.severity.interval
+    assert low < deg(4) < high < deg(10)
+    assert estimate.severity.verdict != "identified"
+
+
 def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
     (estimate,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
     assert estimate.severity.verdict == "not detected"

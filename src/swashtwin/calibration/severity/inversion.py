@@ -27,6 +27,10 @@ SHARE = 0.1
 `discrepancy`. An estimate of ours: what a fault's law lacks, no healthy recording shows."""
 ROLL_OFF_FREQUENCY = 1000.0
 """Frequency [Hz] for which `SeveritySearch.roll_off` is stated."""
+PORT_TIMING = math.radians(0.7)
+"""Standard deviation of the shaft angle at which a port begins to open, from that of the pump file [rad]; an estimate
+of ours, the same as in `PumpPrior.timing`."""
+_PORT_ANGLES = ("discharge_open", "suction_open")
 FACTORS = np.geomspace(0.03, 8.0, 9)
 """Severities over the reference's on the first grid; the last is the greatest it can find."""
 LEAST_SEVERITY = 1e-3
@@ -91,21 +95,28 @@ class Inversion(ProfileProblem):
         cases. Where a further dimension is free there are many minima for noise to fall into (Bonferroni)."""
         return float(scipy.stats.chi2.isf(2 * ERROR / (GRID_POINTS if len(self.space.free) > 1 else 1), 1))
 
-    def _objective_at(self, point: np.ndarray) -> Objective:
+    def _objective_at(self, point: np.ndarray, late_port: str | None = None) -> Objective:
         fault = self.space.at(point[self.n_unknowns :])
 
         def with_fault(comparison: Comparison) -> Comparison:
-            return replace(comparison, twin=comparison.twin.with_fault(fault))
+            twin = comparison.twin.with_fault(fault)
+            if late_port is not None:
+                plate = twin.pump.valve_plate
+                late = replace(plate, **{late_port: getattr(plate, late_port) + PORT_TIMING})
+                twin = replace(twin, pump=replace(twin.pump, valve_plate=late))
+            return replace(comparison, twin=twin)
 
         return replace(
             self.objective, comparisons=tuple(with_fault(comparison) for comparison in self.objective.comparisons)
         )
 
-    def observables(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " observable"]:
-        """Simulated observables [m/s^2]."""
+    def observables(
+        self, point: Float[np.ndarray, " unknown"], late_port: str | None = None
+    ) -> Float[np.ndarray, " observable"]:
+        """Simulated observables [m/s^2]; with a port that opens by `PORT_TIMING` too late, if one is named."""
         self.simulations += 1
         with torch.no_grad():
-            return self._objective_at(point).observables(torch.as_tensor(point[: self.n_unknowns])).numpy()
+            return self._objective_at(point, late_port).observables(torch.as_tensor(point[: self.n_unknowns])).numpy()
 
     def at(
         self, point: Float[np.ndarray, " unknown"]
@@ -142,6 +153,9 @@ class Inversion(ProfileProblem):
         if self.roll_off:
             by_fault = point[self.severity] * self._difference(point, self.severity, around.simulated)
             error = self.roll_off * (objective.frequency / ROLL_OFF_FREQUENCY) ** 2 * by_fault
+            covariance = covariance + np.outer(error, error)
+        for port in _PORT_ANGLES:
+            error = self.observables(point, port) - around.simulated
             covariance = covariance + np.outer(error, error)
         self.root = np.linalg.cholesky(covariance)
 

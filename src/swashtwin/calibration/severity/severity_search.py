@@ -339,7 +339,8 @@ def _further(space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion)
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []
         for minimum, deviation in zip(minima, deviations, strict=True):
-            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * dimension.share * deviation[index]
+            std = math.hypot(dimension.share * deviation[index], dimension.law)
+            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * std
             lows.append(minimum.point[index] - reach)
             highs.append(minimum.point[index] + reach)
         typical, coordinate = getattr(space.reference, dimension.name), float(minima[0].point[index])

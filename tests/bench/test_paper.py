@@ -14,6 +14,7 @@ from tiny_case import TINY, tiny_recordings
 
 from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
 from swashtwin.bench.paper import identification, plans, running
+from swashtwin.bench.paper.differences import common
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
 from swashtwin.bench.results.runs import fingerprint_of
@@ -56,9 +57,9 @@ def tiny_paper() -> pytest.MonkeyPatch:
         patch.setattr("swashtwin.bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5)
         patch.setattr("swashtwin.bench.results.study_figures._tsne", lambda features: features[:, :2])
         patch.setattr(running, "Fleets", TinyFleets)
-        patch.setattr(plans, "COUNTS", {"quick": TINY, "paper": plans.COUNTS["paper"]})
-        patch.setattr(plans, "CASE_TWO", {"quick": {"scarce_windows": 0}})
-        patch.setattr(plans, "TRAINING", {"quick": replace(plans.TRAINING["quick"], epochs=2)})
+        patch.setattr(plans, "COUNTS", {"small": TINY, "paper": plans.COUNTS["paper"]})
+        patch.setattr(plans, "CASE_TWO", {"small": {"scarce_windows": 0}})
+        patch.setattr(plans, "TRAINING", {"small": replace(plans.TRAINING["small"], epochs=2)})
         patch.setattr(plans, "NETWORKS", {name: (kind, small(kind)) for name, (kind, _) in plans.NETWORKS.items()})
         patch.setattr(plans, "SNRS", (5.0,))
         searches: Mapping[str, Contender | None] = {
@@ -114,6 +115,25 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says() -> 
         prepare(recordings, replace(scenario, class_windows=500), 0, [])
 
 
+def test_size_medium_is_the_papers_but_for_the_steps_of_its_network() -> None:
+    for name in ("paper-case2", "paper-ablation", "paper-noise"):
+        medium, whole = (plans.PAPER_PLANS[name](size) for size in ("medium", "paper"))
+        assert (medium.scenario, medium.draws) == (whole.scenario, whole.draws)
+        assert {key: model.training for key, model in medium.models.items()} == {
+            key: model.training for key, model in whole.models.items()
+        }
+        strides = {
+            key: (dict(model.network), medium.models[key].network.get("stride")) for key, model in whole.models.items()
+        }
+        assert all(
+            stride == (plans.PATCH if plans.NETWORKS[key][0].startswith("bitcn") else None) and not settings
+            for key, (settings, stride) in strides.items()
+        )
+    same, different = common("medium").same, common("medium").different
+    assert "full rate" not in " ".join(same)
+    assert f"patches of {plans.PATCH} samples" in different[0]
+
+
 def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> None:
     runs = [run for run in results["paper-algorithms"].runs if run.task.factors["classifier"] == plans.MAIN]
     assert [run.task.seed for run in runs] == [0, 1]
@@ -167,7 +187,7 @@ def test_a_search_that_fails_is_a_row_with_its_reason(
 
     monkeypatch.setattr(identification, "calibrate", failing)
     source = SimpleNamespace(recordings_for=TinyFleets().recordings_for)
-    study = identification.run_identification(source, size="quick", seeds=(3,))  # type: ignore[arg-type]
+    study = identification.run_identification(source, size="small", seeds=(3,))  # type: ignore[arg-type]
     assert not np.isfinite(study.values("rmse", twin=CHOSEN)).any()
     assert np.isfinite(study.values("rmse", twin=NOMINAL)).all()
     assert f"{CHOSEN}: the loss is nan in epoch 2; lower learning_rate." in study.notes
@@ -209,7 +229,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(tmp_path: Path) -> 
     from swashtwin.bench.rivals.models import Model, train_model
 
     windows = cut_windows(list(TinyFleets().recordings_for(0)[0]), length=2048, stride=8192)
-    model = Model("bitcn", SMALL, replace(plans.TRAINING["quick"], epochs=2))
+    model = Model("bitcn", SMALL, replace(plans.TRAINING["small"], epochs=2))
     whole = train_model(model, windows, seed=0)
     path = tmp_path / "training.safetensors"
 

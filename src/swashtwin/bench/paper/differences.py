@@ -25,12 +25,15 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
 
     Parameters
     ----------
-    size : ``"quick"`` or ``"paper"``.
+    size : name in `plans.SIZES`.
     precisions : number formats that networks were trained in.
     """
     training, counts, paper = plans.TRAINING[size], plans.COUNTS[size], plans.COUNTS["paper"]
-    rig = SIZES["paper" if size == "paper" else "small"]
+    rig = SIZES["small" if size == "small" else "paper"]
     smaller = () if size == "paper" else (
+        f"Size medium, to end in a day or two: the paper's network reads patches of {plans.PATCH} samples in place of "
+        "every sample. Epochs, batches and counts are the paper's.",
+    ) if size == "medium" else (
         f"Size small, to end in minutes: {training.epochs} epochs in place of {PAPER_TRAINING.epochs}, batches of "
         f"{training.batch_size} in place of {PAPER_TRAINING.batch_size} so that few windows still make many steps; "
         f"{counts.windows} windows of each recording in place of {paper.windows}, {counts.scarce_windows} measured "
@@ -42,12 +45,12 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
             "Pump 25SCY14-1B at 860 rev/min and 5, 10 and 15 MPa; five classes; the swash plate fault at 15 MPa is "
             "scarce; three training sets (measured only, with a nominal twin, with calibrated twins); test windows are "
             "measured.",
-            f"The paper's network at the full rate, every sample a step, by Adam with a rate of "
-            f"{training.learning_rate:g}"
+            f"The paper's network{'' if size == 'medium' else ' at the full rate, every sample a step'}, by Adam with "
+            f"a rate of {training.learning_rate:g}"
             + (
                 f", {training.epochs} epochs, batches of {training.batch_size}, and the paper's counts of windows: "
                 f"{_counts(counts)}."
-                if size == "paper"
+                if size != "small"
                 else "."
             ),
         ),

@@ -84,7 +84,7 @@ def run_identification(
     Parameters
     ----------
     source : fleets by seed.
-    size : ``"quick"`` or ``"paper"``.
+    size : ``"small"``, ``"medium"`` or ``"paper"``.
     seeds : fleets.
     out : folder that keeps finished searches.
     progress : called with searches done and in all.

@@ -63,7 +63,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     Parameters
     ----------
     results : by study, as `run_paper` gives them.
-    size : ``"small"`` or ``"paper"``.
+    size : name in `plans.SIZES`.
     folder : made if it does not exist.
 
     Raises
@@ -73,11 +73,10 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     """
     if not results:
         raise InputError("there is no result of any experiment to write a page of.")
-    kind = "quick" if size == "small" else size
     parts = [replace(_part(study), answer=()) for study in _with_each_twin_once(results.values())]
     experiments = _experiments(results)
     sections = tuple(
-        Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, kind, results))) for name in experiments
+        Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, size, results))) for name in experiments
     )
     every_section = (*sections, *(section for part in parts for section in part.sections))
     shown = [drawing.name for section in every_section for drawing in drawings(section.blocks)]
@@ -85,7 +84,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
         title="The paper, row by row",
         answer=paper_answer(results),
         notice=next(iter(results.values())).origin,
-        sections=(_introduction(kind, results, shown), *sections),
+        sections=(_introduction(size, results, shown), *sections),
         results={},
     )
     return write_report(first, *parts, folder=folder)

@@ -20,30 +20,44 @@ from swashtwin.bench.studies.scenario import RANDOM_WINDOWS, Scenario
 from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS
 from swashtwin.learning import PAPER_TRAINING, TrainingSettings
 
+SIZES = ("small", "medium", "paper")
+"""Minutes of two cores; the paper's counts and epochs with its network on patches, which take a day or two; and the
+paper's network at the full rate, which takes weeks of a CPU."""
+
 TRAINING: Mapping[str, TrainingSettings] = {
-    "quick": replace(PAPER_TRAINING, epochs=6, batch_size=10),
+    "small": replace(PAPER_TRAINING, epochs=6, batch_size=10),
+    "medium": PAPER_TRAINING,
     "paper": PAPER_TRAINING,
 }
-"""The paper's recipe; ``quick`` has few epochs, and small batches, so that few windows still make a hundred steps."""
+"""The paper's recipe; ``small`` has few epochs, and small batches, so that few windows still make a hundred steps."""
+
+_COUNTS = replace(SCENARIOS["paper"], windows=19, class_windows=650)
 
 COUNTS: Mapping[str, Scenario] = {
-    "quick": Scenario(windows=2, scarce_windows=8, synthetic=24),
-    "paper": replace(SCENARIOS["paper"], windows=19, class_windows=650),
+    "small": Scenario(windows=2, scarce_windows=8, synthetic=24),
+    "medium": _COUNTS,
+    "paper": _COUNTS,
 }
 """The paper's counts: 650 windows a class, of the swash plate fault 500 measured ones, 50 of them in the scarce cell,
-and 150 synthetic ones; ``quick`` has a ninth of them."""
+and 150 synthetic ones; ``small`` has a ninth of them."""
+
+_CASE_TWO = {"scarce_windows": 0, "synthetic": 200, "test_windows": 50}
 
 CASE_TWO: Mapping[str, Mapping[str, Any]] = {
-    "quick": {"scarce_windows": 0, "synthetic": 32},
-    "paper": {"scarce_windows": 0, "synthetic": 200, "test_windows": 50},
+    "small": {"scarce_windows": 0, "synthetic": 32},
+    "medium": _CASE_TWO,
+    "paper": _CASE_TWO,
 }
 """What Case II has in place of Case I's counts."""
 
-REPEATS = {"quick": 2, "paper": 10}
+REPEATS = {"small": 2, "medium": 10, "paper": 10}
 """Trainings of each algorithm on the same data."""
 
 MAIN = "paper_bitcn"
-"""The paper's network at the full rate."""
+"""The paper's network: at the full rate, or in size medium on patches of `PATCH` samples."""
+
+PATCH = 16
+"""Samples of a step of the paper's network and its ablations in size medium: a sixteenth of the arithmetic."""
 
 NETWORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     MAIN: ("bitcn", {}),
@@ -149,7 +163,7 @@ def related(size: str) -> Plan:
 def noise(size: str) -> Plan:
     """White noise in the tests of networks trained clean."""
     plan = _calibrated(size, "noise", "The paper's noise: trained clean, tested with noise", UNDER_NOISE)
-    draws = {"quick": 1, "paper": 5}[size]
+    draws = 1 if size == "small" else 5
     return replace(plan, perturbations=noises("white", *SNRS), draws=draws, compared={"classifier": MAIN})
 
 
@@ -166,7 +180,13 @@ def _calibrated(size: str, name: str, title: str, networks: tuple[str, ...]) -> 
 
 
 def _networks(size: str, names: tuple[str, ...]) -> dict[str, Model]:
-    return {name: Model(*NETWORKS[name], TRAINING[size]) for name in names}
+    models = {}
+    for name in names:
+        kind, settings = NETWORKS[name]
+        if size == "medium" and kind.startswith("bitcn"):
+            settings = {**settings, "stride": PATCH}
+        models[name] = Model(kind, settings, TRAINING[size])
+    return models
 
 
 PAPER_PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(

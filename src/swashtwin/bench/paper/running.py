@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from swashtwin.bench.paper.identification import STUDY as IDENTIFICATION
 from swashtwin.bench.paper.identification import run_identification
-from swashtwin.bench.paper.plans import PAPER_PLANS, REPEATS
+from swashtwin.bench.paper.plans import PAPER_PLANS, REPEATS, SIZES
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.bench.rigs.writing import DEEP_VERSION, RIG_VERSION
 from swashtwin.bench.studies.runner import run_plan
@@ -33,11 +33,6 @@ EXPERIMENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Studies of each experiment of the paper, in the order of the page."""
 
-PAPER_SIZES = ("small", "paper")
-"""Minutes of two cores, or the paper's counts and epochs, which take days."""
-
-_PLAN_SIZES = {"small": "quick", "paper": "paper"}
-
 
 def run_paper(
     out: Path,
@@ -56,7 +51,7 @@ def run_paper(
     Parameters
     ----------
     out : folder of fleets, runs and checkpoints of trainings.
-    size : name in `PAPER_SIZES`.
+    size : name in `plans.SIZES`.
     seeds : fleets of the virtual rig; the algorithms are repeated on the first.
     experiments : names in `EXPERIMENTS`.
     jobs : tasks side by side.
@@ -71,18 +66,19 @@ def run_paper(
         No such size or experiment, or no seed.
     """
     unknown = [name for name in experiments if name not in EXPERIMENTS]
-    if size not in PAPER_SIZES or unknown or not experiments:
+    if size not in SIZES or unknown or not experiments:
         raise InputError(
             f"no experiment {', '.join(unknown) or 'is named'} of size {size!r}; there are {', '.join(EXPERIMENTS)}, "
-            f"of size {' or '.join(PAPER_SIZES)}."
+            f"of size {' or '.join(SIZES)}."
         )
     if not seeds:
         raise InputError("give at least one seed, which draws a fleet of pumps.")
+    rig_size = "small" if size == "small" else "paper"
     report = progress or (lambda activity, finished, total: None)
 
     def fleets_of(version: str) -> Fleets:
         show = partial(report, "recording on the rig")
-        return Fleets(Path(out), size, version, jobs=jobs, progress=show)
+        return Fleets(Path(out), rig_size, version, jobs=jobs, progress=show)
 
     fleets = fleets_of(RIG_VERSION)
     results: dict[str, StudyTable] = {}
@@ -94,7 +90,7 @@ def run_paper(
         if study == IDENTIFICATION:
             results[study] = run_identification(
                 fleets,
-                size=_PLAN_SIZES[size],
+                size=size,
                 seeds=seeds,
                 jobs=jobs,
                 out=out,
@@ -102,14 +98,14 @@ def run_paper(
                 command=command,
             )
             continue
-        plan, numbers = PAPER_PLANS[study](_PLAN_SIZES[size]), tuple(seeds)
+        plan, numbers = PAPER_PLANS[study](size), tuple(seeds)
         models = {name: model.with_training(precision=precision) for name, model in plan.models.items()}
         plan = replace(plan, models=models)
         source: Source = fleets_of(DEEP_VERSION) if study == RECESS else fleets
         if study == "paper-algorithms":
             plan = replace(plan, split_seed=seeds[0])
             source = SameRecordings(fleets.recordings_for(seeds[0])[0])
-            numbers = tuple(range(REPEATS[_PLAN_SIZES[size]]))
+            numbers = tuple(range(REPEATS[size]))
         results[study] = run_plan(
             plan,
             source,

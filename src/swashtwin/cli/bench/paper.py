@@ -17,6 +17,7 @@ class PaperSize(StrEnum):
     """How much of the paper's counts and epochs is run."""
 
     small = "small"
+    medium = "medium"
     paper = "paper"
 
 
@@ -31,8 +32,8 @@ def paper(
     size: Annotated[
         PaperSize,
         typer.Option(
-            help="small: few windows and epochs, minutes of two cores; paper: the paper's counts and epochs, which "
-            "take days."
+            help="small: few windows and epochs, minutes of two cores; medium: the paper's counts and epochs, its "
+            "network on patches of 16 samples, a day or two; paper: every sample a step, weeks of a CPU."
         ),
     ] = PaperSize.small,
     seeds: Annotated[

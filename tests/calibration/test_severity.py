@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 from commandline import run, run_json
 
-from swashtwin.calibration import Calibration, GaussNewton, Nuisances, SeveritySettings, calibrate, estimate_severity
+from swashtwin.calibration import (
+    Calibration,
+    GaussNewton,
+    Nuisances,
+    SeveritySettings,
+    calibrate,
+    estimate_severity,
+)
 from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
-from swashtwin.calibration.severity.severity_search import _severity_ends
+from swashtwin.calibration.severity.severity import DimensionEstimate
+from swashtwin.calibration.severity.severity_search import _severity
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -97,22 +105,29 @@ def test_severities_of_single_parts_and_dams_are_found(
     assert estimate.severity.verdict == "identified"
 
 
-def test_ports_that_open_late_do_not_hide_an_advance(pump: Pump, true_twin: Twin, at_15: OperatingCondition) -> None:
+def test_a_port_that_opens_early_does_not_hide_an_advance(
+    pump: Pump, true_twin: Twin, at_15: OperatingCondition
+) -> None:
     plate = pump.valve_plate
-    late = replace(plate, discharge_open=plate.discharge_open + deg(0.8), suction_open=plate.suction_open - deg(0.3))
-    machine = replace(true_twin, pump=replace(pump, valve_plate=late))
+    early = replace(plate, discharge_open=plate.discharge_open - deg(0.8), suction_open=plate.suction_open + deg(0.3))
+    machine = replace(true_twin, pump=replace(pump, valve_plate=early))
     eroded = machine.with_fault(GrooveErosion(deg(4)))
     healthy, worn = (
         twin.simulate(3.0, 5120.0, recording_id=name) for twin, name in ((machine, "healthy"), (eroded, "worn"))
     )
     known = calibrate(
-        Twin(pump, at_15), [healthy], method=GaussNewton(starts=1), nuisances=Nuisances.usual(), band=(0, 1000),
-        phases=False,
-    )  # fmt: skip
-    (estimate,) = estimate_severity(known, [worn], GrooveErosion(deg(4)), healthy=[healthy]).estimates
-    low, high = estimate.severity.interval
+        Twin(pump, at_15), [healthy], method=GaussNewton(starts=1), nuisances=Nuisances.usual(), band=(0, 1000)
+    )
+
+    def estimated(settings: SeveritySettings) -> DimensionEstimate:
+        trend = estimate_severity(known, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings)
+        return trend.estimates[0].severity
+
+    low, high = estimated(SeveritySettings()).interval
     assert low < deg(4) < high < deg(10)
-    assert estimate.severity.verdict != "identified"
+    assert estimated(SeveritySettings()).verdict != "identified"
+    low, high = estimated(SeveritySettings(port_timing=0.0)).interval
+    assert not low < deg(4) < high
 
 
 def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
@@ -199,30 +214,60 @@ def test_an_eroded_groove_has_a_limit_from_which_its_advance_is_seen(calibration
 
 
 class _TwoMinima(Inversion):
-    """Sum of squares that is 0 at 1 and `height` at 3."""
+    """Sum of squares that is 0 at 1 and `height` at 3, with a ridge between that is the square of `steep`."""
 
-    def __init__(self, height: float) -> None:
+    def __init__(self, height: float, steep: float = 9.0) -> None:
         self.n_unknowns, self.lower, self.upper = 0, np.array([0.0]), np.array([8.0])
-        self.scale = math.sqrt(height)
+        self.scale, self.steep = math.sqrt(height), steep
 
     def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and slopes."""
         x = float(point[0])
         ramp = self.scale * (x - 1) / 2
-        return np.array([9 * (x - 1) * (x - 3), ramp]), np.array([[9 * (2 * x - 4)], [self.scale / 2]])
+        return (
+            np.array([self.steep * (x - 1) * (x - 3), ramp]), np.array([[self.steep * (2 * x - 4)], [self.scale / 2]])
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("height", [0.5, 2.5])
 def test_an_interval_reaches_around_all_minima_that_explain_the_lines(height: float) -> None:
     problem = _TwoMinima(height)
-    low, high = _severity_ends(problem, [Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)])
+    _, (low, high) = problem.profiled([Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)])
     assert low is not None
     assert high is not None
     assert 0.8 < low < 1
     assert 3 < high < 3.2
-    alone = _severity_ends(problem, [Minimum(np.array([1.0]), 0.0)])
+    _, alone = problem.profiled([Minimum(np.array([1.0]), 0.0)])
     assert alone[1] is not None
     assert alone[1] < 1.2
+
+
+def test_a_valley_that_only_the_profile_finds_is_the_estimate() -> None:
+    (deepest, *_), (low, high) = _TwoMinima(2.0, steep=1.0).profiled([Minimum(np.array([2.9]), 1.84)])
+    assert deepest.point[0] == pytest.approx(1, abs=0.05)
+    assert low is not None
+    assert high is not None
+    assert low < deepest.point[0] < 3 < high
+
+
+def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
+    space = fault_space(GrooveErosion(deg(5)))
+    problem = _TwoMinima(2.0)
+    verdicts = [
+        _severity(space, np.array([0.8]), (None, 1.5), problem, 0.15, is_there=is_there).verdict
+        for is_there in (True, False)
+    ]
+    assert verdicts == ["not identified", "not detected"]
+
+
+def test_an_advance_that_may_not_be_there_ends_at_its_detection_limit_at_least(
+    calibration: Calibration, healthy: list[Recording]
+) -> None:
+    (estimate,) = estimate_severity(calibration, healthy[:1], GrooveErosion(deg(4)), healthy=healthy).estimates
+    assert estimate.severity.verdict == "not detected"
+    assert estimate.detection_limit is not None
+    assert estimate.severity.interval[0] == 0
+    assert estimate.severity.interval[1] >= estimate.detection_limit
 
 
 def test_a_width_above_the_slippers_is_not_identified(calibration: Calibration, record: Record) -> None:

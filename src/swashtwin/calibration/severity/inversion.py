@@ -19,7 +19,12 @@ from jaxtyping import Float
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
 from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
-from swashtwin.calibration.uncertainty.profiles import THRESHOLD, ProfileProblem
+from swashtwin.calibration.uncertainty.profiles import (
+    THRESHOLD,
+    ProfileProblem,
+    interval_of,
+    profile_likelihood,
+)
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1
@@ -27,9 +32,6 @@ SHARE = 0.1
 `discrepancy`. An estimate of ours: what a fault's law lacks, no healthy recording shows."""
 ROLL_OFF_FREQUENCY = 1000.0
 """Frequency [Hz] for which `SeveritySearch.roll_off` is stated."""
-PORT_TIMING = math.radians(0.7)
-"""Standard deviation of the shaft angle at which a port begins to open, from that of the pump file [rad]; an estimate
-of ours, the same as in `PumpPrior.timing`."""
 _PORT_ANGLES = ("discharge_open", "suction_open")
 FACTORS = np.geomspace(0.03, 8.0, 9)
 """Severities over the reference's on the first grid; the last is the greatest it can find."""
@@ -40,12 +42,19 @@ GRID_POINTS = 27
 order k distinguish a length from those a few k-ths longer, so that there are many minima."""
 STARTS = 3
 """Number of starts that are descended from."""
+_DEEPER = 0.1
+"""Fall of the sum of squares from which a valley is a deeper one."""
+_MOST_VALLEYS = 3
 _STEP = 1e-3
 """Step of the differences: of the severity over the reference's, or of a logarithm."""
 _ROUNDS = 2
 """Number of times that the weights are computed again at the best point."""
 ERROR = 0.05
 """Probability of either error at the detection limit (Currie 1968, doi:10.1021/ac60259a007)."""
+
+
+Ends = tuple[float | None, float | None]
+"""Ends of an interval of the severity over the reference's; None where nothing limits it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +82,8 @@ class Minimum:
 class Inversion(ProfileProblem):
     """Sum of squares of one recording's lines and of the priors; coordinates: values, nuisances, fault's dimensions."""
 
-    def __init__(self, objective: Objective, space: FaultSpace, prior: Prior) -> None:
-        self.objective, self.space, self.prior = objective, space, prior
+    def __init__(self, objective: Objective, space: FaultSpace, prior: Prior, port_timing: float) -> None:
+        self.objective, self.space, self.prior, self.port_timing = objective, space, prior, port_timing
         self.roll_off = search_of(space.reference).roll_off
         self.n_unknowns, self.simulations = len(prior.center), 0
         spread = 6 * np.sqrt(np.diag(prior.covariance))
@@ -102,7 +111,7 @@ class Inversion(ProfileProblem):
             twin = comparison.twin.with_fault(fault)
             if late_port is not None:
                 plate = twin.pump.valve_plate
-                late = replace(plate, **{late_port: getattr(plate, late_port) + PORT_TIMING})
+                late = replace(plate, **{late_port: getattr(plate, late_port) + self.port_timing})
                 twin = replace(twin, pump=replace(twin.pump, valve_plate=late))
             return replace(comparison, twin=twin)
 
@@ -113,7 +122,7 @@ class Inversion(ProfileProblem):
     def observables(
         self, point: Float[np.ndarray, " unknown"], late_port: str | None = None
     ) -> Float[np.ndarray, " observable"]:
-        """Simulated observables [m/s^2]; with a port that opens by `PORT_TIMING` too late, if one is named."""
+        """Simulated observables [m/s^2]; with a port that opens by `port_timing` too late, if one is named."""
         self.simulations += 1
         with torch.no_grad():
             return self._objective_at(point, late_port).observables(torch.as_tensor(point[: self.n_unknowns])).numpy()
@@ -154,7 +163,7 @@ class Inversion(ProfileProblem):
             by_fault = point[self.severity] * self._difference(point, self.severity, around.simulated)
             error = self.roll_off * (objective.frequency / ROLL_OFF_FREQUENCY) ** 2 * by_fault
             covariance = covariance + np.outer(error, error)
-        for port in _PORT_ANGLES:
+        for port in _PORT_ANGLES if self.port_timing else ():
             error = self.observables(point, port) - around.simulated
             covariance = covariance + np.outer(error, error)
         self.root = np.linalg.cholesky(covariance)
@@ -176,13 +185,56 @@ class Inversion(ProfileProblem):
             points[0], height = self.descend(points[0], fixed=None)
         misfit = math.sqrt(height / len(self.root))
         self.root = self.root * max(misfit, 1.0)
-        deepest, *others = sorted((Minimum(*self.descend(point, fixed=None)) for point in points), key=_height)
+        return self.likely([Minimum(*self.descend(point, fixed=None)) for point in points]), misfit
+
+    def likely(self, found: Iterable[Minimum]) -> list[Minimum]:
+        """Those that may hold the truth, each once, the deepest first."""
+        deepest, *others = sorted(found, key=_height)
         minima = [deepest]
         for minimum in others:
             is_likely = minimum.height - deepest.height < THRESHOLD
             if is_likely and not any(self._are_same(minimum, other) for other in minima):
                 minima.append(minimum)
-        return minima, misfit
+        return minima
+
+    def profiled(self, minima: list[Minimum]) -> tuple[list[Minimum], Ends]:
+        """(minima that may hold the truth, the deepest first; ends of the severity's interval around all of them).
+
+        A profile may walk into a valley that no descent found. The search then goes on from its bottom.
+        """
+        profiles = [self.profile(minimum) for minimum in minima]
+        for _ in range(_MOST_VALLEYS):
+            deeper = self._deeper(minima, profiles)
+            if deeper is None:
+                break
+            minima = self.likely([deeper, *minima])
+            profiles = [self.profile(minimum) for minimum in minima]
+        best = float(minima[0].point[self.severity])
+        below, above = [best], [best]
+        for coordinate, height in profiles:
+            low, high = interval_of(coordinate, np.maximum(height - minima[0].height, 0.0))
+            below.append(-math.inf if low is None else low)
+            above.append(math.inf if high is None else high)
+        low, high = min(below), max(above)
+        return minima, (low if low > -math.inf else None, high if high < math.inf else None)
+
+    def _deeper(self, minima: list[Minimum], profiles: list[tuple[np.ndarray, np.ndarray]]) -> Minimum | None:
+        """The minimum of a valley that a profile found below the deepest; None where there is none."""
+        lowest = int(np.argmin([height.min() for _, height in profiles]))
+        coordinate, height = profiles[lowest]
+        if height.min() > minima[0].height - _DEEPER:
+            return None
+        start = minima[lowest].point.copy()
+        start[self.severity] = coordinate[height.argmin()]
+        start, _ = self.descend(start, fixed=self.severity)
+        found = Minimum(*self.descend(start, fixed=None))
+        return found if found.height < minima[0].height - _DEEPER else None
+
+    def profile(self, minimum: Minimum) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+        """Severities over the reference's around a minimum, rising, and the least sum of squares over all else."""
+        severity = float(minimum.point[self.severity])
+        coordinate, rise = profile_likelihood(self, minimum.point, minimum.height, self.severity)
+        return coordinate, minimum.height + rise - rise[int(np.searchsorted(coordinate, severity))]
 
     def _are_same(self, minimum: Minimum, other: Minimum) -> bool:
         ends = minimum.point[self.severity :], other.point[self.severity :]

@@ -10,7 +10,7 @@ import numpy as np
 from swashtwin.calibration.severity.dimensions import Dimension
 from swashtwin.calibration.severity.forecast import SeverityForecast, forecast_line
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, deg
 from swashtwin.pump import Fault, OperatingCondition
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
@@ -30,9 +30,12 @@ class SeveritySettings:
     """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
     be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: that of the
     fault, from 0.08 for a clearance to 0.25 for a contact (`dimensions.SeveritySearch`)."""
+    port_timing: float = deg(0.7)
+    """Standard deviation of the shaft angle at which a port begins to open, from that of the pump file [rad]; an
+    estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines is no sign of a fault."""
 
     def __post_init__(self) -> None:
-        for name in ("drift", "law"):
+        for name in ("drift", "law", "port_timing"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0):
                 raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
@@ -54,7 +57,8 @@ class DimensionEstimate:
     interval of a severity holds the error of the fault's law besides."""
     verdict: SeverityVerdict
     """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``: hardly better known
-    than before, or to a factor of five; ``not detected``: may be zero; ``at bound``: beyond what was searched."""
+    than before, or to a factor of five; ``not detected``: there may be no fault; ``at bound``: beyond what was
+    searched."""
 
     @property
     def words(self) -> str:

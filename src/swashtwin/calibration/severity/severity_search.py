@@ -13,7 +13,7 @@ from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison
 from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
-from swashtwin.calibration.severity.inversion import Inversion, Minimum, Prior
+from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.severity import (
     DimensionEstimate,
     Severity,
@@ -23,7 +23,7 @@ from swashtwin.calibration.severity.severity import (
 )
 from swashtwin.calibration.severity.severity_notes import recording_notes, severity_notes
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
-from swashtwin.calibration.uncertainty.profiles import THRESHOLD, interval_of, profile_likelihood
+from swashtwin.calibration.uncertainty.profiles import THRESHOLD
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, carry_over
 from swashtwin.pump import Fault, InterfaceValue, OperatingCondition, is_healthy
@@ -145,6 +145,7 @@ def _of_recording(
     started = time.perf_counter()
     inversion = _inversion(healthy_calibration, recording, space, healthy, settings)
     minima, misfit = inversion.search()
+    minima, ends = inversion.profiled(minima)
     point, height = minima[0].point, minima[0].height
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
@@ -152,11 +153,13 @@ def _of_recording(
     covariance, deviation = inversion.deviations(point)
     law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, height_without - height)
-    ends = _severity_ends(inversion, minima)
-    severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
     further = _further(space, minima, inversion)
     inversion.weigh(without_fault)
+    inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
+    if evidence <= inversion.threshold:
+        ends = _ends_of_none(ends, limit)
+    severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
     assert recording.condition is not None  # `_chosen` lets none pass
     relative = float(point[inversion.severity])
     return Severity(
@@ -199,7 +202,8 @@ def _inversion(
     unknowns = _unknowns(healthy_calibration, limited, measurement.channels)
     comparison = Comparison(limited, measurement, background, floor)
     objective = Objective((comparison,), search_space(limited), unknowns)
-    return Inversion(objective, space, _prior(healthy_calibration, unknowns, recording.condition, healthy, settings))
+    prior = _prior(healthy_calibration, unknowns, recording.condition, healthy, settings)
+    return Inversion(objective, space, prior, settings.port_timing)
 
 
 def _lines_of(twin: Twin, band: tuple[float, float]) -> Lines:
@@ -289,22 +293,16 @@ def _calibrated_at(
     return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
 
 
-def _severity_ends(inversion: Inversion, minima: Sequence[Minimum]) -> tuple[float | None, float | None]:
-    """Ends of the severity's interval around all minima, over the reference's; None where nothing limits it."""
-    below, above = [], []
-    for minimum in minima:
-        coordinate, rise = profile_likelihood(inversion, minimum.point, minimum.height, inversion.severity)
-        low, high = interval_of(coordinate, rise + minimum.height - minima[0].height)
-        below.append(-math.inf if low is None else low)
-        above.append(math.inf if high is None else high)
-    low, high = min(below), max(above)
-    return low if low > -math.inf else None, high if high < math.inf else None
+def _ends_of_none(ends: Ends, limit: float | None) -> Ends:
+    """Ends for a fault that may not be there: up to what could have been missed, the detection limit, at least."""
+    high = ends[1]
+    return None, high if high is None or limit is None else max(high, limit)
 
 
 def _severity(
     space: FaultSpace,
     point: np.ndarray,
-    ends: tuple[float | None, float | None],
+    ends: Ends,
     inversion: Inversion,
     law: float,
     *,
@@ -321,7 +319,7 @@ def _severity(
         verdict = "identified" if log_std <= IDENTIFIED_STD else "weak"
     if above is None:
         verdict = "at bound"
-    elif low == 0:
+    elif low == 0 and not is_there:
         verdict = "not detected"
     middle = relative if relative > 0 else high
     widened = (
@@ -339,12 +337,14 @@ def _further(space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion)
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []
         for minimum, deviation in zip(minima, deviations, strict=True):
-            std = math.hypot(dimension.share * deviation[index], dimension.law)
-            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * std
+            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * dimension.share * deviation[index]
             lows.append(minimum.point[index] - reach)
             highs.append(minimum.point[index] + reach)
         typical, coordinate = getattr(space.reference, dimension.name), float(minima[0].point[index])
-        low, high = min(lows), max(highs)
+        law = QUANTILE * dimension.law
+        low, high = (
+            coordinate - math.hypot(coordinate - min(lows), law), coordinate + math.hypot(max(highs) - coordinate, law)
+        )  # fmt: skip
         std = float(high - low) / (2 * QUANTILE)
         interval = (typical * math.exp(low), typical * math.exp(high))
         verdict = _verdict(dimension, coordinate, std)

@@ -327,3 +327,29 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     )
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal
+
+
+def test_the_command_forecasts_a_trend(
+    tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
+) -> None:
+    worn = [record(PistonWear(um(clearance)), f"after_{clearance}") for clearance in (40, 60, 80)]
+    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in (*healthy, *worn)]
+    index, saved = write_index([*healthy, *worn], files, tmp_path), calibration.save(tmp_path / "healthy.json")
+    words = ("twin", "severity", saved, index, "--fault", "piston")
+    forecast = run_json(*words, "--times", "100,200,300", "--limit", "90 um")["forecast"]
+    assert forecast["times"] == [500]
+    assert forecast["low"][0] < um(120) < forecast["high"][0]
+    earliest, likely, _ = forecast["reached"]
+    assert earliest <= likely
+    assert likely == pytest.approx(350, abs=30)
+    assert "is reached at" in run(*words, "--times", "100,200,300", "--ahead", "400", "--limit", "90 um").stdout
+    assert "4 times for 3 recordings" in " ".join(run(*words, "--times", "1,2,3,4", code=2).stderr.split())
+    assert "a forecast needs --times" in " ".join(run(*words, "--ahead", "400", code=2).stderr.split())
+    assert "3 different times" in " ".join(run(*words, "--times", "1,1,2", code=2).stderr.split())
+
+
+def test_a_calibration_of_another_band_or_without_phases_is_told(calibration: Calibration, record: Record) -> None:
+    wide = replace(calibration, settings={**calibration.settings, "band": [0.0, 2500.0]})
+    notes = " ".join(estimate_severity(wide, [record(PistonWear(um(60)), "worn")], PistonWear(um(60))).notes)
+    assert "calibrated up to 2.5 kHz, severities are searched up to 1 kHz" in notes
+    assert "dropped the phases" in notes

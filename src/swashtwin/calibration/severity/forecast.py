@@ -9,6 +9,7 @@ points.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.stats
@@ -41,6 +42,11 @@ class SeverityForecast:
     reached: tuple[float | None, float | None, float | None] = (None, None, None)
     """When the upper end of the band, the severity, and the lower end of the band reach the limit; None where they do
     not by the last of `times`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON can hold it, in SI."""
+        arrays = {name: getattr(self, name).tolist() for name in ("times", "value", "low", "high")}
+        return {**arrays, "rate": self.rate, "limit": self.limit, "reached": list(self.reached)}
 
     def __repr__(self) -> str:
         last = f"{self.value[-1]:.3g} ({self.low[-1]:.3g} ... {self.high[-1]:.3g}) at {self.times[-1]:g}"

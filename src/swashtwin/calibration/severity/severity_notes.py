@@ -6,10 +6,13 @@ import numpy as np
 
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import FaultSpace
-from swashtwin.calibration.severity.severity import Severity
+from swashtwin.calibration.severity.severity import Severity, SeveritySettings
 from swashtwin.physics import Twin
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording
+
+_WIDER = 1.5
+"""Ratio of the calibration's band to that of severities from which a note is due."""
 
 
 def recording_notes(healthy_calibration: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
@@ -29,9 +32,12 @@ def severity_notes(
     space: FaultSpace,
     estimates: Sequence[Severity],
     healthy: Sequence[Recording],
+    settings: SeveritySettings,
 ) -> Iterable[str]:
     if isinstance(healthy_calibration, Twin):
         yield "no healthy calibration of this pump was given: its values were free, and the severity is less certain."
+    else:
+        yield from _calibration_notes(healthy_calibration, settings.band[1])
     partners = {estimate.traded_with for estimate in estimates} - {None}
     if partners:
         yield (
@@ -49,3 +55,14 @@ def severity_notes(
         )
     if not healthy and space.reference.label != "swash_plate":
         yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."
+
+
+def _calibration_notes(calibration: Calibration, most: float) -> Iterable[str]:
+    band = calibration.settings.get("band")
+    if band is not None and band[1] > _WIDER * most:
+        yield (
+            f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
+            f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
+        )
+    if not calibration.settings.get("phases"):
+        yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."

@@ -90,7 +90,7 @@ def estimate_severity(
         reference=fault,
         estimates=estimates,
         left_out=left_out,
-        notes=tuple(severity_notes(healthy_calibration, space, estimates, healthy_recordings)),
+        notes=tuple(severity_notes(healthy_calibration, space, estimates, healthy_recordings, settings)),
         settings={
             **asdict(settings),
             "band": list(settings.band),

@@ -115,12 +115,12 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
     healthy, worn = (
         twin.simulate(3.0, 5120.0, recording_id=name) for twin, name in ((machine, "healthy"), (eroded, "worn"))
     )
-    known = calibrate(
+    of_healthy = calibrate(
         Twin(pump, at_15), [healthy], method=GaussNewton(starts=1), nuisances=Nuisances.usual(), band=(0, 1000)
     )
 
     def estimated(settings: SeveritySettings) -> DimensionEstimate:
-        trend = estimate_severity(known, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings)
+        trend = estimate_severity(of_healthy, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings)
         return trend.estimates[0].severity
 
     low, high = estimated(SeveritySettings()).interval

@@ -109,7 +109,9 @@ UsualWindow = Annotated[
 ]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.", callback=as_model)]
+ModelFile = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.", callback=as_model)
+]
 CalibrationFile = Annotated[
     Path,
     typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.", callback=as_calibration),

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from swashtwin.calibration import SeverityForecast, SeverityTrend
-    from swashtwin.calibration.severity.dimensions import Dimension
     from swashtwin.recordings import Recording
 
 
@@ -69,8 +68,8 @@ def severity(
         raise typer.BadParameter(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
         )
-    made, later = read_list(times, float, "--times"), read_list(ahead, float, "--ahead")
-    if made is None and (later is not None or limit is not None):
+    instants, later = read_list(times, float, "--times"), read_list(ahead, float, "--ahead")
+    if instants is None and (later is not None or limit is not None):
         raise typer.BadParameter("a forecast needs --times, one for each recording.", param_hint="--times")
     unit = defect.units.get(search_of(defect).dimensions[0].name, "")
     most = None if limit is None else parse(limit, unit, name="--limit")
@@ -83,15 +82,15 @@ def severity(
             f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
             f"be worn, labeled {defect.label} or not at all."
         )
-    if made is not None and len(set(made)) < LEAST_ESTIMATES:
+    if instants is not None and len(set(instants)) < LEAST_ESTIMATES:
         raise typer.BadParameter(
-            f"a forecast needs recordings at {LEAST_ESTIMATES} different times, not at {len(set(made))}.",
+            f"a forecast needs recordings at {LEAST_ESTIMATES} different times, not at {len(set(instants))}.",
             param_hint="--times",
         )
-    if made is not None and len(made) != len(worn):
+    if instants is not None and len(instants) != len(worn):
         names = ", ".join(recording.recording_id for recording in worn[:5])
         raise typer.BadParameter(
-            f"{plural(len(made), 'time')} for {plural(len(worn), 'recording')} ({names}); give one for each.",
+            f"{plural(len(instants), 'time')} for {plural(len(worn), 'recording')} ({names}); give one for each.",
             param_hint="--times",
         )
     if healthy is not None:
@@ -102,14 +101,16 @@ def severity(
     usual = [name for name in search_of(defect).free if name not in fixed]
     with progress("searching severities"):
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=free or usual)
-    forecast = None if made is None else trend.forecast(made, later or [2 * max(made) - min(made)], most)
+    forecast = (
+        None if instants is None else trend.forecast(instants, later or [2 * max(instants) - min(instants)], most)
+    )
     result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound],
               "forecast": None if forecast is None else forecast.to_dict()}  # fmt: skip
 
     def show() -> None:
         _show_severity(trend, len(sound))
         if forecast is not None:
-            _show_forecast(forecast, trend.estimates[0].severity.dimension)
+            _show_forecast(forecast, trend)
 
     tell(result, as_json, show)
 
@@ -150,7 +151,8 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
     say(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")
 
 
-def _show_forecast(forecast: "SeverityForecast", dimension: "Dimension") -> None:
+def _show_forecast(forecast: "SeverityForecast", trend: "SeverityTrend") -> None:
+    dimension = trend.estimates[0].severity.dimension
     rows = [
         (f"{time:g}", *(dimension.words(float(end)) for end in ends))
         for time, *ends in zip(forecast.times, forecast.value, forecast.low, forecast.high, strict=True)

@@ -293,7 +293,7 @@ class GrooveErosion(Fault):
     units: ClassVar[Mapping[str, str]] = MappingProxyType({"advance": "rad"})
 
     advance: float
-    """How much earlier the ports open [rad]; up to 6 deg."""
+    """How much earlier the ports open [rad]; 6 deg is much."""
     area_factor: float = 4.0
     """Factor on the groove's area."""
 

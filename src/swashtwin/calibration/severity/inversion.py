@@ -187,15 +187,15 @@ class Inversion(ProfileProblem):
         self.root = self.root * max(misfit, 1.0)
         return self.likely([Minimum(*self.descend(point, fixed=None)) for point in points]), misfit
 
-    def likely(self, found: Iterable[Minimum]) -> list[Minimum]:
+    def likely(self, minima: Iterable[Minimum]) -> list[Minimum]:
         """Those that may hold the truth, each once, the deepest first."""
-        deepest, *others = sorted(found, key=_height)
-        minima = [deepest]
+        deepest, *others = sorted(minima, key=_height)
+        likely = [deepest]
         for minimum in others:
             is_likely = minimum.height - deepest.height < THRESHOLD
-            if is_likely and not any(self._are_same(minimum, other) for other in minima):
-                minima.append(minimum)
-        return minima
+            if is_likely and not any(self._are_same(minimum, other) for other in likely):
+                likely.append(minimum)
+        return likely
 
     def profiled(self, minima: list[Minimum]) -> tuple[list[Minimum], Ends]:
         """(minima that may hold the truth, the deepest first; ends of the severity's interval around all of them).
@@ -227,8 +227,8 @@ class Inversion(ProfileProblem):
         start = minima[lowest].point.copy()
         start[self.severity] = coordinate[height.argmin()]
         start, _ = self.descend(start, fixed=self.severity)
-        found = Minimum(*self.descend(start, fixed=None))
-        return found if found.height < minima[0].height - _DEEPER else None
+        minimum = Minimum(*self.descend(start, fixed=None))
+        return minimum if minimum.height < minima[0].height - _DEEPER else None
 
     def profile(self, minimum: Minimum) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
         """Severities over the reference's around a minimum, rising, and the least sum of squares over all else."""

@@ -143,8 +143,11 @@ def _escape_texts(figure: Figure) -> None:
     """Show control characters of names as codes: XML does not allow them, and a lone surrogate has no glyph."""
     for text in figure.findobj(Text):
         text.set_text(escape_controls(text.get_text(), keep="\n"))
-    for axis in figure.findobj(Axis):
-        if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):  # which set_ticks makes of its labels
+    formatters = {
+        id(formatter): formatter for formatter in (axis.get_major_formatter() for axis in figure.findobj(Axis))
+    }
+    for formatter in formatters.values():  # which panels may share
+        if isinstance(formatter, FuncFormatter):  # which set_ticks makes of its labels
             formatter.func = partial(_escaped_label, formatter.func)
 
 

@@ -78,7 +78,9 @@ def _has_names(axis: Axis) -> bool:
 
 
 def _wrap_names(axis: Axis, width: int) -> None:
-    if isinstance(formatter := axis.get_major_formatter(), FuncFormatter):
+    """Wrap them once, however many panels share their formatter."""
+    formatter = axis.get_major_formatter()
+    if isinstance(formatter, FuncFormatter) and getattr(formatter.func, "func", None) is not _wrapped_name:
         formatter.func = partial(_wrapped_name, formatter.func, width)
 
 

@@ -113,11 +113,17 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
     lines = math.ceil(len(study.metrics) / per_line)
     figure, axes = panels(lines, per_line, lines * (1.1 + 0.24 * len(rows)), sharey=True)
     for ax, (metric, heading) in zip(axes.flat, study.metrics.items(), strict=False):
-        for line, row in enumerate(rows):
-            values = np.array([value for value in row[metric]["values"] if value is not None])
-            ax.plot(values, np.full(len(values), line), "o", color=MEASURED, markersize=3, alpha=0.35)
-            if len(values):
-                ax.plot([values.mean()] * 2, [line - 0.32, line + 0.32], color=CALIBRATED, linewidth=2.5)
+        points = [
+            (float(value), line)
+            for line, row in enumerate(rows)
+            for value in row[metric]["values"]
+            if value is not None
+        ]
+        value, lines_of = np.array(points or np.empty((0, 2))).T
+        ax.plot(value, lines_of, "o", color=MEASURED, markersize=3, alpha=0.35)
+        filled = np.unique(lines_of)
+        means = [value[lines_of == line].mean() for line in filled]
+        ax.vlines(means, filled - 0.32, filled + 0.32, color=CALIBRATED, linewidth=2.5)
         ax.set(title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5))
     for ax in axes.flat[len(study.metrics) :]:
         ax.set_visible(False)

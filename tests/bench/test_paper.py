@@ -14,7 +14,6 @@ from tiny_case import TINY, tiny_recordings
 
 from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
 from swashtwin.bench.paper import identification, plans, running
-from swashtwin.bench.paper.differences import common
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
 from swashtwin.bench.results.runs import fingerprint_of
@@ -113,25 +112,6 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says() -> 
     assert max(normal) - min(normal) <= 1
     with pytest.raises(DataError, match=r"500 training windows of \w+ are wanted .* record longer"):
         prepare(recordings, replace(scenario, class_windows=500), 0, [])
-
-
-def test_size_medium_is_the_papers_but_for_the_steps_of_its_network() -> None:
-    for name in ("paper-case2", "paper-ablation", "paper-noise"):
-        medium, whole = (plans.PAPER_PLANS[name](size) for size in ("medium", "paper"))
-        assert (medium.scenario, medium.draws) == (whole.scenario, whole.draws)
-        assert {key: model.training for key, model in medium.models.items()} == {
-            key: model.training for key, model in whole.models.items()
-        }
-        strides = {
-            key: (dict(model.network), medium.models[key].network.get("stride")) for key, model in whole.models.items()
-        }
-        assert all(
-            stride == (plans.PATCH if plans.NETWORKS[key][0].startswith("bitcn") else None) and not settings
-            for key, (settings, stride) in strides.items()
-        )
-    same, different = common("medium").same, common("medium").different
-    assert "full rate" not in " ".join(same)
-    assert f"patches of {plans.PATCH} samples" in different[0]
 
 
 def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
+    SeverityForecast,
     SeveritySettings,
     calibrate,
     estimate_severity,
@@ -21,6 +23,7 @@ from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.severity import DimensionEstimate
 from swashtwin.calibration.severity.severity_search import _severity
+from swashtwin.cli.severity import _show_forecast
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -123,9 +126,9 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
         trend = estimate_severity(of_healthy, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings)
         return trend.estimates[0].severity
 
-    low, high = estimated(SeveritySettings()).interval
-    assert low < deg(4) < high < deg(10)
-    assert estimated(SeveritySettings()).verdict != "identified"
+    estimate = estimated(SeveritySettings())
+    assert estimate.interval[0] < deg(4) < estimate.interval[1] < deg(10)
+    assert estimate.verdict != "identified"
     low, high = estimated(SeveritySettings(port_timing=0.0)).interval
     assert not low < deg(4) < high
 
@@ -342,10 +345,23 @@ def test_the_command_forecasts_a_trend(
     earliest, likely, _ = forecast["reached"]
     assert earliest <= likely
     assert likely == pytest.approx(350, abs=30)
-    assert "is reached at" in run(*words, "--times", "100,200,300", "--ahead", "400", "--limit", "90 um").stdout
     assert "4 times for 3 recordings" in " ".join(run(*words, "--times", "1,2,3,4", code=2).stderr.split())
     assert "a forecast needs --times" in " ".join(run(*words, "--ahead", "400", code=2).stderr.split())
     assert "3 different times" in " ".join(run(*words, "--times", "1,1,2", code=2).stderr.split())
+
+
+def test_a_forecast_is_printed_in_the_unit_of_the_severity(capsys: pytest.CaptureFixture[str]) -> None:
+    instants = np.array([400.0, 500.0])
+    forecast = SeverityForecast(
+        instants, um(1) * instants / 4, um(1) * instants / 5, um(1) * instants / 3, um(0.25), um(120), (360, 480, None)
+    )
+    dimension = fault_space(PistonWear(um(60))).free[0]
+    _show_forecast(
+        forecast, SimpleNamespace(estimates=[SimpleNamespace(severity=SimpleNamespace(dimension=dimension))])
+    )
+    said = " ".join(capsys.readouterr().out.split())
+    assert "120 µm is reached at 480; at the earliest 360, at the latest later" in said
+    assert "125 µm" in said
 
 
 def test_a_calibration_of_another_band_or_without_phases_is_told(calibration: Calibration, record: Record) -> None:

@@ -346,6 +346,12 @@ def test_the_command_forecasts_a_trend(
     assert earliest <= likely
     assert likely == pytest.approx(350, abs=30)
     assert "4 times for 3 recordings" in " ".join(run(*words, "--times", "1,2,3,4", code=2).stderr.split())
+    for wrong in (
+        ("--times", "1,nan,3"),
+        ("--times", "1,2,3", "--ahead", "inf"),
+        ("--times", "1,2,3", "--limit", "0 um"),
+    ):
+        assert "must be" in " ".join(run(*words, *wrong, code=2).stderr.split())
     assert "a forecast needs --times" in " ".join(run(*words, "--ahead", "400", code=2).stderr.split())
     assert "3 different times" in " ".join(run(*words, "--times", "1,1,2", code=2).stderr.split())
 
@@ -360,7 +366,7 @@ def test_a_forecast_is_printed_in_the_unit_of_the_severity(capsys: pytest.Captur
         forecast, SimpleNamespace(estimates=[SimpleNamespace(severity=SimpleNamespace(dimension=dimension))])
     )
     said = " ".join(capsys.readouterr().out.split())
-    assert "120 µm is reached at 480; at the earliest 360, at the latest later" in said
+    assert "120 µm is reached: 480 (earliest: 360; latest: not by 500)" in said
     assert "125 µm" in said
 
 

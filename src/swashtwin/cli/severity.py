@@ -1,5 +1,6 @@
 """The command twin severity: how large a fault is, and how it goes on."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from swashtwin.calibration import SeverityForecast, SeverityTrend
+    from swashtwin.pump import Fault
     from swashtwin.recordings import Recording
 
 
@@ -68,11 +70,7 @@ def severity(
         raise typer.BadParameter(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
         )
-    instants, later = read_list(times, float, "--times"), read_list(ahead, float, "--ahead")
-    if instants is None and (later is not None or limit is not None):
-        raise typer.BadParameter("a forecast needs --times, one for each recording.", param_hint="--times")
-    unit = defect.units.get(search_of(defect).dimensions[0].name, "")
-    most = None if limit is None else parse(limit, unit, name="--limit")
+    instants, later, most = _read_forecast(times, ahead, limit, defect)
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source).where(specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
@@ -113,6 +111,26 @@ def severity(
             _show_forecast(forecast, trend)
 
     tell(result, as_json, show)
+
+
+def _read_forecast(
+    times: str | None, ahead: str | None, limit: str | None, defect: "Fault"
+) -> tuple[list[float] | None, list[float] | None, float | None]:
+    """Times of the recordings, times to forecast and the severity [SI] whose date is wanted; None where not given."""
+    from swashtwin.calibration import search_of
+
+    instants, later = read_list(times, float, "--times"), read_list(ahead, float, "--ahead")
+    if instants is None and (later is not None or limit is not None):
+        raise typer.BadParameter("a forecast needs --times, one for each recording.", param_hint="--times")
+    for option, numbers in (("--times", instants), ("--ahead", later)):
+        if not all(map(math.isfinite, numbers or ())):
+            raise typer.BadParameter("must be finite numbers.", param_hint=option)
+    if limit is None:
+        return instants, later, None
+    most = parse(limit, defect.units.get(search_of(defect).dimensions[0].name, ""), name="--limit")
+    if not 0 < most < math.inf:
+        raise typer.BadParameter(f"{limit} must be a severity above 0.", param_hint="--limit")
+    return instants, later, most
 
 
 def _by_health(
@@ -159,6 +177,8 @@ def _show_forecast(forecast: "SeverityForecast", trend: "SeverityTrend") -> None
     ]
     table("Forecast, a straight line with a band of 90 %", ("time", dimension.name, "at least", "at most"), rows)
     if forecast.limit is not None:
-        earliest, likely, latest = ("later" if time is None else f"{time:.4g}" for time in forecast.reached)
-        say(f"{dimension.words(forecast.limit)} is reached at {likely}; at the earliest {earliest}, at the latest "
-            f"{latest}")  # fmt: skip
+        not_yet = f"not by {forecast.times[-1]:g}"
+        likely, earliest, latest = (
+            not_yet if time is None else f"{time:.4g}" for time in (forecast.reached[i] for i in (1, 0, 2))
+        )
+        say(f"{dimension.words(forecast.limit)} is reached: {likely} (earliest: {earliest}; latest: {latest})")

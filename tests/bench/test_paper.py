@@ -12,7 +12,7 @@ import pytest
 from commandline import run_json
 from tiny_case import TINY, tiny_recordings
 
-from swashtwin.bench import EXPERIMENTS, run_paper, write_paper_page
+from swashtwin.bench import EXPERIMENTS, collect_studies, run_paper, write_paper_page
 from swashtwin.bench.paper import identification, plans, running
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
@@ -132,6 +132,12 @@ def test_finished_runs_are_read_and_no_checkpoint_stays(
     again = run_paper(out, seeds=(3,), command="swashtwin bench paper")
     assert {name: study.rows() for name, study in again.items()} == {n: study.rows() for n, study in results.items()}
     assert list(out.rglob("*.safetensors")) == []
+
+
+def test_a_report_of_the_folder_reads_every_study_of_classifiers(results: dict[str, StudyTable], out: Path) -> None:
+    collected = collect_studies(out)
+    assert {study.study for study in collected} == set(plans.PAPER_PLANS)
+    assert {study.size for study in collected} == {"small"}
 
 
 def test_the_command_prints_what_came_out(results: dict[str, StudyTable], out: Path) -> None:

@@ -21,7 +21,7 @@ from swashtwin.bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_
 from swashtwin.bench.rivals.order_threshold import threshold_orders
 from swashtwin.bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
 from swashtwin.bench.studies.perturbations import Perturbation
-from swashtwin.bench.studies.registry import PLANS
+from swashtwin.bench.studies.registry import PLANS, sizes_of
 from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.bench.studies.training_sets import (
@@ -196,7 +196,7 @@ def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
 
 @pytest.mark.parametrize("study", PLANS)
 def test_every_plan_has_tasks_whose_keys_differ(study: str) -> None:
-    for size in ("quick", "paper"):
+    for size in sizes_of(study):
         tasks = plan_of(study, size).tasks(0, "data")
         assert tasks
         assert len({task.key for task in tasks}) == len(tasks)

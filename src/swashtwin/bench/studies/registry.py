@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from swashtwin.bench.paper.plans import PAPER_PLANS
+from swashtwin.bench.paper import plans as paper
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.studies.cases import ablation, algorithms, case_one, case_two, noise, shaft_angle
 from swashtwin.bench.studies.plan import Plan
@@ -27,13 +27,13 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "few-shot": few_shot,
         "unseen-pressure": unseen_pressure,
         "unseen-specimen": unseen_specimen,
-        **PAPER_PLANS,
+        **paper.PAPER_PLANS,
     }
 )
 """Plan of each study, by its name and the name of a size."""
 
 SIZES = ("quick", "paper")
-"""How much a study takes: minutes of a laptop, or the paper's counts."""
+"""How much a study takes: minutes of a laptop, or the paper's counts. The paper's own have `paper.plans.SIZES`."""
 
 
 def run_study(
@@ -44,7 +44,7 @@ def run_study(
     Parameters
     ----------
     data : recordings of several specimens, two or more of each class and pressure; or `Fleets`.
-    size : ``"quick"`` or ``"paper"``.
+    size : ``"quick"`` or ``"paper"``; those of the paper's own experiments: `sizes_of`.
     seeds : each draws split, weights and synthesis anew, and of `Fleets` the fleet.
     **how : as in `run_plan`: workers, out, device, progress, command.
 
@@ -58,8 +58,14 @@ def run_study(
 
 def plan_of(study: str, size: str) -> Plan:
     """Plan of a study by its name and a size's."""
-    if study not in PLANS or size not in SIZES:
+    sizes = sizes_of(study)
+    if study not in PLANS or size not in sizes:
         raise InputError(
-            f"no study {study!r} of size {size!r}; studies are {', '.join(PLANS)}, sizes {', '.join(SIZES)}."
+            f"no study {study!r} of size {size!r}; studies are {', '.join(PLANS)}, sizes {', '.join(sizes)}."
         )
     return PLANS[study](size)
+
+
+def sizes_of(study: str) -> tuple[str, ...]:
+    """Sizes of a study, the least first."""
+    return paper.SIZES if study in paper.PAPER_PLANS else SIZES

@@ -13,6 +13,7 @@ every cell and no measured one. Figures on the virtual rig say nothing about a r
 import argparse
 import json
 import time
+from functools import partial
 
 import torch
 
@@ -20,6 +21,7 @@ from swashtwin.bench import FILLERS, rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.bench.studies.cells import cut_evenly
 from swashtwin.bench.studies.scenario import MACHINED
+from swashtwin.bench.studies.training_sets import RIG_VARIATION
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
 from swashtwin.foundation import MPa, rpm
 from swashtwin.learning import WindowSet
@@ -88,13 +90,14 @@ def twins(train: list[Recording]) -> dict[str, Filler]:
         ).twin
         for pump in pumps
     ]
+    fill = partial(TwinFiller, variation=RIG_VARIATION)
     return {
-        "nominal twin": TwinFiller(nominal),
-        "calibrated, bare": TwinFiller(calibrated, background="none"),
-        "calibrated": TwinFiller(calibrated),
-        "calibrated, residual": TwinFiller(calibrated, background="residual", specimens=machines),
-        "calibrated, posterior": TwinFiller(calibrated, posterior=posteriors),
-        "calibrated on healthy": TwinFiller(
+        "nominal twin": fill(nominal),
+        "calibrated, bare": fill(calibrated, background="none"),
+        "calibrated": fill(calibrated),
+        "calibrated, residual": fill(calibrated, background="residual", specimens=machines),
+        "calibrated, posterior": fill(calibrated, posterior=posteriors),
+        "calibrated on healthy": fill(
             [twin_of_healthy.with_fault(twin.fault) for twin in nominal for twin_of_healthy in healthy]
         ),
     }

@@ -179,6 +179,21 @@ def test_a_search_that_fails_is_a_row_with_its_reason(
     assert f"{CHOSEN}: the loss is nan in epoch 2; lower learning_rate." in study.notes
 
 
+def test_one_training_set_alone_has_a_page(
+    results: dict[str, StudyTable], out: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def untouched(*_: object) -> None:
+        raise AssertionError("a finished run was run again")
+
+    monkeypatch.setattr("swashtwin.bench.studies.runner.run_task", untouched)
+    alone = run_paper(out, seeds=(3,), experiments=("case1", "noise"), training_sets=("calibrated",))
+    assert {row["training_set"] for row in alone["paper-case1"].rows()} == {"calibrated"}
+    page = write_paper_page(alone, "small", tmp_path).read_text(encoding="utf-8")
+    assert "0.9748" in page
+    with pytest.raises(InputError, match="no training set 'twins'"):
+        run_paper(out, seeds=(3,), experiments=("case1",), training_sets=("twins",))
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from commandline import run
 
+from swashtwin.calibration import Population
 from swashtwin.diagnosis import PriorClassifier, fit_prior, load_prior
 from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg, read_artifact, rpm, um, write_artifact
 from swashtwin.physics import Twin
-from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
+from swashtwin.pump import LETTERS, BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.report import write_report
 from swashtwin.synthesis import OrderChanges, PumpPrior, simulate_changes
+from swashtwin.synthesis.pump_prior import _draw_values
 
 CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
 RATE = 16384.0
@@ -73,6 +75,19 @@ def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
     alone = simulate_changes(PumpPrior(), 1, seed=3)
     assert np.array_equal(alone.change, changes().change[: len(alone.change)])
     assert set(alone.label.tolist()) == {"normal", "swash_plate", "piston", "cylinder_block", "valve_plate"}
+
+
+def test_virtual_pumps_of_a_population_have_values_like_its_pumps() -> None:
+    letters = ("C_sw", "K_v")
+    center = np.log([3e4, 7e8])
+    known = Population(("A", "B"), letters, center, np.diag([0.03, 0.0]) ** 2, np.array([0.04, 0.1]), np.ones((2, 2)))
+    draws = np.log([_draw_values(PumpPrior(population=known), np.random.default_rng(n)) for n in range(400)])
+    of_drawing = np.log([_draw_values(PumpPrior(), np.random.default_rng(n)) for n in range(400)])
+    index = [list(LETTERS.values()).index(letter) for letter in letters]
+    others = [n for n in range(6) if n not in index]
+    np.testing.assert_allclose(draws[:, index].mean(axis=0), center, atol=0.02)
+    np.testing.assert_allclose(draws[:, index].std(axis=0), [0.05, 0.1], rtol=0.1)
+    np.testing.assert_array_equal(draws[:, others], of_drawing[:, others])
 
 
 def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> None:
@@ -256,5 +271,12 @@ def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     result = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")
     assert json.loads(result.stdout)["pumps"] == 10
     assert load_prior(out).speed == pytest.approx((rpm(900), rpm(1000)))
+    population = Population(("A", "B"), ("C_sw",), np.zeros(1), np.eye(1), np.ones(1), np.ones((1, 2)))
+    known = population.save(tmp_path / "population.json")
+    assert json.loads(run("twin", "prior", "--out", out, "--count", "10", "--population", known, "--json").stdout)[
+        "population"
+    ] == str(known)
+    missing = run("twin", "prior", "--out", out, "--population", tmp_path / "none.json", code=3)
+    assert "no such population" in " ".join(missing.stderr.split())
     refused = run("twin", "prior", "--out", out, "--speed", "900 rpm", code=2)
     assert "is no range" in " ".join(refused.stderr.split())

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from swashtwin.foundation import InputError, MPa, celsius, mm, um
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
-from swashtwin.synthesis import STATED_PRIOR, Variation, simulate_windows
+from swashtwin.synthesis import Background, Variation, simulate_windows
 from swashtwin.synthesis import twin_windows as synthesis
 from swashtwin.synthesis.fault_change import change_share
 from swashtwin.synthesis.shaft_alignment import align_windows
@@ -97,13 +98,16 @@ def test_a_window_does_not_depend_on_those_made_beside_it(healthy: Twin, monkeyp
     np.testing.assert_array_equal(many, chunked)
 
 
-def test_severity_follows_the_stated_prior_unless_told(healthy: Twin) -> None:
+@pytest.mark.parametrize("background", ["healthy", "spectrum"])
+def test_severities_spread_within_a_factor_of_two_unless_told(healthy: Twin, background: Background) -> None:
     measured = recording_windows(healthy, "r", phase=0.3)
-    settings = {"count": 3, "like": measured, "seed": 0, "background": "healthy"}
+    settings: dict[str, Any] = {"count": 3, "like": measured, "seed": 0, "background": background}
     worn = healthy.with_fault(RECESS)
     usual = simulate_windows(worn, **settings).signal
-    np.testing.assert_array_equal(usual, simulate_windows(worn, **settings, variation=STATED_PRIOR).signal)
-    assert np.abs(usual - simulate_windows(worn, **settings, variation=STILL).signal).max() > 0.01
+    assert math.exp(1.96 * Variation().severity) == pytest.approx(2, rel=0.02)
+    np.testing.assert_array_equal(usual, simulate_windows(worn, **settings, variation=Variation()).signal)
+    narrower = replace(Variation(), severity=0.2)
+    assert np.abs(usual - simulate_windows(worn, **settings, variation=narrower).signal).max() > 0.01
 
 
 def test_a_machine_measured_with_half_the_change_follows_half_of_it(healthy: Twin) -> None:

@@ -39,17 +39,14 @@ from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import specimen_among as specimen_among
 from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
-from .variation import STATED_PRIOR as STATED_PRIOR
 from .variation import Variation as Variation
 from .variation import draw_twin as draw_twin
-from .variation import usual_variation as usual_variation
 
 __all__ = [
     "ADASYN",
     "DEFAULT_VARIATION",
     "FILLERS",
     "SMOTE",
-    "STATED_PRIOR",
     "Background",
     "Duplicate",
     "Fidelity",
@@ -87,5 +84,4 @@ __all__ = [
     "specimen_among",
     "spectral_distance",
     "synthesize",
-    "usual_variation",
 ]

@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Float, Int, Shaped
 from joblib import delayed
 
+from swashtwin.calibration import Population
 from swashtwin.foundation import InputError, MPa, SwashTwinError, celsius, deg, mm, parallel, rpm, stream, um
 from swashtwin.physics import (
     HarmonicBalance,
@@ -32,6 +33,7 @@ from swashtwin.physics import (
 )
 from swashtwin.pump import (
     CLASSES,
+    LETTERS,
     BoreDefect,
     DamScratch,
     Fault,
@@ -66,6 +68,9 @@ class PumpPrior:
     """Range of the discharge pressure [Pa], uniform."""
     interfaces: float = 0.7
     """Of each interface value from pump to pump: 95 % lie within a factor of four of the drawing."""
+    population: Population | None = None
+    """Pumps of the design that were calibrated together (`calibrate_fleet`): the interface values that it knows are
+    drawn as those of a further such pump, and not around the drawing."""
     assembly: float = 0.15
     """Of each interface value from one assembly of a pump to the next."""
     supports: float = 0.15
@@ -209,7 +214,7 @@ def _levels_of_pump(
     """log10 of the power of each recording of one virtual pump: the references, then `_TESTED`."""
     pump, clearances = _draw_pump(prior, rng)
     set_speed, set_pressure = rng.uniform(*prior.speed), rng.uniform(*prior.pressure)
-    values = np.array(pump.interfaces.values()) * _spread(rng, prior.interfaces, 6)
+    values = _draw_values(prior, rng)
     follows = _log_uniform(rng, prior.following)
     exponent = rng.uniform(*prior.viscosity)
     orders = np.arange(1, int(bands.highest) + 1)
@@ -275,6 +280,18 @@ def _draw_pump(prior: PumpPrior, rng: np.random.Generator) -> tuple[Pump, tuple[
     group = nominal.rotating_group
     clearances = group.piston_clearance * np.clip(rng.normal(1, prior.clearances, group.piston_count), 0.3, None)
     return pump, tuple(clearances.tolist())
+
+
+def _draw_values(prior: PumpPrior, rng: np.random.Generator) -> Float[np.ndarray, " value"]:
+    """The six interface values of one pump."""
+    middle, deviation = np.array(prior.pump.interfaces.values()), np.full(6, prior.interfaces)
+    if prior.population is not None:
+        known = {name: row for row, name in enumerate(prior.population.names)}
+        for index, letter in enumerate(LETTERS.values()):
+            if letter in known:
+                middle[index] = math.exp(prior.population.mean[known[letter]])
+                deviation[index] = prior.population.deviation[known[letter]]
+    return middle * np.exp(rng.normal(0, deviation))
 
 
 def _draw_path(prior: PumpPrior, sensors: int, rng: np.random.Generator) -> SensorPath:

@@ -11,7 +11,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import is_same_class
 from swashtwin.synthesis.background import Background
 from swashtwin.synthesis.twin_windows import simulate_windows
-from swashtwin.synthesis.variation import Variation
+from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class TwinFiller:
     """What the windows are laid over, as in `simulate_windows`."""
     specimens: Sequence[str] | None = None
     """Specimen that each twin stands for, whose windows alone it is laid over; None takes those of all."""
-    variation: Variation | None = None
-    """What differs from window to window; None as in `simulate_windows`."""
+    variation: Variation = DEFAULT_VARIATION
+    """What differs from window to window."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, made with the twins of its class (`Filler`)."""

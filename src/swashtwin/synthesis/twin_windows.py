@@ -23,7 +23,7 @@ from swashtwin.synthesis.fault_change import change_windows
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.synthetic_windows import SyntheticWindows, comparable_windows
-from swashtwin.synthesis.variation import Variation, draw_twin, usual_variation
+from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
 _CHUNK = 64
 """Windows simulated at once: this limits memory, and Ctrl-C is handled between chunks."""
@@ -37,7 +37,7 @@ def synthesize(
     like: WindowSet | Iterable[Recording],
     seed: int = 0,
     condition: OperatingCondition | None = None,
-    variation: Variation | None = None,
+    variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     window: int | None = None,
 ) -> SyntheticWindows:
@@ -111,7 +111,7 @@ def simulate_windows(
     count: int,
     like: WindowSet,
     seed: int,
-    variation: Variation | None = None,
+    variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     posterior: Posterior | Sequence[Posterior] | None = None,
     specimens: Sequence[str | None] | None = None,
@@ -124,8 +124,7 @@ def simulate_windows(
     count : how many.
     like : measured training windows; they give layout, classes and noise, and must not be test windows.
     seed : addresses every draw.
-    variation : what differs from window to window; None takes `STATED_PRIOR` over ``"healthy"`` and
-        `DEFAULT_VARIATION` over all else.
+    variation : what differs from window to window.
     background : what the windows are laid over. ``"spectrum"``: noise with the spectrum of the measured windows between
         the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"healthy"``: measured
         healthy windows as they are, to which the twin adds only the fault's change (`fault_change`). ``"none"``:
@@ -147,7 +146,6 @@ def simulate_windows(
     if specimens is not None and len(specimens) != len(twins):
         raise InputError(f"{len(specimens)} specimens for {len(twins)} twins; name one for each.")
     draw_values = _value_draws(twins, posterior, count, seed)
-    variation = usual_variation(background) if variation is None else variation
     if background == "healthy":
         return change_windows(
             twins,

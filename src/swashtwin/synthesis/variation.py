@@ -8,7 +8,6 @@ import numpy as np
 
 from swashtwin.foundation import celsius, stream
 from swashtwin.physics import Twin
-from swashtwin.synthesis.background import Background
 
 
 @dataclass(frozen=True)
@@ -16,18 +15,19 @@ class Variation:
     """Spreads of what is drawn for each synthetic window, besides the shaft's phase. Zero switches one off.
 
     Speed, pressure and temperature follow docs/explanation/physics.md, section 5. Severity, angle, interface values and
-    sensor are estimates of ours; those of severity and angle are also the virtual rig's, so that results on the rig are
-    those of someone who knows how much a fault spreads (docs/bench/rig.md). The interface values spread alike; what a
-    calibration leaves open of each comes on top of it (`synthesize`).
+    sensor are estimates of ours. Severity and angle are those of somebody who knows a fault's typical size and place,
+    and not how they differ from pump to pump: 95 % of the severities are within a factor of two, of the places within
+    10 degrees. The virtual rig's spread less (docs/bench/rig.md). The interface values spread alike; what a calibration
+    leaves open of each comes on top of it (`synthesize`).
     """
 
     speed: float = 0.005
     """Half-width of the uniform spread of the speed, relative."""
     pressure: float = 0.03
     """Half-width of the uniform spread of the discharge pressure, relative."""
-    severity: float = 0.2
+    severity: float = 0.35
     """Standard deviation of the logarithm of the fault's severity."""
-    angle: float = math.radians(0.5)
+    angle: float = math.radians(5)
     """Standard deviation of the position of a swash plate or bore defect [rad]."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
     """Range of the oil temperature [K]; it acts on the leakage only, not on the films' damping."""
@@ -38,16 +38,7 @@ class Variation:
 
 
 DEFAULT_VARIATION = Variation()
-"""Spread around the twin by default."""
-
-STATED_PRIOR = Variation(severity=0.35, angle=math.radians(5))
-"""Spread of somebody who knows a fault's typical size and place, and not how they differ from pump to pump: 95 % of the
-severities are within a factor of two, of the places within 10 degrees. An estimate of ours, wider than the rig's."""
-
-
-def usual_variation(background: Background) -> Variation:
-    """Spread where nobody states one: `STATED_PRIOR` over healthy windows, `DEFAULT_VARIATION` over all else."""
-    return STATED_PRIOR if background == "healthy" else DEFAULT_VARIATION
+"""Spread around the twin where nobody states one."""
 
 
 def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:

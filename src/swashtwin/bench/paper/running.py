@@ -40,6 +40,7 @@ def run_paper(
     size: str = "small",
     seeds: Sequence[int] = (20,),
     experiments: Sequence[str] = tuple(EXPERIMENTS),
+    training_sets: Sequence[str] | None = None,
     jobs: int = 1,
     device: str = "cpu",
     precision: str = "float32",
@@ -54,6 +55,7 @@ def run_paper(
     size : name in `plans.SIZES`.
     seeds : fleets of the virtual rig; the algorithms are repeated on the first.
     experiments : names in `EXPERIMENTS`.
+    training_sets : those of each experiment, by name; None takes its own.
     jobs : tasks side by side.
     device : where networks are trained.
     precision : in which numbers (`TrainingSettings.precision`).
@@ -101,6 +103,8 @@ def run_paper(
         plan, numbers = PAPER_PLANS[study](size), tuple(seeds)
         models = {name: model.with_training(precision=precision) for name, model in plan.models.items()}
         plan = replace(plan, models=models)
+        if training_sets is not None:
+            plan = plan.of_training_sets(training_sets)
         source: Source = fleets_of(DEEP_VERSION) if study == RECESS else fleets
         if study == "paper-algorithms":
             plan = replace(plan, split_seed=seeds[0])

@@ -17,7 +17,15 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import Background, Filler, TwinFiller, discriminative_score, has_filler, usual_variation
+from swashtwin.synthesis import (
+    DEFAULT_VARIATION,
+    Background,
+    Filler,
+    TwinFiller,
+    Variation,
+    discriminative_score,
+    has_filler,
+)
 
 TWINS = ("nominal", "calibrated", "posterior")
 """What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""
@@ -25,6 +33,9 @@ TWINS = ("nominal", "calibrated", "posterior")
 
 CALIBRATED_TWINS = TWINS[1:]
 """Those that need a calibration."""
+
+RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
+"""Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
 
 FURTHER = {"discriminator": "AUROC measured/synthetic"}
 """Headings of the figures of synthetic windows."""
@@ -50,8 +61,16 @@ class TrainingSet:
 
     background: Background = "spectrum"
     """What a twin's windows are laid over."""
+    stated_prior: bool = False
+    """Spread severities and places as `synthesis` does by default, and not by `RIG_VARIATION`; windows laid over
+    healthy ones always do."""
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
+
+    @property
+    def variation(self) -> Variation:
+        """What differs from one window of twins to the next."""
+        return DEFAULT_VARIATION if self.stated_prior or self.background == "healthy" else RIG_VARIATION
 
     def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
         """Settings as JSON can hold them, those of whatever fills among them.
@@ -62,8 +81,9 @@ class TrainingSet:
         """
         filler = None
         if self.by is not None:
-            filler = repr(FILLERS[self.by] if has_filler(self.by) else usual_variation(self.background))
+            filler = repr(FILLERS[self.by] if has_filler(self.by) else self.variation)
         table = {**asdict(self), "filler": filler}
+        del table["stated_prior"]  # the filler's spreads tell it
         if self.every_class:
             table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
         if self.noise:
@@ -81,6 +101,7 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "nominal": TrainingSet("nominal"),
         "calibrated": TrainingSet("calibrated"),
         "posterior": TrainingSet("posterior"),
+        "stated_prior": TrainingSet("posterior", stated_prior=True),
         "residual": TrainingSet("calibrated", background="residual"),
         "every_class": TrainingSet("calibrated", every_class=True),
         "nominal_change": TrainingSet("nominal", background="healthy"),
@@ -89,9 +110,10 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "every_class_change": TrainingSet("calibrated", every_class=True, background="healthy"),
     }
 )
-"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; calibrated, over what the
-measured windows hold beside their synchronous part; calibrated, for every class alike; and, as changes laid over
-measured healthy windows of the same pump, as drawn, calibrated, drawn and for every class."""
+"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so with severities
+of a stated prior, as `synthesize` does by default; calibrated, over what the measured windows hold beside their
+synchronous part; calibrated, for every class alike; and, as changes laid over measured healthy windows of the same
+pump, as drawn, calibrated, drawn and for every class."""
 
 
 def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
@@ -169,7 +191,7 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
     if training_set.background == "healthy" and training_set.by in CALIBRATED_TWINS:
         calibrated = dataset.calibrated_specimens(label)
         specimens = calibrated * (len(twins) // len(calibrated))
-    return TwinFiller(twins, posteriors, background=training_set.background, specimens=specimens)
+    return TwinFiller(twins, posteriors, training_set.background, specimens, training_set.variation)
 
 
 def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:

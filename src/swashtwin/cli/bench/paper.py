@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs
+from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs, TrainingSets
 from swashtwin.cli.bench.results import typed_command
 from swashtwin.cli.console import note, note_done_before, progress, say, tell
 from swashtwin.cli.exits import resumable
@@ -46,6 +46,7 @@ def paper(
             "by default."
         ),
     ] = None,
+    training_sets: TrainingSets = None,
     out: Annotated[
         Path,
         typer.Option(
@@ -84,6 +85,7 @@ def paper(
             size=size.value,
             seeds=numbers,
             experiments=tuple(names),
+            training_sets=None if training_sets is None else read_words(training_sets),
             jobs=jobs,
             device=device.value,
             precision=precision.value,

@@ -87,8 +87,13 @@ _DESCRIBED = {
 
 
 def case_answer(study: StudyResult) -> tuple[str, ...]:
-    """Answer in sentences: first the comparison and its result, then each level, the nearest first."""
+    """Answer in sentences: first the comparison and its result, then each level, the nearest first.
+
+    That of any study where none of the `EXPECTED` training sets was trained.
+    """
     sets = [name for name in EXPECTED if any(outcome.training_set == name for outcome in study.outcomes)]
+    if not sets:
+        return study.answer
     levels = sorted({outcome.level for outcome in study.outcomes})
     name = classifier_words(study.outcomes[0].classifier)
     lead = [f"{name} was trained {_enumerate([_DESCRIBED[name] for name in sets])}."]

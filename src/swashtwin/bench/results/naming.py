@@ -5,6 +5,7 @@ TRAINING_SETS = {
     "nominal": "with nominal twin",
     "calibrated": "with calibrated twin",
     "posterior": "with draws of calibrated twins",
+    "stated_prior": "with draws of calibrated twins, stated severities",
     "residual": "with calibrated twin over measured residuals",
     "every_class": "with calibrated twin, every class",
     "nominal_change": "with nominal twin's change",

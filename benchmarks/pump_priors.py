@@ -3,13 +3,15 @@
     python benchmarks/pump_priors.py --seeds 100,101,102,103 --folder studies --json
 
 Each row's prior is adapted to the fleet's healthy recordings and tested as in `swashtwin bench zero-shot --size prior`.
-*Population*: the known pumps' healthy recordings are calibrated together, and the interface values of the virtual pumps
-follow what came out. Differences are against the shipped prior, in points of balanced accuracy by recording, paired by
-fleet. Figures on the virtual rig say nothing about a real pump (docs/bench/rig.md).
+*Like the fleet*: the known pumps' healthy recordings are calibrated together, and the interface values of the virtual
+pumps follow what came out. No test recording has a part in this. The test "same pump" is of other recordings of those
+pumps, "unseen pump" of pumps that are not in it. Differences are against the shipped prior, in balanced accuracy by
+recording, paired by fleet. Figures on the virtual rig say nothing about a real pump (docs/bench/rig.md).
 """
 
 import argparse
 import json
+import math
 import time
 from pathlib import Path
 
@@ -46,7 +48,7 @@ def scores(recordings: list[Recording], seed: int, prior: PriorClassifier) -> di
     """Balanced accuracy by recording of each test."""
     split = split_zero_shot(recordings, 2, seed)
     trials = prior_trials(recordings, split, seed, prior)
-    return {trial.factors["test"]: trial.metrics[METRIC] for trial in trials if trial.factors["training_set"] == PRIOR}
+    return {trial.factors["test"]: trial.values[METRIC] for trial in trials if trial.factors["training_set"] == PRIOR}
 
 
 def main() -> None:
@@ -83,9 +85,12 @@ def main() -> None:
             test: {
                 "mean": float(np.mean([row[test] for row in of_row])),
                 "values": [row[test] for row in of_row],
-                "less_shipped": list(
-                    paired_interval([row[test] - base[test] for row, base in zip(of_row, rows["shipped"], strict=True)])
-                ),
+                "less_shipped": [
+                    bound if math.isfinite(bound) else None
+                    for bound in paired_interval(
+                        [row[test] - base[test] for row, base in zip(of_row, rows["shipped"], strict=True)]
+                    )
+                ],
             }
             for test in of_row[0]
         }

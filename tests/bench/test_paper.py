@@ -12,7 +12,7 @@ import pytest
 from commandline import run_json
 from tiny_case import TINY, tiny_recordings
 
-from swashtwin.bench import EXPERIMENTS, collect_studies, run_paper, write_paper_page
+from swashtwin.bench import EXPERIMENTS, collect_studies, paper_answer, run_paper, write_paper_page
 from swashtwin.bench.paper import identification, plans, running
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
@@ -190,8 +190,13 @@ def test_one_training_set_alone_has_a_page(
     assert {row["training_set"] for row in alone["paper-case1"].rows()} == {"calibrated"}
     page = write_paper_page(alone, "small", tmp_path).read_text(encoding="utf-8")
     assert "0.9748" in page
-    with pytest.raises(InputError, match="no training set 'twins'"):
-        run_paper(out, seeds=(3,), experiments=("case1",), training_sets=("twins",))
+    assert {row["training_set"] for row in alone["paper-noise"].rows()} == {"calibrated"}
+    nominal = run_paper(out, seeds=(3,), experiments=("case1", "noise"), training_sets=("nominal",))
+    assert {row["training_set"] for row in nominal["paper-noise"].rows()} == {"calibrated"}
+    assert paper_answer(nominal)[0] == "Case I, few samples: the paper prints no figure of what was run."
+    words = ("bench", "paper", "--experiments", "case1", "--seeds", 3, "--out", out, "--training-sets", "nominal")
+    (study, _) = run_json(*words, "--jobs", 1)["studies"]
+    assert {row["training_set"] for row in study["rows"]} == {"nominal"}
 
 
 @pytest.mark.parametrize(
@@ -199,6 +204,7 @@ def test_one_training_set_alone_has_a_page(
     [
         ({"experiments": ("guess",)}, "no experiment guess"),
         ({"experiments": ()}, "is named"),
+        ({"training_sets": ("twins",)}, "no training set 'twins'"),
         ({"size": "huge"}, "of size 'huge'"),
         ({"seeds": ()}, "at least one seed"),
     ],

@@ -25,8 +25,10 @@ from swashtwin.bench.studies.registry import PLANS, sizes_of
 from swashtwin.bench.studies.runner import _notes
 from swashtwin.bench.studies.scenario import split_scenario
 from swashtwin.bench.studies.training_sets import (
+    RIG_VARIATION,
     TWIN_TRAINING_SETS,
     TrainingSet,
+    _filler,
     fill_cells,
     noisy_training_windows,
 )
@@ -35,7 +37,7 @@ from swashtwin.foundation import DataError, InputError, holm_correction
 from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import discriminative_score
+from swashtwin.synthesis import DEFAULT_VARIATION, TwinFiller, discriminative_score
 
 FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
 
@@ -312,6 +314,23 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
         filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
         assert at_none == {"measured", "class_weights"}
         assert {*FILLERS, *TWIN_TRAINING_SETS} == filled
+
+
+def test_severities_spread_as_on_the_rig_unless_a_training_set_has_the_stated_prior(dataset: StudyDataset) -> None:
+    described = {name: TWIN_TRAINING_SETS[name].describe({}) for name in ("posterior", "stated_prior", "change")}
+    of_rig = "severity=0.2, angle=0.008726646259971648,"
+    stated = "severity=0.35, angle=0.08726646259971647,"
+    assert of_rig in described["posterior"]["filler"]
+    assert stated in described["stated_prior"]["filler"]
+    assert stated in described["change"]["filler"]
+    keys = {"by", "count", "every_class", "noise", "background", "class_weights", "filler"}
+    assert set(described["posterior"]) == set(described["stated_prior"]) == keys
+    narrow, wide = (
+        _filler(dataset, replace(TrainingSet("nominal"), stated_prior=it), "piston") for it in (False, True)
+    )
+    assert isinstance(narrow, TwinFiller)
+    assert isinstance(wide, TwinFiller)
+    assert (narrow.variation, wide.variation) == (RIG_VARIATION, DEFAULT_VARIATION)
 
 
 def test_the_discriminator_of_a_study_is_that_of_synthesis(dataset: StudyDataset) -> None:

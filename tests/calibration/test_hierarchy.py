@@ -25,7 +25,7 @@ from swashtwin.calibration.objective.unknowns import Unknowns
 from swashtwin.foundation import ArtifactError, DataError, InputError, MissingFileError, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump
-from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.recordings import Recording, join_manifests, write_index, write_recording
 from swashtwin.signals import add_noise
 
 TYPE = np.array([1, 1, 1.6, 0.7, 2.5, 1])
@@ -173,6 +173,8 @@ def test_calibrations_and_population_are_read_back(fleet: FleetCalibration, tmp_
     again = load_population(files[0])
     assert isinstance(again, Population)
     assert again.names == fleet.population.names
+    used = [calibration.recording_hashes for calibration in fleet.calibrations.values()]
+    assert again.manifest == fleet.population.manifest == join_manifests(used)
     for name, value in vars(fleet.population).items():
         if isinstance(value, np.ndarray):
             assert getattr(again, name) == pytest.approx(value)

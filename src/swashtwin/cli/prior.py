@@ -27,7 +27,7 @@ def prior(
     population: Annotated[
         Path | None,
         typer.Option(
-            help="Population of such pumps: population.json of calibrate-fleet; the virtual pumps have values like its."
+            help="Population of pumps of this design, population.json of calibrate-fleet: virtual pumps are like these."
         ),
     ] = None,
     seed: Seed = 0,
@@ -58,6 +58,7 @@ def prior(
         speed=drawing.speed,
         pressure=drawing.pressure,
         n_pumps=n_pumps,
+        manifest=None if drawing.population is None else drawing.population.manifest,
         seed=seed,
     )
     model.save(out)

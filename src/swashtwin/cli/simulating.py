@@ -63,7 +63,9 @@ def simulate(
     count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
     vary: Annotated[
         bool,
-        typer.Option(help="Draw speed, pressure, temperature, severity and interface values anew for each recording."),
+        typer.Option(
+            help="Draw speed, pressure, temperature, interface values, a fault's severity and place anew each time."
+        ),
     ] = True,
     seed: Seed = 0,
     one_sided: Annotated[

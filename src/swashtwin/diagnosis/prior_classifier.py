@@ -156,7 +156,7 @@ class PriorClassifier:
             point_speed=np.array([2 * math.pi * shaft_frequency(recording) for recording in sound]),
             point_pressure=np.array([stated_pressure(recording) for recording in sound]),
             unit=sound[0].unit,
-            manifest=manifest_of(recordings),
+            manifest=join_manifests([self.manifest, manifest_of(recordings)]),
         )
         moves = adapted.healthy_changes()
         healthy_target = np.zeros(len(moves), dtype=np.int64)
@@ -209,7 +209,7 @@ class PriorClassifier:
         except DataError as cause:
             return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause), facts=facts)
         if seen:
-            notes = ("It is one of the recordings that adapted the classifier; this proves nothing.", *notes)
+            notes = ("It is one of the recordings that the classifier learned from; this proves nothing.", *notes)
         probability = self.forest.predict_proba(change.reshape(1, -1))[0]
         label = self.classes[int(probability.argmax())]
         return Diagnosis(

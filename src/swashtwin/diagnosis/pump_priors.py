@@ -9,6 +9,7 @@ from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.foundation import InputError
 from swashtwin.learning import fit_forest
 from swashtwin.pump import Pump, is_healthy
+from swashtwin.recordings import Manifest
 from swashtwin.signals import OrderBands
 
 SHIPPED = Path(__file__).parent / "priors"
@@ -24,6 +25,7 @@ def fit_prior(
     speed: tuple[float, float],
     pressure: tuple[float, float],
     n_pumps: int,
+    manifest: Manifest | None = None,
     seed: int = 0,
 ) -> PriorClassifier:
     """Classifier trained on the changes of virtual pumps (`synthesis.simulate_changes`).
@@ -34,6 +36,7 @@ def fit_prior(
     pump : the design.
     speed, pressure : ranges that the pumps were drawn from [rad/s, Pa].
     n_pumps : how many were drawn.
+    manifest : recordings of a population that the virtual pumps are like.
 
     Raises
     ------
@@ -58,6 +61,7 @@ def fit_prior(
         n_pumps=n_pumps,
         forest=forest,
         levels=np.empty((0, *change.shape[1:])),
+        manifest={} if manifest is None else manifest,
     )
 
 

@@ -17,8 +17,8 @@ class Variation:
     Speed, pressure and temperature follow docs/explanation/physics.md, section 5. Severity, angle, interface values and
     sensor are estimates of ours. Severity and angle are those of somebody who knows a fault's typical size and place,
     and not how they differ from pump to pump: 95 % of the severities are within a factor of two, of the places within
-    10 degrees. The virtual rig's spread less (docs/bench/rig.md). The interface values spread alike; what a calibration
-    leaves open of each comes on top of it (`synthesize`).
+    10 degrees. Those of version 1 of the virtual rig spread less (docs/bench/rig.md). The interface values spread
+    alike; what a calibration leaves open of each comes on top of it (`synthesize`).
     """
 
     speed: float = 0.005

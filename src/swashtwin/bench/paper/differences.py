@@ -43,8 +43,8 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
     return Comparability(
         same=(
             "Pump 25SCY14-1B at 860 rev/min and 5, 10 and 15 MPa; five classes; the swash plate fault at 15 MPa is "
-            "scarce; three training sets (measured only, with a nominal twin, with calibrated twins); test windows are "
-            "measured.",
+            "scarce; training sets are measured windows only, with a nominal twin, or with calibrated twins; test "
+            "windows are measured.",
             f"The paper's network{'' if size == 'medium' else ' at the full rate, every sample a step'}, by Adam with "
             f"a rate of {training.learning_rate:g}"
             + (
@@ -85,7 +85,7 @@ def comparability(experiment: str, size: str) -> Comparability:
     synthetic = case_two.get("synthetic", plans.COUNTS[size].synthetic)
     return {
         "case1": Comparability(
-            ("Calibrated twins fill the scarce cell with three windows for each measured one.",),
+            ("Twins fill the scarce cell with three windows for each measured one.",),
             (
                 "The paper does not say whether training and test share recordings. By recording (L2) they do not. On "
                 "random windows (L0) the same windows are dealt at random: a diagnosis of the leak, never a headline.",

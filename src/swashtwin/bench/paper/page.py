@@ -176,4 +176,5 @@ def _sentence(name: str, results: Mapping[str, StudyTable]) -> str:
     if name == "ablation":
         return f"{TITLES[name]}: {convergence_sentence(study)}"
     random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
-    return f"{TITLES[name]}: {level_sentence(study, random if isinstance(random, StudyResult) else None)}"
+    compared = level_sentence(study, random if isinstance(random, StudyResult) else None)
+    return f"{TITLES[name]}: {compared or 'the paper prints no figure of what was run.'}"

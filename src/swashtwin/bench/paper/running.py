@@ -13,6 +13,7 @@ from swashtwin.bench.results.table import StudyTable
 from swashtwin.bench.rigs.writing import DEEP_VERSION, RIG_VERSION
 from swashtwin.bench.studies.runner import run_plan
 from swashtwin.bench.studies.sources import Fleets, SameRecordings, Source
+from swashtwin.bench.studies.training_sets import PAPER_TRAINING_SETS
 from swashtwin.bench.studies.workers import Workers
 from swashtwin.foundation import InputError
 
@@ -55,7 +56,8 @@ def run_paper(
     size : name in `plans.SIZES`.
     seeds : fleets of the virtual rig; the algorithms are repeated on the first.
     experiments : names in `EXPERIMENTS`.
-    training_sets : those of each experiment, by name; None takes its own.
+    training_sets : names in `PAPER_TRAINING_SETS`, for the experiments that compare them; the others, and all where
+        it is None, take their own.
     jobs : tasks side by side.
     device : where networks are trained.
     precision : in which numbers (`TrainingSettings.precision`).
@@ -65,7 +67,7 @@ def run_paper(
     Raises
     ------
     InputError
-        No such size or experiment, or no seed.
+        No such size, experiment or training set, or no seed.
     """
     unknown = [name for name in experiments if name not in EXPERIMENTS]
     if size not in SIZES or unknown or not experiments:
@@ -73,6 +75,8 @@ def run_paper(
             f"no experiment {', '.join(unknown) or 'is named'} of size {size!r}; there are {', '.join(EXPERIMENTS)}, "
             f"of size {' or '.join(SIZES)}."
         )
+    if foreign := [name for name in training_sets or () if name not in PAPER_TRAINING_SETS]:
+        raise InputError(f"no training set {foreign[0]!r}; the paper has {', '.join(PAPER_TRAINING_SETS)}.")
     if not seeds:
         raise InputError("give at least one seed, which draws a fleet of pumps.")
     rig_size = "small" if size == "small" else "paper"
@@ -103,8 +107,8 @@ def run_paper(
         plan, numbers = PAPER_PLANS[study](size), tuple(seeds)
         models = {name: model.with_training(precision=precision) for name, model in plan.models.items()}
         plan = replace(plan, models=models)
-        if training_sets is not None:
-            plan = plan.of_training_sets(training_sets)
+        if wanted := [name for name in training_sets or () if name in plan.training_sets]:
+            plan = plan.of_training_sets(wanted)
         source: Source = fleets_of(DEEP_VERSION) if study == RECESS else fleets
         if study == "paper-algorithms":
             plan = replace(plan, split_seed=seeds[0])

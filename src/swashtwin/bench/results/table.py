@@ -122,6 +122,6 @@ def origin_of(recordings: Sequence[Recording]) -> str:
         return "Recordings from files of the user."
     return (
         f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and "
-        "the pump's drawing with the twin, and synthesis draws severities from the widths that the rig uses. No "
-        "figure here says how well the method works on a real pump."
+        "the pump's drawing with the twin, and most training sets spread severities as its version 1 does. No figure "
+        "here says how well the method works on a real pump."
     )

@@ -61,11 +61,11 @@ class TrainingSet:
 
     background: Background = "spectrum"
     """What a twin's windows are laid over."""
-    stated_prior: bool = False
-    """Spread severities and places as `synthesis` does by default, and not by `RIG_VARIATION`; windows laid over
-    healthy ones always do."""
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
+    stated_prior: bool = False
+    """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`; windows laid over healthy ones
+    always do."""
 
     @property
     def variation(self) -> Variation:

@@ -29,7 +29,7 @@ from swashtwin.calibration.uncertainty.posterior import Estimate, estimates_of, 
 from swashtwin.foundation import DataError, InputError, file_name, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, manifest_of
 
 MOST_ROUNDS = 12
 """Most rounds in which population and pumps are estimated, each given the other."""
@@ -191,7 +191,11 @@ def calibrate_fleet(
     with one_thread():
         members, population, rounds, is_converged = _together(members, spread_width)
     shared = np.mean([member.discrepancy_covariance for member in members.values()], axis=0)
-    population = replace(population, mean_covariance=population.mean_covariance + shared)
+    population = replace(
+        population,
+        mean_covariance=population.mean_covariance + shared,
+        manifest=manifest_of([recording for _, group in used.values() for recording in group]),
+    )
     wall_s = time.perf_counter() - started
     return FleetCalibration(
         population=population,

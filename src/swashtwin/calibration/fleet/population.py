@@ -12,7 +12,7 @@ two or three pumps their intervals are wide.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from torch import Tensor
 from swashtwin.calibration.objective.unknowns import Unknowns
 from swashtwin.calibration.uncertainty.posterior import QUANTILE
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, parse_json, read_text, write_text
+from swashtwin.recordings import Manifest, join_manifests
 
 FORMAT = "swashtwin population 1"
 SPREAD_WIDTH = 0.5
@@ -60,6 +61,8 @@ class Population:
     """Standard deviation of each coordinate from pump to pump: 0.2 is 20 %."""
     spread_interval: Float[np.ndarray, "unknown 2"]
     """Range that holds the spread with a probability of 90 %."""
+    manifest: Manifest = field(default_factory=dict)
+    """Recordings that it was learned from, by id and content."""
 
     @property
     def mean_std(self) -> Float[np.ndarray, " unknown"]:
@@ -95,7 +98,8 @@ class Population:
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it; `load_population` reads it back."""
         arrays = {name: value.tolist() for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        return {"format": FORMAT, "specimens": list(self.specimens), "names": list(self.names), **arrays}
+        names = {"specimens": list(self.specimens), "names": list(self.names), "manifest": dict(self.manifest)}
+        return {"format": FORMAT, **names, **arrays}
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the population was written to it as JSON."""
@@ -126,7 +130,10 @@ def _population(table: Mapping[str, Any]) -> Population:
         raise ValueError(f"its format is {table['format']!r}; this version reads {FORMAT!r}")
     arrays = ("mean", "mean_covariance", "spread", "spread_interval")
     return Population(
-        tuple(table["specimens"]), tuple(table["names"]), *(np.array(table[name], dtype=float) for name in arrays)
+        specimens=tuple(table["specimens"]),
+        names=tuple(table["names"]),
+        manifest=join_manifests([table.get("manifest", {})]),
+        **{name: np.array(table[name], dtype=float) for name in arrays},
     )
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs, TrainingSets
+from swashtwin.cli.bench.plans import Device, DeviceName, TaskJobs
 from swashtwin.cli.bench.results import typed_command
 from swashtwin.cli.console import note, note_done_before, progress, say, tell
 from swashtwin.cli.exits import resumable
@@ -46,7 +46,10 @@ def paper(
             "by default."
         ),
     ] = None,
-    training_sets: TrainingSets = None,
+    training_sets: Annotated[
+        str | None,
+        typer.Option(help="Some of measured, nominal, calibrated where an experiment compares them; all by default."),
+    ] = None,
     out: Annotated[
         Path,
         typer.Option(

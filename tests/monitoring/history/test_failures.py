@@ -15,7 +15,7 @@ from judgments import START, judgment, waveform
 from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.history import History, HistoryError, migrations
+from swashtwin.monitoring.history import History, HistoryError, migrations, waveforms
 from swashtwin.monitoring.history.engine import open_engine
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the writers are forked before they thread
@@ -315,3 +315,23 @@ def test_writers_that_are_threads_wait_for_each_other(history: History) -> None:
     assert point is not None
     assert point.test == {"count": 60}
     assert history.read.machines()[0].recordings == 60
+
+
+def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history = History.open("", tmp_path)
+    flush, removed = waveforms._flush, []
+
+    def flush_late(path: Path) -> None:
+        if not removed:
+            removed.append(path)
+            path.unlink()
+        flush(path)
+
+    monkeypatch.setattr(waveforms, "_flush", flush_late)
+    facts = judgment(0)
+    path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(0))
+    assert removed == [tmp_path / "waveforms" / path]
+    assert history.waveforms.read(path) is not None
+    history.close()

@@ -45,11 +45,14 @@ class Waveforms:
         name = f"{moment:%Y%m%dT%H%M%S}_{file_name(content)[:16]}.h5"
         relative = f"{file_name(machine)}/{moment:%Y-%m}/{name}"
         path = self.folder / relative
-        try:
-            write_store([recording], path)
-        except InputError as cause:  # too little space, which a later attempt may have
-            raise OSError(errno.ENOSPC, str(cause)) from cause
-        _flush(path)
+        while True:
+            try:
+                write_store([recording], path)
+            except InputError as cause:  # too little space, which a later attempt may have
+                raise OSError(errno.ENOSPC, str(cause)) from cause
+            with suppress(FileNotFoundError):  # another watch had filed the same recording, and has just removed it
+                _flush(path)
+                break
         _flush(path.parent)
         return relative
 

@@ -24,9 +24,10 @@ from swashtwin.calibration.fleet.population import Evidence, covariance_within, 
 from swashtwin.calibration.objective.unknowns import Unknowns
 from swashtwin.foundation import ArtifactError, DataError, InputError, MissingFileError, stream
 from swashtwin.physics import Twin
-from swashtwin.pump import Interfaces, OperatingCondition, Pump
+from swashtwin.pump import Interfaces, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, join_manifests, write_index, write_recording
 from swashtwin.signals import add_noise
+from swashtwin.synthesis import PumpPrior
 
 TYPE = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """The type's values over the nominal ones."""
@@ -173,6 +174,7 @@ def test_calibrations_and_population_are_read_back(fleet: FleetCalibration, tmp_
     again = load_population(files[0])
     assert isinstance(again, Population)
     assert again.names == fleet.population.names
+    assert again.pump == fleet.population.pump == load_pump("25scy14-1b").name
     used = [calibration.recording_hashes for calibration in fleet.calibrations.values()]
     assert again.manifest == fleet.population.manifest == join_manifests(used)
     for name, value in vars(fleet.population).items():
@@ -180,6 +182,18 @@ def test_calibrations_and_population_are_read_back(fleet: FleetCalibration, tmp_
             assert getattr(again, name) == pytest.approx(value)
     calibration = load_calibration(files[1])
     assert calibration.posterior.draws(3, 0) == pytest.approx(fleet.calibrations["A"].posterior.draws(3, 0))
+
+
+def test_a_population_of_another_design_is_refused(
+    twin: Twin, members: tuple[list[Recording], dict[str, np.ndarray]], fleet: FleetCalibration
+) -> None:
+    other = replace(twin, pump=replace(twin.pump, name="other"))
+    with pytest.raises(InputError, match=f"is of pumps {twin.pump.name}, not other"):
+        calibrate(other, members[0][:1], method=QUICK, prior=fleet.population, **SIX_VALUES)
+    with pytest.raises(InputError, match=f"is of pumps {twin.pump.name}, not other"):
+        PumpPrior(pump=other.pump, population=fleet.population)
+    fleet.population.require_pump(twin.pump.name)
+    replace(fleet.population, pump="").require_pump("other")  # of a file that does not say
 
 
 def test_a_damaged_population_is_refused_in_one_line(tmp_path: Path) -> None:

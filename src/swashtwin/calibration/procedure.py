@@ -93,7 +93,8 @@ def calibrate(
     UnitError
         A recording is not in m/s^2.
     InputError
-        Impossible bounds or band; the checkpoint is of another search, or the method keeps none.
+        Impossible bounds or band; a prior of another design; the checkpoint is of another search, or the method keeps
+        none.
     """
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
@@ -150,6 +151,8 @@ def build_objective(
     recordings = list(recordings)
     twins = starting_twins(pump, recordings, fault)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
+    if prior is not None:
+        prior.require_pump(twins[0].pump.name)
     band = DEFAULT_BAND if band is None else band
     groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]

@@ -108,9 +108,11 @@ class PumpPrior:
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise InputError(f"the {name} of a pump prior ({low:g} to {high:g}) must rise from a positive value.")
-        if self.population is not None and not _known_values(self.population)[0]:
-            names = ", ".join(self.population.names)
-            raise InputError(f"the population knows {names}, none of which is an interface value.")
+        if self.population is not None:
+            self.population.require_pump(self.pump.name)
+            if not _known_values(self.population)[0]:
+                names = ", ".join(self.population.names)
+                raise InputError(f"the population knows {names}, none of which is an interface value.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,6 +195,7 @@ def calibrate_fleet(
         population,
         mean_covariance=population.mean_covariance + shared,
         manifest=manifest_of([recording for _, group in used.values() for recording in group]),
+        pump=next(iter(members.values())).twins[0].pump.name,
     )
     wall_s = time.perf_counter() - started
     return FleetCalibration(

@@ -63,6 +63,8 @@ class Population:
     """Range that holds the spread with a probability of 90 %."""
     manifest: Manifest = field(default_factory=dict)
     """Recordings that it was learned from, by id and content."""
+    pump: str = ""
+    """Name of their design; empty in files that do not say."""
 
     @property
     def mean_std(self) -> Float[np.ndarray, " unknown"]:
@@ -74,6 +76,14 @@ class Population:
         """Standard deviation of the coordinates of another pump of the type: the spread, and how well the mean is
         known."""
         return np.sqrt(self.spread**2 + np.diag(self.mean_covariance))
+
+    def require_pump(self, pump: str) -> None:
+        """Raise an `InputError` if it is of another design than `pump`, a name."""
+        if self.pump and self.pump != pump:
+            raise InputError(
+                f"the population is of pumps {self.pump}, not {pump}; calibrate several pumps of this design together "
+                "(twin calibrate-fleet), or leave the population out."
+            )
 
     def prior_of(self, unknowns: Unknowns) -> Unknowns:
         """`unknowns` with this density as their prior; coordinates that the population lacks keep theirs.
@@ -99,7 +109,7 @@ class Population:
         """All of it as JSON can hold it; `load_population` reads it back."""
         arrays = {name: value.tolist() for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         names = {"specimens": list(self.specimens), "names": list(self.names), "manifest": dict(self.manifest)}
-        return {"format": FORMAT, **names, **arrays}
+        return {"format": FORMAT, "pump": self.pump, **names, **arrays}
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the population was written to it as JSON."""
@@ -133,6 +143,7 @@ def _population(table: Mapping[str, Any]) -> Population:
         specimens=tuple(table["specimens"]),
         names=tuple(table["names"]),
         manifest=join_manifests([table.get("manifest", {})]),
+        pump=str(table.get("pump", "")),
         **{name: np.array(table[name], dtype=float) for name in arrays},
     )
 

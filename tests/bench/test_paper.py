@@ -23,7 +23,7 @@ from swashtwin.bench.studies.dataset import prepare
 from swashtwin.bench.studies.random_windows import deal_windows
 from swashtwin.calibration import IPINN, GaussNewton
 from swashtwin.foundation import DataError, InputError, MPa
-from swashtwin.learning import WindowSet, cut_windows, fit
+from swashtwin.learning import Epoch, WindowSet, cut_windows, fit
 from swashtwin.recordings import Recording
 
 SMALL = {"stride": 32, "channels": (4, 4)}
@@ -249,6 +249,8 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(tmp_path: Path) -> 
     with pytest.raises(KeyboardInterrupt):
         fit(network, windows, settings=model.training, seed=0, checkpoint=path, progress=interrupt)
     assert path.is_file()
-    resumed = train_model(model, windows, seed=0, checkpoint=path)
+    trained_now: list[Epoch] = []
+    resumed = train_model(model, windows, seed=0, checkpoint=path, progress=trained_now.append)
     assert resumed.history == whole.history
+    assert [epoch.number for epoch in trained_now] == [2]  # an epoch's time is that of these alone
     assert not path.exists()

@@ -1,5 +1,6 @@
 """How fast the paper's network and its ablations converge: against epochs, and against seconds."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ from swashtwin.bench.paper.plans import MAIN
 from swashtwin.bench.results.naming import classifier_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import Run
-from swashtwin.bench.studies.plan import TRAINING_TIME
+from swashtwin.bench.studies.plan import EPOCH_TIME
 from swashtwin.plot import figure_style, name_decades, panels, series_colors
 from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
 
@@ -38,7 +39,7 @@ def convergence_table(study: StudyResult) -> Table:
 def convergence_sentence(study: StudyResult) -> str:
     """Whether the full network converges fastest, by epochs and by seconds."""
     times = _times(study)
-    fastest = [min(times, key=lambda name: float(np.mean(times[name][kind]))) for kind in (0, 1)]
+    fastest = [min(times, key=lambda name: _mean_or_last(times[name][kind])) for kind in (0, 1)]
     named = [classifier_words(name) for name in fastest]
     verdict = "fastest" if fastest == [MAIN, MAIN] else "not fastest in both"
     return f"the full network converges {verdict}: by epochs {named[0]} is first, by seconds {named[1]}."
@@ -103,6 +104,12 @@ def _losses(run: Run) -> Sequence[float]:
     return [epoch.loss for epoch in run.history]
 
 
+def _mean_or_last(values: Sequence[float]) -> float:
+    """The mean; infinity where a value is missing."""
+    mean = float(np.mean(values))
+    return mean if math.isfinite(mean) else math.inf
+
+
 def _epoch_s(run: Run) -> float:
-    """CPU time of an epoch [s]."""
-    return run.values[TRAINING_TIME] / len(run.history)
+    """CPU time of an epoch [s]; NaN where none was timed."""
+    return run.values.get(EPOCH_TIME, math.nan)

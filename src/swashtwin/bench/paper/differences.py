@@ -31,8 +31,9 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
     training, counts, paper = plans.TRAINING[size], plans.COUNTS[size], plans.COUNTS["paper"]
     rig = SIZES["small" if size == "small" else "paper"]
     smaller = () if size == "paper" else (
-        f"Size medium, to end in a day or two: the paper's network reads patches of {plans.PATCH} samples in place of "
-        "every sample. Epochs, batches and counts are the paper's.",
+        f"Size medium, to end in hours: {training.epochs} epochs in place of {PAPER_TRAINING.epochs}, and the paper's "
+        f"network reads patches of {plans.PATCH} samples in place of every sample. Batches and counts are the "
+        "paper's.",
     ) if size == "medium" else (
         f"Size small, to end in minutes: {training.epochs} epochs in place of {PAPER_TRAINING.epochs}, batches of "
         f"{training.batch_size} in place of {PAPER_TRAINING.batch_size} so that few windows still make many steps; "
@@ -60,7 +61,7 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
             f"Recordings are of the virtual rig ({rig.specimens} pumps in each fleet), which is no machine; the "
             "paper's are of one real rig. The paper's figures are no target that these could meet or miss.",
             "Three accelerometers in place of thirteen, whose places on the housing are not public; swashtwin bench "
-            "rig --sensors 13 records thirteen at places of ours.",
+            "rig --sensor-count 13 records thirteen at places of ours.",
             "The recess is 0.07 mm deep in place of 0.6 mm, but for the experiment recess (docs/bench/rig.md).",
             "The paper prints no size of its networks, no length of a window and no scaling: these are our reading. A "
             "window is 80 ms and scaled by itself.",

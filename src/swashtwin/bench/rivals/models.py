@@ -29,6 +29,7 @@ from swashtwin.learning import (
     PAPER_TRAINING,
     RECOMMENDED_TRAINING,
     Classifier,
+    Epoch,
     FeatureTable,
     TrainingSettings,
     WindowSet,
@@ -200,6 +201,7 @@ def train_model(
     manifest: Iterable[str] = (),
     device: str = "cpu",
     checkpoint: Path | None = None,
+    progress: Callable[[Epoch], None] | None = None,
 ) -> Classifier:
     """The model, trained.
 
@@ -210,6 +212,7 @@ def train_model(
     manifest : recordings that had a part without standing in `train`.
     device : where a network is trained; baselines take the CPU.
     checkpoint : file that a network trained once saves to after each epoch and goes on from; deleted at the end.
+    progress : called after each epoch of a network.
     """
     if model.kind == THRESHOLD:
         return _threshold(train, manifest)
@@ -232,6 +235,7 @@ def train_model(
             device=device,
             checkpoint=path,
             resume=path is not None,
+            progress=progress,
         )
         for seed in seeds
     ]

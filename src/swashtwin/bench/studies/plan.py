@@ -25,11 +25,11 @@ from swashtwin.bench.studies.training_sets import (
 )
 from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import VERSION, InputError
-from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.learning import Classifier, Epoch, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 
-TRAINING_TIME = "training_cpu_s"
-"""CPU time of the training alone [s], among the values of a run."""
+EPOCH_TIME = "epoch_cpu_s"
+"""CPU time of an epoch of the training [s], among the values of a run; of the epochs since an interruption."""
 
 CLEAN = "clean"
 """Row of the tests without any perturbation."""
@@ -244,6 +244,7 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
     if plan.training_sets[task.factors["training_set"]].class_weights:
         model = model.with_training(class_weights=True)
     train = dataset.measured + synthetic
+    epochs: list[Epoch] = []
     classifier = train_model(
         model,
         train,
@@ -251,8 +252,9 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         manifest=dataset.manifest,
         device=facts.device,
         checkpoint=facts.checkpoint,
+        progress=epochs.append,
     )
-    training_cpu_s = time.process_time() - cpu
+    epoch_time = {EPOCH_TIME: (time.process_time() - cpu) / len(epochs)} if epochs else {}
     if facts.model is not None and isinstance(classifier, FittedClassifier):
         save_classifier(classifier, facts.model)
     outcomes = tuple(_outcomes(classifier, task, plan, dataset))
@@ -261,7 +263,7 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         task=task,
         outcomes=outcomes,
         history=getattr(classifier, "history", ()),
-        values={**facts.values, TRAINING_TIME: training_cpu_s},
+        values={**facts.values, **epoch_time},
         roles=dataset.roles(),
         fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
         cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},

@@ -32,8 +32,8 @@ def paper(
     size: Annotated[
         PaperSize,
         typer.Option(
-            help="small: few windows and epochs, minutes of two cores; medium: the paper's counts and epochs, its "
-            "network on patches of 16 samples, a day or two; paper: every sample a step, weeks of a CPU."
+            help="small: few windows and epochs, minutes of two cores; medium: the paper's counts, 30 epochs, its "
+            "network on patches of 16 samples, hours; paper: 200 epochs, every sample a step, weeks of a CPU."
         ),
     ] = PaperSize.small,
     seeds: Annotated[

@@ -14,8 +14,10 @@ from tiny_case import TINY, tiny_recordings
 
 from swashtwin.bench import EXPERIMENTS, collect_studies, paper_answer, run_paper, write_paper_page
 from swashtwin.bench.paper import identification, plans, running
+from swashtwin.bench.paper.convergence import convergence_sentence
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
+from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import fingerprint_of
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.bench.rigs.writing import DEEP_VERSION
@@ -144,7 +146,7 @@ def test_the_command_prints_what_came_out(results: dict[str, StudyTable], out: P
     answer = run_json("bench", "paper", "--experiments", "ablation", "--seeds", 3, "--jobs", 1, "--out", out)
     assert [study["study"] for study in answer["studies"]] == ["paper-ablation"]
     assert Path(answer["report"]) == out / "paper" / "report.html"
-    assert "the full network converges" in answer["answer"][0]
+    assert "the full network" in answer["answer"][0]
 
 
 def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, StudyTable], tmp_path: Path) -> None:
@@ -154,6 +156,10 @@ def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, Study
         assert figure in text
     assert "2 epochs in place of 200" in text
     assert "none: its experiment was not run" not in text
+    assert "not how good it is" in text
+    assert "1 fleet of pumps (3): no difference" in text
+    assert text.count("Not a real pump") == 1
+    assert text.count('href="#part-') == 1 + len(EXPERIMENTS)
     studies = json.loads((tmp_path / "page" / "results.json").read_text(encoding="utf-8"))["studies"]
     assert [study["study"] for study in studies] == list(results)
 
@@ -163,6 +169,15 @@ def test_a_page_of_some_experiments_names_the_figures_it_lacks(results: dict[str
     text = page.read_text(encoding="utf-8")
     assert "paper_identification_rates" in text
     assert "none: its experiment was not run" in text
+
+
+def test_a_network_whose_epochs_were_not_timed_is_called_first_by_epochs_alone(results: dict[str, StudyTable]) -> None:
+    study = results["paper-ablation"]
+    assert isinstance(study, StudyResult)
+    assert "by seconds" in convergence_sentence(study)
+    untimed = replace(study, runs=tuple(replace(run, values={}) for run in study.runs))
+    assert "by seconds" not in convergence_sentence(untimed)
+    assert "was not measured" in convergence_sentence(untimed)
 
 
 def test_a_search_that_fails_is_a_row_with_its_reason(

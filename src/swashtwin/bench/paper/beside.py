@@ -86,7 +86,8 @@ def _values(study: StudyResult, key: Key, metric: str) -> dict[int, float]:
 
 
 def _mean(study: StudyResult, key: Key) -> str:
-    return score(float(np.mean(list(_values(study, key, "accuracy").values()) or [math.nan])))
+    text, count = _cell(study, key, "accuracy").text, len(_values(study, key, "accuracy"))
+    return f"{text} (n = {count})" if count > 1 else text
 
 
 def _cell(study: StudyResult, key: Key, metric: str) -> Cell:

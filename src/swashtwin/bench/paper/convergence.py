@@ -39,10 +39,16 @@ def convergence_table(study: StudyResult) -> Table:
 def convergence_sentence(study: StudyResult) -> str:
     """Whether the full network converges fastest, by epochs and by seconds."""
     times = _times(study)
-    fastest = [min(times, key=lambda name: _mean_or_last(times[name][kind])) for kind in (0, 1)]
-    named = [classifier_words(name) for name in fastest]
-    verdict = "fastest" if fastest == [MAIN, MAIN] else "not fastest in both"
-    return f"the full network converges {verdict}: by epochs {named[0]} is first, by seconds {named[1]}."
+    epochs, seconds = ({name: float(np.mean(both[kind])) for name, both in times.items()} for kind in (0, 1))
+    first = min(epochs, key=lambda name: epochs[name])
+    if not all(map(math.isfinite, seconds.values())):
+        return f"by epochs {classifier_words(first)} converges first; the time of an epoch was not measured."
+    quickest = min(seconds, key=lambda name: seconds[name])
+    verdict = "converges fastest" if first == quickest == MAIN else "does not converge fastest"
+    return (
+        f"the full network {verdict}: by epochs {classifier_words(first)} is first, by seconds "
+        f"{classifier_words(quickest)}."
+    )
 
 
 @figure_style()
@@ -102,12 +108,6 @@ def _runs(study: StudyResult, name: str) -> list[Run]:
 
 def _losses(run: Run) -> Sequence[float]:
     return [epoch.loss for epoch in run.history]
-
-
-def _mean_or_last(values: Sequence[float]) -> float:
-    """The mean; infinity where a value is missing."""
-    mean = float(np.mean(values))
-    return mean if math.isfinite(mean) else math.inf
 
 
 def _epoch_s(run: Run) -> float:

@@ -41,10 +41,7 @@ def identification_sentence(study: StudyTable) -> str:
         f"{name.upper()} {number(_mean(study, name, NOMINAL))} to {number(_mean(study, name, CHOSEN))}"
         for name in ERRORS
     ]
-    return (
-        f"Identification by the IPINN: at the paper's rate it changes {', '.join(changes)} on recordings held out; the "
-        "paper: all three fall."
-    )
+    return f"at the paper's rate it changes {', '.join(changes)} on recordings held out; the paper: all three fall."
 
 
 def errors_table(study: StudyTable) -> Table:

@@ -10,15 +10,16 @@ from swashtwin.bench.paper.convergence import convergence_drawing, convergence_s
 from swashtwin.bench.paper.differences import Comparability, common, comparability
 from swashtwin.bench.paper.identification import STUDY as IDENTIFICATION
 from swashtwin.bench.paper.identified import identification_blocks, identification_sentence
-from swashtwin.bench.paper.running import EXPERIMENTS
+from swashtwin.bench.paper.running import EXPERIMENTS, REPEATED
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.study_part import study_part, with_origin
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.bench.results.table_part import table_part
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, plural
 from swashtwin.report import (
     Bullets,
     Cell,
+    Group,
     Paragraph,
     Part,
     Picture,
@@ -73,26 +74,35 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     """
     if not results:
         raise InputError("there is no result of any experiment to write a page of.")
-    parts = [replace(_part(study), answer=()) for study in _with_each_twin_once(results.values())]
-    experiments = _experiments(results)
-    sections = tuple(
-        Section(SectionOrder.VERDICT, TITLES[name], tuple(_blocks(name, size, results))) for name in experiments
-    )
-    every_section = (*sections, *(section for part in parts for section in part.sections))
-    shown = [drawing.name for section in every_section for drawing in drawings(section.blocks)]
-    first = Part(
+    parts = {study.study: _part(study) for study in _with_each_twin_once(results.values())}
+    sections = []
+    for name in _experiments(results):
+        studies = [parts[study] for study in EXPERIMENTS[name] if study in parts]
+        groups = (group for part in studies for group in _folded(part))
+        sections.append(Section(SectionOrder.VERDICT, TITLES[name], (*_blocks(name, size, results), *groups)))
+    shown = [drawing.name for section in sections for drawing in drawings(section.blocks)]
+    kinds = dict.fromkeys(kind for part in parts.values() for kind in part.results)
+    page = Part(
         title="The paper, row by row",
-        answer=paper_answer(results),
+        answer=(),
         notice=next(iter(results.values())).origin,
+        certainty=_certainty(size, results),
+        glance=(_overview(results),),
         sections=(_introduction(size, results, shown), *sections),
-        results={},
+        results={kind: [entry for part in parts.values() for entry in part.results.get(kind, [])] for kind in kinds},
     )
-    return write_report(first, *parts, folder=folder)
+    return write_report(page, folder=folder)
 
 
 def paper_answer(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
     """What came out of each experiment, in a sentence."""
-    return tuple(_sentence(name, results) for name in _experiments(results))
+    return tuple(f"{TITLES[name]}: {_result(name, results)}" for name in _experiments(results))
+
+
+def _overview(results: Mapping[str, StudyTable]) -> Table:
+    texts = ((name, _result(name, results)) for name in _experiments(results))
+    rows = tuple((Cell(TITLES[name]), Cell(text[0].upper() + text[1:])) for name, text in texts)
+    return Table("What came out of each experiment.", ("experiment", "result"), rows)
 
 
 def _experiments(results: Mapping[str, StudyTable]) -> list[str]:
@@ -109,6 +119,23 @@ def _with_each_twin_once(studies: Iterable[StudyTable]) -> Iterator[StudyTable]:
         new = {(each.twin.pump.name, each.recording_ids): each for each in study.calibrations}
         yield replace(study, calibrations=tuple(each for name, each in new.items() if name not in shown))
         shown |= new.keys()
+
+
+def _folded(part: Part) -> Iterator[Group]:
+    """The sections of a study, folded away."""
+    study = part.title.split(",")[0].split(":")[0]
+    for section in part.sections:
+        yield Group(f"{study}: {section.title.removeprefix(f'{study}: ')}", section.blocks, is_open=False)
+
+
+def _certainty(size: str, results: Mapping[str, StudyTable]) -> tuple[str, ...]:
+    """What the size and the number of fleets let one say."""
+    seeds = next((study.seeds for name, study in results.items() if name != REPEATED), ())
+    fleets = f"{plural(len(seeds), 'fleet')} of pumps ({', '.join(map(str, seeds))})"
+    counted = {0: (), 1: (f"{fleets}: no difference between training sets or networks has an interval.",)}
+    trials = counted.get(len(seeds), (f"{fleets}: intervals are Student's, paired by fleet.",))
+    small = ("Size small shows that every experiment runs, not how good it is.",) if size == "small" else ()
+    return (*small, *trials)
 
 
 def _part(study: StudyTable) -> Part:
@@ -169,12 +196,12 @@ def _remarks(remarks: Comparability) -> Iterator[Bullets]:
     yield Bullets("Different, and why", remarks.different)
 
 
-def _sentence(name: str, results: Mapping[str, StudyTable]) -> str:
+def _result(name: str, results: Mapping[str, StudyTable]) -> str:
     study = results[EXPERIMENTS[name][0]]
     if study.study == IDENTIFICATION or not isinstance(study, StudyResult):
         return identification_sentence(study)
     if name == "ablation":
-        return f"{TITLES[name]}: {convergence_sentence(study)}"
+        return convergence_sentence(study)
     random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
     compared = level_sentence(study, random if isinstance(random, StudyResult) else None)
-    return f"{TITLES[name]}: {compared or 'the paper prints no figure of what was run.'}"
+    return compared or "the paper prints no figure of what was run."

@@ -20,12 +20,15 @@ from swashtwin.foundation import InputError
 RECESS = "paper-recess"
 """Study on fleets with the paper's recess."""
 
+REPEATED = "paper-algorithms"
+"""Study whose seeds are trainings on the same data, not fleets."""
+
 EXPERIMENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "case1": ("paper-case1", "paper-case1-random"),
         "case2": ("paper-case2", "paper-case2-random"),
         "recess": (RECESS,),
-        "algorithms": ("paper-algorithms",),
+        "algorithms": (REPEATED,),
         "ablation": ("paper-ablation",),
         "noise": ("paper-noise",),
         "related": ("paper-related",),
@@ -110,7 +113,7 @@ def run_paper(
         if wanted := [name for name in training_sets or () if name in plan.training_sets]:
             plan = plan.of_training_sets(wanted)
         source: Source = fleets_of(DEEP_VERSION) if study == RECESS else fleets
-        if study == "paper-algorithms":
+        if study == REPEATED:
             plan = replace(plan, split_seed=seeds[0])
             source = SameRecordings(fleets.recordings_for(seeds[0])[0])
             numbers = tuple(range(REPEATS[size]))

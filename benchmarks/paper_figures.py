@@ -34,7 +34,7 @@ FIGURES = {
 def copy_figures(runs: Path, target: Path) -> list[str]:
     """Names of the figures that no finished run shows, after the others were copied to `target` as SVG."""
     studies = {study.study: study for study in collect_studies(runs) if isinstance(study, StudyResult)}
-    size = "paper" if any(study.size == "paper" for study in studies.values()) else "small"
+    size = next(iter(studies.values())).size
     target.mkdir(parents=True, exist_ok=True)
     missing = []
     with TemporaryDirectory() as folder:

@@ -11,7 +11,8 @@ import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swashtwin.bench import StudyResult, collect_studies, write_paper_page
+from swashtwin.bench import collect_studies, write_paper_page
+from swashtwin.bench.results.reported import PAPER_STUDY
 
 FIGURES = {
     "excitation": "paper_case1_*excitation",
@@ -33,8 +34,8 @@ FIGURES = {
 
 def copy_figures(runs: Path, target: Path) -> list[str]:
     """Names of the figures that no finished run shows, after the others were copied to `target` as SVG."""
-    studies = {study.study: study for study in collect_studies(runs) if isinstance(study, StudyResult)}
-    size = next(iter(studies.values())).size
+    studies = {study.study: study for study in collect_studies(runs) if study.study.startswith(PAPER_STUDY)}
+    (size,) = {study.size for study in studies.values()}
     target.mkdir(parents=True, exist_ok=True)
     missing = []
     with TemporaryDirectory() as folder:

@@ -17,6 +17,7 @@ from swashtwin.bench.paper import identification, plans, running
 from swashtwin.bench.paper.convergence import convergence_sentence
 from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART
 from swashtwin.bench.questions.contenders import Contender
+from swashtwin.bench.results.naming import classifier_words
 from swashtwin.bench.results.result import StudyResult
 from swashtwin.bench.results.runs import fingerprint_of
 from swashtwin.bench.results.table import StudyTable
@@ -146,7 +147,7 @@ def test_the_command_prints_what_came_out(results: dict[str, StudyTable], out: P
     answer = run_json("bench", "paper", "--experiments", "ablation", "--seeds", 3, "--jobs", 1, "--out", out)
     assert [study["study"] for study in answer["studies"]] == ["paper-ablation"]
     assert Path(answer["report"]) == out / "paper" / "report.html"
-    assert "the full network" in answer["answer"][0]
+    assert "The full network is" in answer["answer"][0]
 
 
 def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, StudyTable], tmp_path: Path) -> None:
@@ -155,9 +156,9 @@ def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, Study
     for figure in ("0.812", "0.9748", "0.9029", "0.910", "9 points below BiTCN", "best epoch 453", "all three fall"):
         assert figure in text
     assert "2 epochs in place of 200" in text
-    assert "none: its experiment was not run" not in text
+    assert "none on this page" not in text
     assert "not how good it is" in text
-    assert "1 fleet of pumps (3): no difference" in text
+    assert "1 fleet of pumps (seeds 3). Differences have no interval." in text
     assert text.count("Not a real pump") == 1
     assert text.count('href="#part-') == 1 + len(EXPERIMENTS)
     studies = json.loads((tmp_path / "page" / "results.json").read_text(encoding="utf-8"))["studies"]
@@ -168,16 +169,26 @@ def test_a_page_of_some_experiments_names_the_figures_it_lacks(results: dict[str
     page = write_paper_page({"paper-identification": results["paper-identification"]}, "small", tmp_path)
     text = page.read_text(encoding="utf-8")
     assert "paper_identification_rates" in text
-    assert "none: its experiment was not run" in text
+    assert "none on this page" in text
 
 
-def test_a_network_whose_epochs_were_not_timed_is_called_first_by_epochs_alone(results: dict[str, StudyTable]) -> None:
+def test_twins_of_another_rig_are_shown_too(results: dict[str, StudyTable], tmp_path: Path) -> None:
+    recess = replace(results["paper-recess"], origin="another rig")
+    few = {"paper-case1": results["paper-case1"], "paper-recess": recess}
+    text = write_paper_page(few, "small", tmp_path / "page").read_text(encoding="utf-8")
+    assert "paper_recess_calibration" in text
+    assert "<p>another rig</p>" in text
+
+
+def test_nothing_is_called_fastest_where_epochs_were_not_timed(results: dict[str, StudyTable]) -> None:
     study = results["paper-ablation"]
     assert isinstance(study, StudyResult)
-    assert "by seconds" in convergence_sentence(study)
+    assert "The full network is" in convergence_sentence(study)
     untimed = replace(study, runs=tuple(replace(run, values={}) for run in study.runs))
-    assert "by seconds" not in convergence_sentence(untimed)
-    assert "was not measured" in convergence_sentence(untimed)
+    assert convergence_sentence(untimed).endswith("not every epoch was timed.")
+    assert "The full network is" not in convergence_sentence(untimed)
+    partial = replace(study, runs=study.runs[:2])
+    assert classifier_words("paper_forward") not in convergence_sentence(partial)
 
 
 def test_a_search_that_fails_is_a_row_with_its_reason(

@@ -47,8 +47,8 @@ def beside_table(
     last = ("leak (L0 less L2), points",) if random is not None else ("points less BiTCN, L2",) if several else ()
     ours = (*(("L0, random windows",) if random is not None else ()), "L2, other recordings", "L4, other pumps")
     return Table(
-        "Ours: mean ± standard deviation over n; of a single one with its 95 % interval over the test's recordings, "
-        "which stands for the accuracy only. Differences are paired, with Student's 95 % interval. n counts "
+        "Ours: mean ± standard deviation over n. A single accuracy has its 95 % interval over the test's recordings. "
+        "Differences are paired, with Student's 95 % interval. n counts "
         f"{_counted(study)}.",
         ("row", "the paper, its rig", *ours, *last, "n"),
         tuple(rows),
@@ -56,17 +56,37 @@ def beside_table(
 
 
 def level_sentence(study: StudyResult, random: StudyResult | None = None) -> str:
-    """Accuracy of the paper's network on the last row of a study that the paper prints a figure for, in a sentence."""
-    near = min(outcome.level for outcome in study.outcomes)
+    """The last row of the paper's network that the paper prints a figure for, in a sentence.
+
+    Its accuracy at each level, and the points that other networks of the same training set and test are above it.
+    """
+    near, far = sorted({outcome.level for outcome in study.outcomes})
     for row in reversed(study.rows()):
         key = {name: str(row[name]) for name in study.factors}
         figure = paper_figures(study, key).get("accuracy", "") if row["classifier"] == MAIN else ""
         if row["level"] == near and figure:
-            at_random = "" if random is None else f", {_mean(random, {**key, 'level': 'L0'})} on random windows"
-            return (
-                f"{_row_words(study, key)}, accuracy {_mean(study, key)} by recording{at_random}; the paper {figure}."
-            )
+            tests = [f"{_accuracy(study, key)} on other recordings (L2)"]
+            tests.append(f"{_accuracy(study, {**key, 'level': far})} on other pumps (L4)")
+            if random is not None:
+                tests.append(f"{_accuracy(random, {**key, 'level': 'L0'})} on random windows (L0)")
+            named = [training_set_words(key["training_set"])]
+            named += [words(key[name]) for name in key if name not in ("classifier", "training_set", "level")]
+            count = f"n = {len(_values(study, key, 'accuracy'))} {_counted(study)}"
+            first = f"{', '.join(named)}: accuracy {', '.join(tests)}; {count}; the paper: {figure}."
+            others = [_other(study, {**key, "classifier": name}) for name in _other_classifiers(study)]
+            return " ".join((first, *([f"Points less BiTCN at L2: {'; '.join(others)}."] if others else [])))
     return ""
+
+
+def _other_classifiers(study: StudyResult) -> list[str]:
+    return [name for name in dict.fromkeys(trial.factors["classifier"] for trial in study.trials) if name != MAIN]
+
+
+def _other(study: StudyResult, key: Key) -> str:
+    claim = paper_figures(study, key).get("accuracy", "")
+    return f"{classifier_words(key['classifier'])} {_points(study, key, 'accuracy').text}" + (
+        f", the paper: {claim}" if claim else ""
+    )
 
 
 def _counted(study: StudyResult) -> str:
@@ -85,9 +105,8 @@ def _values(study: StudyResult, key: Key, metric: str) -> dict[int, float]:
     return {trial.seed: trial.values[metric] for trial in study.of(**key)}
 
 
-def _mean(study: StudyResult, key: Key) -> str:
-    text, count = _cell(study, key, "accuracy").text, len(_values(study, key, "accuracy"))
-    return f"{text} (n = {count})" if count > 1 else text
+def _accuracy(study: StudyResult, key: Key) -> str:
+    return _cell(study, key, "accuracy").text
 
 
 def _cell(study: StudyResult, key: Key, metric: str) -> Cell:

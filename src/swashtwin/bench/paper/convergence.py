@@ -37,24 +37,27 @@ def convergence_table(study: StudyResult) -> Table:
 
 
 def convergence_sentence(study: StudyResult) -> str:
-    """Whether the full network converges fastest, by epochs and by seconds."""
+    """Epochs and seconds of each network to the common loss, and whether the full network is the first by both."""
     times = _times(study)
+    if not times:
+        return "no fleet has a training of every network yet."
     epochs, seconds = ({name: float(np.mean(both[kind])) for name, both in times.items()} for kind in (0, 1))
-    first = min(epochs, key=lambda name: epochs[name])
-    if not all(map(math.isfinite, seconds.values())):
-        return f"by epochs {classifier_words(first)} converges first; the time of an epoch was not measured."
-    quickest = min(seconds, key=lambda name: seconds[name])
-    verdict = "converges fastest" if first == quickest == MAIN else "does not converge fastest"
-    return (
-        f"the full network {verdict}: by epochs {classifier_words(first)} is first, by seconds "
-        f"{classifier_words(quickest)}."
+    timed = all(map(math.isfinite, seconds.values()))
+    listed = "; ".join(
+        f"{classifier_words(name)} {number(epochs[name])} epochs" + (f" and {number(seconds[name])} s" if timed else "")
+        for name in times
     )
+    if MAIN not in times or not timed:
+        return f"to a training loss that all reach: {listed}" + ("." if timed else "; not every epoch was timed.")
+    others = [name for name in times if name != MAIN]
+    is_first = all(values[MAIN] < values[name] for values in (epochs, seconds) for name in others)
+    return f"to a training loss that all reach: {listed}. The full network is {'' if is_first else 'not '}the fastest."
 
 
 @figure_style()
 def convergence_drawing(study: StudyResult, key: str) -> Drawing:
     """Training loss and accuracy of each network against epochs and against CPU seconds."""
-    names = list(_times(study))
+    names = list(dict.fromkeys(run.task.factors["classifier"] for run in study.runs))
     colors = series_colors(names)
     figure, axes = panels(2, 2, 5.6, sharex="col", sharey="row")
     rows = []
@@ -82,17 +85,18 @@ def convergence_drawing(study: StudyResult, key: str) -> Drawing:
         figure,
         tabulate(rows),
         title="Convergence of the paper's network and its ablations",
-        caption="Training windows, while the weights move; a line for each seed. Epochs share the training's CPU time "
-        "evenly. These are no test scores.",
+        caption="Training windows, while the weights move; a line for each seed. An epoch counts the mean CPU time of "
+        "its training's epochs. These are no test scores.",
     )
 
 
 def _times(study: StudyResult) -> dict[str, tuple[list[int], list[float]]]:
-    """By network, under each seed: epochs and seconds to the loss that all reach."""
+    """By network, under each seed that has all of them: epochs and seconds to the loss that all reach."""
     names = list(dict.fromkeys(run.task.factors["classifier"] for run in study.runs))
-    times: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in names}
-    for seed in study.seeds:
-        runs = [run for run in study.runs if run.task.seed == seed]
+    by_seed = {seed: [run for run in study.runs if run.task.seed == seed] for seed in study.seeds}
+    complete = [runs for runs in by_seed.values() if len(runs) == len(names)]
+    times: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in names} if complete else {}
+    for runs in complete:
         common = max(min(_losses(run)) for run in runs)
         for run in runs:
             epoch = 1 + next(index for index, loss in enumerate(_losses(run)) if loss <= common)

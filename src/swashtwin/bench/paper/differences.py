@@ -7,6 +7,7 @@ from swashtwin.bench.paper import plans
 from swashtwin.bench.rigs.writing import SIZES
 from swashtwin.bench.studies.scenario import Scenario
 from swashtwin.calibration import IPINN, PAPER_RATES
+from swashtwin.foundation import plural
 from swashtwin.learning import PAPER_TRAINING
 
 
@@ -49,8 +50,8 @@ def common(size: str, precisions: Sequence[str] = ()) -> Comparability:
             f"The paper's network{'' if size == 'medium' else ' at the full rate, every sample a step'}, by Adam with "
             f"a rate of {training.learning_rate:g}"
             + (
-                f", {training.epochs} epochs, batches of {training.batch_size}, and the paper's counts of windows: "
-                f"{_counts(counts)}."
+                (f", {training.epochs} epochs" if size == "paper" else "")
+                + f", batches of {training.batch_size}, and the paper's counts of windows: {_counts(counts)}."
                 if size != "small"
                 else "."
             ),
@@ -130,13 +131,16 @@ def comparability(experiment: str, size: str) -> Comparability:
                 "A: ordinary in place of dilated causal convolution; B: no squeeze-and-excitation; C: the forward "
                 "branch only.",
             ),
-            ("Seconds are CPU seconds of one thread, which include no test.",),
+            (
+                "Seconds are CPU seconds of one thread, which include no test. The time of one run and the figure of "
+                "accuracy against time count from the last interruption.",
+            ),
         ),
         "noise": Comparability(
             (f"Trained clean, tested with white noise at {', '.join(f'{snr:g}' for snr in plans.SNRS)} dB.",),
             (
                 "The paper does not define its ratio. Here it is the variance of the whole recording over that of the "
-                f"noise, added before windows are cut; mean of {plans.noise(size).draws} draws.",
+                f"noise, added before windows are cut; mean of {plural(plans.noise(size).draws, 'draw')}.",
             ),
         ),
         "related": Comparability(

@@ -38,10 +38,14 @@ def identification_blocks(study: StudyTable) -> tuple[Any, ...]:
 def identification_sentence(study: StudyTable) -> str:
     """What became of each error by the paper's rate, beside its claim that all fall."""
     changes = [
-        f"{name.upper()} {number(_mean(study, name, NOMINAL))} to {number(_mean(study, name, CHOSEN))}"
+        f"{name.upper()} {number(_mean(study, name, NOMINAL))} to {number(_mean(study, name, CHOSEN))}, "
+        f"change {_change(study, name, CHOSEN).text}"
         for name in ERRORS
     ]
-    return f"at the paper's rate it changes {', '.join(changes)} on recordings held out; the paper: all three fall."
+    return (
+        f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; "
+        f"n = {len(study.of(twin=CHOSEN))} pumps. The paper: all three fall."
+    )
 
 
 def errors_table(study: StudyTable) -> Table:

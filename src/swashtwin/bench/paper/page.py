@@ -59,7 +59,7 @@ PICTURES: Mapping[str, tuple[str, ...]] = {
 
 
 def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path) -> Path:
-    """Path of ``report.html``: first every row of the paper beside ours, then the studies in full.
+    """Path of ``report.html``: a section for each experiment, the paper's rows beside ours and its studies folded.
 
     Parameters
     ----------
@@ -111,14 +111,16 @@ def _experiments(results: Mapping[str, StudyTable]) -> list[str]:
 
 def _with_each_twin_once(studies: Iterable[StudyTable]) -> Iterator[StudyTable]:
     """Studies without the calibrations that one before has shown."""
-    shown: set[tuple[str, tuple[str, ...]]] = set()
+    shown: set[tuple[str, str, tuple[str, ...]]] = set()
     for study in studies:
         if not isinstance(study, StudyResult):
             yield study
             continue
-        new = {(each.twin.pump.name, each.recording_ids): each for each in study.calibrations}
-        yield replace(study, calibrations=tuple(each for name, each in new.items() if name not in shown))
-        shown |= new.keys()
+        named = {(study.origin, each.twin.pump.name, each.recording_ids): each for each in study.calibrations}
+        new = tuple(each for name, each in named.items() if name not in shown)
+        notes = study.notes if len(new) == len(named) else (*study.notes, "Further twins: see an earlier experiment.")
+        yield replace(study, calibrations=new, notes=notes)
+        shown |= named.keys()
 
 
 def _folded(part: Part) -> Iterator[Group]:
@@ -129,13 +131,24 @@ def _folded(part: Part) -> Iterator[Group]:
 
 
 def _certainty(size: str, results: Mapping[str, StudyTable]) -> tuple[str, ...]:
-    """What the size and the number of fleets let one say."""
-    seeds = next((study.seeds for name, study in results.items() if name != REPEATED), ())
-    fleets = f"{plural(len(seeds), 'fleet')} of pumps ({', '.join(map(str, seeds))})"
-    counted = {0: (), 1: (f"{fleets}: no difference between training sets or networks has an interval.",)}
-    trials = counted.get(len(seeds), (f"{fleets}: intervals are Student's, paired by fleet.",))
-    small = ("Size small shows that every experiment runs, not how good it is.",) if size == "small" else ()
-    return (*small, *trials)
+    """What the size, and the numbers of fleets, trainings and pumps, let one say."""
+    fleets = {study.seeds for name, study in results.items() if name not in (REPEATED, IDENTIFICATION)}
+    remarks = ["Size small shows that every experiment runs, not how good it is."] if size == "small" else []
+    if fleets:
+        seeds = ", ".join(str(seed) for seed in sorted(set().union(*fleets)))
+        least, most = min(map(len, fleets)), max(map(len, fleets))
+        count = plural(most, "fleet") if least == most else f"{least} to {most} fleets"
+        remarks.append(
+            f"{count} of pumps (seeds {seeds}). "
+            + ("Differences have no interval." if most == 1 else "Differences are paired by fleet.")
+            + (" An accuracy of one fleet has its interval over the test's recordings." if least == 1 else "")
+        )
+    if REPEATED in results:
+        trainings = plural(len(results[REPEATED].seeds), "training")
+        remarks.append(f"Algorithms: {trainings} of each on one fleet. Differences between fleets are not in them.")
+    if IDENTIFICATION in results:
+        remarks.append("Identification: intervals are over pumps.")
+    return tuple(remarks)
 
 
 def _part(study: StudyTable) -> Part:
@@ -143,12 +156,12 @@ def _part(study: StudyTable) -> Part:
     return study_part(study, key) if isinstance(study, StudyResult) else table_part(study, key)
 
 
-def _introduction(kind: str, results: Mapping[str, StudyTable], shown: Sequence[str]) -> Section:
+def _introduction(size: str, results: Mapping[str, StudyTable], shown: Sequence[str]) -> Section:
     study = next(iter(results.values()))
     rows = tuple(
         (
             Cell(picture),
-            Cell(", ".join(name for name in shown if name.endswith(endings)) or "none: its experiment was not run"),
+            Cell(", ".join(name for name in shown if name.endswith(endings)) or "none on this page"),
         )
         for picture, endings in PICTURES.items()
     )
@@ -163,8 +176,8 @@ def _introduction(kind: str, results: Mapping[str, StudyTable], shown: Sequence[
         (
             Paragraph(source),
             Paragraph(f"Command: {study.command or 'not recorded'}"),
-            *_remarks(common(kind, _precisions(results))),
-            Table("Pictures of the paper, and the figures of this page.", ("picture", "figures"), rows),
+            *_remarks(common(size, _precisions(results))),
+            Table("Pictures of the paper, and ours: files in figures/.", ("picture", "figures"), rows),
         ),
     )
 
@@ -175,11 +188,12 @@ def _precisions(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
     return tuple(sorted({run.task.settings["model"].get("training", {}).get("precision", "float32") for run in runs}))
 
 
-def _blocks(name: str, kind: str, results: Mapping[str, StudyTable]) -> Iterator[Any]:
+def _blocks(name: str, size: str, results: Mapping[str, StudyTable]) -> Iterator[Any]:
     study = results[EXPERIMENTS[name][0]]
+    if study.origin != next(iter(results.values())).origin:
+        yield Paragraph(study.origin)
     if isinstance(study, StudyResult):
-        random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
-        assert random is None or isinstance(random, StudyResult)
+        random = _random_of(name, results)
         metrics = ("accuracy",) if random is None else ("accuracy", "recall", "f1", "g_mean")
         yield beside_table(study, random, metrics)
         if name == "ablation":
@@ -188,7 +202,7 @@ def _blocks(name: str, kind: str, results: Mapping[str, StudyTable]) -> Iterator
         yield Bullets("Result of the study", study.answer)
     else:
         yield from identification_blocks(study)
-    yield from _remarks(comparability(name, kind))
+    yield from _remarks(comparability(name, size))
 
 
 def _remarks(remarks: Comparability) -> Iterator[Bullets]:
@@ -196,12 +210,15 @@ def _remarks(remarks: Comparability) -> Iterator[Bullets]:
     yield Bullets("Different, and why", remarks.different)
 
 
+def _random_of(name: str, results: Mapping[str, StudyTable]) -> StudyResult | None:
+    """The study of an experiment on random windows."""
+    random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
+    return random if isinstance(random, StudyResult) else None
+
+
 def _result(name: str, results: Mapping[str, StudyTable]) -> str:
     study = results[EXPERIMENTS[name][0]]
-    if study.study == IDENTIFICATION or not isinstance(study, StudyResult):
+    if not isinstance(study, StudyResult):
         return identification_sentence(study)
-    if name == "ablation":
-        return convergence_sentence(study)
-    random = results.get(EXPERIMENTS[name][-1]) if len(EXPERIMENTS[name]) > 1 else None
-    compared = level_sentence(study, random if isinstance(random, StudyResult) else None)
-    return compared or "the paper prints no figure of what was run."
+    sentence = level_sentence(study, _random_of(name, results)) or "the paper prints no figure of what was run."
+    return f"{sentence} Convergence {convergence_sentence(study)}" if name == "ablation" else sentence

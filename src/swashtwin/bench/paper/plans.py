@@ -1,8 +1,8 @@
 """The paper's studies of classifiers as plans, with its own network, recipe and counts.
 
 Studies of the same questions with our network are in `studies.cases`. Here every network is trained by the paper's
-recipe at the full rate, and both cases stand a second time on windows dealt at random, for the paper does not say how
-it split.
+recipe, in size ``paper`` at the full rate and with all epochs. Both cases stand a second time on windows dealt at
+random, for the paper does not say how it split.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,8 +29,8 @@ TRAINING: Mapping[str, TrainingSettings] = {
     "medium": replace(PAPER_TRAINING, epochs=30),
     "paper": PAPER_TRAINING,
 }
-"""The paper's recipe; ``medium`` has the epochs of our other studies, ``small`` few epochs, and small batches, so that
-few windows still make a hundred steps."""
+"""The paper's recipe. ``medium`` trains 30 epochs, as our other studies do; ``small`` 6, in small batches, so that few
+windows still make a hundred steps."""
 
 _COUNTS = replace(SCENARIOS["paper"], windows=19, class_windows=650)
 

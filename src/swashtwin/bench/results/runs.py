@@ -112,7 +112,7 @@ class Run:
     history: tuple[Epoch, ...]
     """Loss and accuracy of each epoch; empty where nothing is trained in epochs."""
     values: Mapping[str, float]
-    """Further numbers of the training set, such as the discriminator's area under the curve."""
+    """Further numbers of the training set and of the training, such as the discriminator's area under the curve."""
     roles: Mapping[str, Sequence[str]]
     """Recording ids by role: ``train``, ``reference``, ``calibration``, and each level tested."""
     fingerprints: Mapping[str, str]

@@ -146,6 +146,8 @@ def contrast_table(study: StudyResult) -> Table:
             )
         )
     kind = "corrected resampled t, for the seeds split the same recordings" if corrected else "Student's t over fleets"
+    if all(contrast.pairs < 2 for contrast in study.contrasts):
+        kind = "none, for there is one seed"
     return Table(
         f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}; p by Wilcoxon's signed ranks, "
         "corrected by Holm.",

@@ -25,11 +25,11 @@ from swashtwin.bench.studies.training_sets import (
 )
 from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import VERSION, InputError
-from swashtwin.learning import Classifier, Epoch, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 
 EPOCH_TIME = "epoch_cpu_s"
-"""CPU time of an epoch of the training [s], among the values of a run; of the epochs since an interruption."""
+"""CPU time of an epoch of the training [s], among the values of a run; the mean of those since an interruption."""
 
 CLEAN = "clean"
 """Row of the tests without any perturbation."""
@@ -244,7 +244,7 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
     if plan.training_sets[task.factors["training_set"]].class_weights:
         model = model.with_training(class_weights=True)
     train = dataset.measured + synthetic
-    epochs: list[Epoch] = []
+    ends: list[float] = []
     classifier = train_model(
         model,
         train,
@@ -252,9 +252,9 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         manifest=dataset.manifest,
         device=facts.device,
         checkpoint=facts.checkpoint,
-        progress=epochs.append,
+        progress=lambda _: ends.append(time.process_time()),
     )
-    epoch_time = {EPOCH_TIME: (time.process_time() - cpu) / len(epochs)} if epochs else {}
+    epoch_time = {EPOCH_TIME: float(np.mean(np.diff(ends)))} if len(ends) > 1 else {}
     if facts.model is not None and isinstance(classifier, FittedClassifier):
         save_classifier(classifier, facts.model)
     outcomes = tuple(_outcomes(classifier, task, plan, dataset))

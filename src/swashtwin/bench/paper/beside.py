@@ -71,8 +71,8 @@ def level_sentence(study: StudyResult, random: StudyResult | None = None) -> str
                 tests.append(f"{_accuracy(random, {**key, 'level': 'L0'})} on random windows (L0)")
             named = [training_set_words(key["training_set"])]
             named += [words(key[name]) for name in key if name not in ("classifier", "training_set", "level")]
-            count = f"n = {len(_values(study, key, 'accuracy'))} {_counted(study)}"
-            first = f"{', '.join(named)}: accuracy {', '.join(tests)}; {count}; the paper: {figure}."
+            count = len(_values(study, key, "accuracy"))
+            first = f"{', '.join(named)}: accuracy {', '.join(tests)}; n = {count}; the paper: {figure}."
             others = [_other(study, {**key, "classifier": name}) for name in _other_classifiers(study)]
             return " ".join((first, *([f"Points less BiTCN at L2: {'; '.join(others)}."] if others else [])))
     return ""

@@ -327,3 +327,38 @@ def test_a_training_changes_nothing_that_the_process_shares():
     classifier = fit(build_network("spectral_bitcn", 1, 2), tones(), settings=SHORT)
     classifier.predict_proba(tones())
     assert global_state() == before
+
+
+ON_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+
+
+@ON_A_GPU
+@pytest.mark.parametrize(("precision", "tolerance"), [("float32", 0.01), ("bfloat16", 0.1)])
+def test_a_gpu_learns_what_the_processor_learns(precision, tolerance):
+    settings, network = replace(SHORT, precision=precision), BiTCN(1, 2, channels=(8, 12), kernel_size=3, dropout=0.0)
+    there, here = (fit(network, tones(), settings=settings, device=device) for device in ("cuda", "cpu"))
+    expected = [epoch.loss for epoch in here.history]
+    assert [epoch.loss for epoch in there.history] == pytest.approx(expected, rel=tolerance)
+    assert {value.device.type for value in weights(there).values()} == {"cpu"}
+    np.testing.assert_allclose(there.predict_proba(tones()), here.predict_proba(tones()), atol=tolerance)
+
+
+@ON_A_GPU
+def test_a_gpu_gives_the_same_bits_again_also_after_an_interrupt(tmp_path):
+    def interrupt(epoch):
+        raise KeyboardInterrupt
+
+    whole, again = (fit(small(), tones(), settings=SHORT, device="cuda") for _ in range(2))
+    assert same(whole, again)
+    file = tmp_path / "training.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, progress=interrupt)
+    assert same(whole, fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, resume=True))
+
+
+@ON_A_GPU
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
+def test_every_network_can_be_trained_on_a_gpu(name):
+    classifier = fit(build_network(name, 1, 2), tones(), settings=SHORT, device="cuda")
+    assert np.isfinite([epoch.loss for epoch in classifier.history]).all()
+    assert np.isfinite(classifier.predict_proba(tones())).all()

@@ -13,12 +13,14 @@ from tempfile import TemporaryDirectory
 
 from swashtwin.bench import collect_studies, write_paper_page
 from swashtwin.bench.results.reported import PAPER_STUDY
+from swashtwin.foundation import DataError
 
 FIGURES = {
     "excitation": "paper_case1_*excitation",
     "waveforms": "paper_case1_*waveforms",
     "spectra": "paper_case1_*spectra",
     "identification-loss": "paper_case1_*losses",
+    "identification-rates": "paper_identification_rates",
     "training-sets": "paper_case1_scores",
     "confusion": "paper_case1_confusion",
     "tsne": "paper_case1_tsne",
@@ -33,20 +35,33 @@ FIGURES = {
 
 
 def copy_figures(runs: Path, target: Path) -> list[str]:
-    """Names of the figures that no finished run shows, after the others were copied to `target` as SVG."""
-    studies = {study.study: study for study in collect_studies(runs) if study.study.startswith(PAPER_STUDY)}
-    (size,) = {study.size for study in studies.values()}
+    """Names of the figures that no finished run shows, after the others were copied to `target` as SVG.
+
+    The page is drawn anew from every finished training. Searches of the identification are no trainings: their figure
+    is that of the page which the command wrote last.
+    """
     target.mkdir(parents=True, exist_ok=True)
     missing = []
     with TemporaryDirectory() as folder:
-        figures = write_paper_page(studies, size, Path(folder)).parent / "figures"
+        places = [_redrawn(runs, Path(folder)), runs / "paper" / "figures"]
         for name, pattern in FIGURES.items():
-            found = sorted(figures.glob(f"{pattern}.svg"))
+            found = [file for place in places if place is not None for file in sorted(place.glob(f"{pattern}.svg"))]
             if found:
                 shutil.copyfile(found[0], target / f"{name}.svg")
             else:
                 missing.append(name)
     return missing
+
+
+def _redrawn(runs: Path, folder: Path) -> Path | None:
+    """Folder of the figures of every finished training; None where there is none."""
+    try:
+        collected = collect_studies(runs)
+    except DataError:
+        return None
+    studies = {study.study: study for study in collected if study.study.startswith(PAPER_STUDY)}
+    (size,) = {study.size for study in studies.values()}
+    return write_paper_page(studies, size, folder).parent / "figures"
 
 
 if __name__ == "__main__":

@@ -160,8 +160,7 @@ def comparability(experiment: str, size: str) -> Comparability:
                 "is the result.",
             ),
             (
-                "The steady vibration is solved by harmonic balance inside the loss, which gives the same lines as RK4 "
-                "several times faster"
+                "The steady vibration is solved by harmonic balance inside the loss, which gives the same lines as RK4"
                 + ("; one row has RK4." if size == "paper" else "; size paper has a row with RK4."),
                 "Errors are measured on a recording that was held out; the paper measures them on the recordings that "
                 "it identifies from.",

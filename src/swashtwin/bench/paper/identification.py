@@ -35,6 +35,8 @@ PRESSURE = MPa(10)
 NOMINAL = "nominal"
 CHOSEN = f"ipinn_{min(PAPER_RATES):g}"
 """The paper's choice: the least rate of its grid."""
+SOLVED_BY_RK4 = "ipinn_rk4"
+"""The same with RK4 inside the loss."""
 
 PHASES_APART = ("gauss_newton_housing", "gauss_newton_housing_phases")
 """Two searches that differ only in whether the phases of the lines are compared."""
@@ -65,7 +67,7 @@ def methods(size: str) -> dict[str, Contender | None]:
     the loss too."""
     searches = {f"ipinn_{rate:g}": Contender(IPINN(learning_rate=rate)) for rate in PAPER_RATES}
     if size == "paper":
-        searches["ipinn_rk4"] = Contender(IPINN(solver=RK4()))
+        searches[SOLVED_BY_RK4] = Contender(IPINN(solver=RK4()))
     return {NOMINAL: None, **searches, **{name: CONTENDERS[name] for name in PHASES_APART}}
 
 

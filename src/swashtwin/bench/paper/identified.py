@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, mean_parameters
+from swashtwin.bench.paper.identification import CHOSEN, NOMINAL, SOLVED_BY_RK4, mean_parameters
 from swashtwin.bench.results.contrasts import paired_interval
 from swashtwin.bench.results.table import StudyTable
 from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
@@ -28,6 +28,9 @@ _PRINTED_VALUES = {
 }
 _LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
 """Letter of each value in the paper."""
+
+_STEEPEST = 2
+"""Losses in the figure end at so many times the first one; in single epochs a high rate reaches 100,000 times that."""
 
 
 def identification_blocks(study: StudyTable) -> tuple[Any, ...]:
@@ -113,22 +116,26 @@ def values_table(study: StudyTable) -> Table:
 
 @figure_style()
 def rates_drawing(study: StudyTable) -> Drawing:
-    """Loss of each epoch, a line for each learning rate and pump."""
+    """Loss of each epoch: for each learning rate the median over pumps, and the middle half of them."""
     curves = study.details["curves"]
     names = _searched(study)
     colors = series_colors(names)
     figure, axes = panels(1, 1, 3.6)
     panel = axes[0, 0]
+    highest = 0.0
     for name in names:
-        for number_of, curve in enumerate(each for each in curves if each["twin"] == name):
-            epoch = np.arange(1, len(curve["loss"]) + 1)
-            panel.plot(
-                epoch, curve["loss"], color=colors[name], linewidth=1, label=words(name) if not number_of else None
-            )
+        losses = np.array([curve["loss"] for curve in curves if curve["twin"] == name])
+        epoch = np.arange(1, losses.shape[1] + 1)
+        low, middle, high = np.percentile(losses, (25, 50, 75), axis=0)
+        style = "--" if name == SOLVED_BY_RK4 else "-"
+        panel.fill_between(epoch, low, high, color=colors[name], alpha=0.12, linewidth=0)
+        panel.plot(epoch, middle, style, color=colors[name], linewidth=1.5, label=words(name))
+        highest = max(highest, _STEEPEST * float(middle[0]))
     panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
+    panel.set_ylim(top=min(highest, panel.get_ylim()[1]) if names else None)
     name_decades(panel)
     if names:
-        figure.legend(loc="outside upper center", ncols=len(names))
+        figure.legend(loc="outside upper center", ncols=3)
     rows = [
         {"twin": curve["twin"], "seed": curve["seed"], "specimen": curve["specimen"], "epoch": epoch, "loss": loss}
         for curve in curves
@@ -139,7 +146,8 @@ def rates_drawing(study: StudyTable) -> Drawing:
         figure,
         tabulate(rows),
         title="Loss of the IPINN by learning rate",
-        caption="Spectrum loss and boundary loss together, a line for each pump.",
+        caption="Spectrum loss and boundary loss together: the median over pumps, with the middle half of them. Losses "
+        f"above {_STEEPEST} times the first are cut off; the table has them.",
     )
 
 

@@ -34,34 +34,40 @@ FIGURES = {
 """Name of each figure in the documents, and pattern of its name in the report; of several the first is taken."""
 
 
+IDENTIFICATION = "identification-rates"
+"""Figure of searches, which are no trainings: it is that of the page that the command wrote last."""
+
+
 def copy_figures(runs: Path, target: Path) -> list[str]:
     """Names of the figures that no finished run shows, after the others were copied to `target` as SVG.
 
-    The page is drawn anew from every finished training. Searches of the identification are no trainings: their figure
-    is that of the page which the command wrote last.
+    The page is drawn anew from every finished training.
+
+    Raises
+    ------
+    DataError
+        The folder holds no finished run, or runs of two sizes.
     """
+    studies = collect_studies(runs) if any(runs.glob(f"{PAPER_STUDY}*/*/result.json")) else []
+    sizes = sorted({study.size for study in studies})
+    if len(sizes) > 1 or not (studies or (runs / "paper" / "figures").is_dir()):
+        raise DataError(f"{runs} holds {' and '.join(sizes) or 'no'} runs; give the --out of one size of bench paper.")
     target.mkdir(parents=True, exist_ok=True)
     missing = []
     with TemporaryDirectory() as folder:
-        places = [_redrawn(runs, Path(folder)), runs / "paper" / "figures"]
+        drawn = Path(folder) / "figures"
+        if studies:
+            drawn = (
+                write_paper_page({study.study: study for study in studies}, sizes[0], Path(folder)).parent / "figures"
+            )
         for name, pattern in FIGURES.items():
-            found = [file for place in places if place is not None for file in sorted(place.glob(f"{pattern}.svg"))]
+            place = runs / "paper" / "figures" if name == IDENTIFICATION else drawn
+            found = sorted(place.glob(f"{pattern}.svg"))
             if found:
                 shutil.copyfile(found[0], target / f"{name}.svg")
             else:
                 missing.append(name)
     return missing
-
-
-def _redrawn(runs: Path, folder: Path) -> Path | None:
-    """Folder of the figures of every finished training; None where there is none."""
-    try:
-        collected = collect_studies(runs)
-    except DataError:
-        return None
-    studies = {study.study: study for study in collected if study.study.startswith(PAPER_STUDY)}
-    (size,) = {study.size for study in studies.values()}
-    return write_paper_page(studies, size, folder).parent / "figures"
 
 
 if __name__ == "__main__":

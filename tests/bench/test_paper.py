@@ -172,6 +172,20 @@ def test_a_page_of_some_experiments_names_the_figures_it_lacks(results: dict[str
     assert "none on this page" in text
 
 
+def test_the_identification_shows_true_values_and_curves_that_end_early_or_rise(
+    results: dict[str, StudyTable], tmp_path: Path
+) -> None:
+    study = results["paper-identification"]
+    curves = [{**curve, "loss": [1.0, 50.0, 0.5][: 2 + number]} for number, curve in enumerate(study.details["curves"])]
+    study = replace(study, details={**study.details, "curves": curves})
+    text = write_paper_page({study.study: study}, "small", tmp_path).read_text(encoding="utf-8")
+    assert "single epochs reach at most so many times the first loss of their pump: 50" in text
+    assert "true / nominal" in text
+    assert "IPINN, rate 0.0001" in text
+    empty = replace(study, details={"curves": [], "parameters": study.details["parameters"][:1]})
+    assert "true / nominal" in write_paper_page({study.study: empty}, "small", tmp_path).read_text(encoding="utf-8")
+
+
 def test_twins_of_another_rig_are_shown_too(results: dict[str, StudyTable], tmp_path: Path) -> None:
     recess = replace(results["paper-recess"], origin="another rig")
     few = {"paper-case1": results["paper-case1"], "paper-recess": recess}

@@ -160,8 +160,9 @@ def comparability(experiment: str, size: str) -> Comparability:
                 "is the result.",
             ),
             (
-                "The steady vibration is solved by harmonic balance inside the loss, which gives the same lines as RK4"
-                + ("; one row has RK4." if size == "paper" else "; size paper has a row with RK4."),
+                "The steady vibration is solved by harmonic balance inside the loss, which gives the lines of RK4. "
+                f"{'One row has' if size == 'paper' else 'Size paper has a row with'} the settled answer of RK4, found "
+                "without marching in time: it checks the code and finds nothing new.",
                 "Errors are measured on a recording that was held out; the paper measures them on the recordings that "
                 "it identifies from.",
                 "The RMSE of the waveform need not fall: the spectrum loss drops the phase, so a twin whose lines have "

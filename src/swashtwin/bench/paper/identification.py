@@ -5,6 +5,7 @@ errors are measured on. Two Gauss-Newton searches, alike but for the phases of t
 waveform's RMSE where phases are compared and where they are not.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ NOMINAL = "nominal"
 CHOSEN = f"ipinn_{min(PAPER_RATES):g}"
 """The paper's choice: the least rate of its grid."""
 SOLVED_BY_RK4 = "ipinn_rk4"
-"""The same with RK4 inside the loss."""
+"""The same with the settled answer of RK4 inside the loss, which is solved by lines and not step by step."""
 
 PHASES_APART = ("gauss_newton_housing", "gauss_newton_housing_phases")
 """Two searches that differ only in whether the phases of the lines are compared."""
@@ -63,8 +64,8 @@ class _Pump:
 
 
 def methods(size: str) -> dict[str, Contender | None]:
-    """Ways to identify the six values, by name; None for the nominal ones. At the paper's size IPINN with RK4 inside
-    the loss too."""
+    """Ways to identify the six values, by name; None for the nominal ones. At the paper's size IPINN with the settled
+    answer of RK4 inside the loss too."""
     searches = {f"ipinn_{rate:g}": Contender(IPINN(learning_rate=rate)) for rate in PAPER_RATES}
     if size == "paper":
         searches[SOLVED_BY_RK4] = Contender(IPINN(solver=RK4()))
@@ -121,8 +122,8 @@ def run_identification(
         version=VERSION,
         command=command,
         notes=(
-            "RMSE, PE and SVE are those on a recording that was held out, mean over pumps. The loss is that of the "
-            "recordings calibrated on.",
+            "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault and pressure; mean "
+            "over pumps. The loss is that of the recordings calibrated on.",
             *dict.fromkeys(f"{name}: {values['refusal']}" for name, _, values in cases if "refusal" in values),
         ),
         details={
@@ -214,7 +215,12 @@ def _errors(twin: Twin, recording: Recording) -> dict[str, float]:
     return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
 
 
-def mean_parameters(study: StudyTable, twin: str) -> Mapping[str, float]:
-    """Geometric mean over the pumps of each of the six values of a twin; empty where every search failed."""
+def mean_parameters(study: StudyTable, twin: str) -> Mapping[str, tuple[float, float]]:
+    """Over the pumps, (geometric mean, factor of one standard deviation) of each of the six values of a twin; empty
+    where every search failed, and NaN is the factor of one pump."""
     rows = [row for row in study.details["parameters"] if row["twin"] == twin]
-    return {name: float(np.exp(np.mean([np.log(row[name]) for row in rows]))) for name in PARAMETERS if rows}
+    logarithms = {name: np.log([row[name] for row in rows]) for name in PARAMETERS if rows}
+    return {
+        name: (float(np.exp(each.mean())), float(np.exp(each.std(ddof=1))) if len(rows) > 1 else math.nan)
+        for name, each in logarithms.items()
+    }

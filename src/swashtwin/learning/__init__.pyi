@@ -66,6 +66,7 @@ from .networks.sensor_graph import SensorGraph as SensorGraph
 from .networks.settings import default_settings as default_settings
 from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .networks.window_levels import WindowLevel as WindowLevel
+from .training.checkpoint import checkpoint_epochs as checkpoint_epochs
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
@@ -162,6 +163,7 @@ __all__ = [
     "build_network",
     "check_disjoint",
     "check_recordings",
+    "checkpoint_epochs",
     "choose",
     "confounding",
     "copied_recordings",

@@ -20,6 +20,7 @@ from swashtwin.bench.studies.dataset import (
     read_for,
     run_calibration,
 )
+from swashtwin.bench.studies.epochs import epochs_shown
 from swashtwin.bench.studies.plan import Plan, RunFacts, run_task
 from swashtwin.bench.studies.sources import SameRecordings, Source
 from swashtwin.bench.studies.training_sets import FURTHER, fill_cells
@@ -74,7 +75,7 @@ def run_plan(
     out : folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies there is not run again. None
         writes nothing.
     device : where networks are trained.
-    progress : called with (activity, finished, in all).
+    progress : called with (activity, finished, in all); with checkpoints also from another thread, of epochs.
     command : command line that repeats the study.
     checkpoints : whether a training that was interrupted goes on from its last epoch. Needs `out`, on a disk that the
         workers share.
@@ -203,8 +204,13 @@ def _run_seeds(
         facts = replace(group.facts, calibrations=names, values=values, checkpoint=path, model=model)
         calls.append((task, plan, sent[case], synthetic, facts))
     calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
-    for _, run in workers.each(run_task, calls):
-        yield run
+    trainings = [(call[-1].checkpoint, plan.models[call[0].factors["classifier"]]) for call in calls]
+    epochs = {file: model.training.epochs for file, model in trainings if file is not None and model.is_network}
+    ended: set[Path | None] = set()
+    with epochs_shown(epochs, ended.__contains__, report):
+        for index, run in workers.each(run_task, calls):
+            ended.add(trainings[index][0])
+            yield run
 
 
 def _calibrate(

@@ -32,11 +32,11 @@ def test_epochs_are_counted_of_running_finished_and_waiting_trainings(
     running, finished, damaged = (tmp_path / name for name in ("running", "finished", "damaged"))
     running.write_bytes(checkpoint.read_bytes())
     damaged.write_text("half")
-    told: list[tuple[str, int, int]] = []
+    reports: list[tuple[str, int, int]] = []
     signal = threading.Event()
 
     def report(*count: object) -> None:
-        told.append(count)  # type: ignore[arg-type]
+        reports.append(count)  # type: ignore[arg-type]
         signal.set()
 
     trainings = {running: 5, finished: 7, damaged: 3, tmp_path / "waiting": 3}
@@ -45,8 +45,8 @@ def test_epochs_are_counted_of_running_finished_and_waiting_trainings(
         running.unlink()  # the training ended, and is tested
         signal.clear()
         assert signal.wait(20)
-    assert set(told) == {("epochs", 9, 18)}
-    count = len(told)
+    assert set(reports) == {("epochs", 9, 18)}
+    count = len(reports)
     with epochs_shown({}, finished.__eq__, report):
         pass
-    assert len(told) == count
+    assert len(reports) == count

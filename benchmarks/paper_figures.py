@@ -33,7 +33,6 @@ FIGURES = {
 }
 """Name of each figure in the documents, and pattern of its name in the report; of several the first is taken."""
 
-
 IDENTIFICATION = "identification-rates"
 """Figure of searches, which are no trainings: it is that of the page that the command wrote last."""
 
@@ -55,14 +54,11 @@ def copy_figures(runs: Path, target: Path) -> list[str]:
     target.mkdir(parents=True, exist_ok=True)
     missing = []
     with TemporaryDirectory() as folder:
-        drawn = Path(folder) / "figures"
         if studies:
-            drawn = (
-                write_paper_page({study.study: study for study in studies}, sizes[0], Path(folder)).parent / "figures"
-            )
+            write_paper_page({study.study: study for study in studies}, sizes[0], Path(folder))
         for name, pattern in FIGURES.items():
-            place = runs / "paper" / "figures" if name == IDENTIFICATION else drawn
-            found = sorted(place.glob(f"{pattern}.svg"))
+            page = runs / "paper" if name == IDENTIFICATION else Path(folder)
+            found = sorted((page / "figures").glob(f"{pattern}.svg"))
             if found:
                 shutil.copyfile(found[0], target / f"{name}.svg")
             else:

@@ -2,16 +2,20 @@
 
 from .artifacts import add_prefix as add_prefix
 from .artifacts import artifact_kind as artifact_kind
+from .artifacts import load_artifact as load_artifact
 from .artifacts import optimizer_tensors as optimizer_tensors
-from .artifacts import parse_json as parse_json
 from .artifacts import read_artifact as read_artifact
 from .artifacts import read_run as read_run
 from .artifacts import refuse_misfits as refuse_misfits
 from .artifacts import require_form as require_form
 from .artifacts import restore_optimizer as restore_optimizer
+from .artifacts import save_artifact as save_artifact
 from .artifacts import select_prefix as select_prefix
 from .artifacts import write_artifact as write_artifact
 from .artifacts import write_run as write_run
+from .cards import from_table as from_table
+from .cards import parse_json as parse_json
+from .cards import to_table as to_table
 from .compiling import compiled as compiled
 from .errors import ArtifactError as ArtifactError
 from .errors import DataError as DataError
@@ -89,11 +93,13 @@ __all__ = [
     "end_with",
     "escape_controls",
     "file_name",
+    "from_table",
     "has_bfloat16_arithmetic",
     "hertz",
     "holm_correction",
     "is_unit",
     "keep_freed_memory",
+    "load_artifact",
     "memory_limit",
     "mm",
     "one_thread",
@@ -116,10 +122,12 @@ __all__ = [
     "restore_optimizer",
     "return_memory",
     "rpm",
+    "save_artifact",
     "select_prefix",
     "sha256_of",
     "spreadsheet_text",
     "stream",
+    "to_table",
     "um",
     "write_artifact",
     "write_run",

@@ -7,12 +7,11 @@ purpose can write a new checksum. A crash while writing leaves the file as it wa
 
 import hashlib
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -20,13 +19,86 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from swashtwin.foundation.cards import from_table, parse_json, to_table
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
 from swashtwin.foundation.files import replacing
 
-_MOST_DIGITS = 40
+T = TypeVar("T")
+
 _LONGEST_REASON = 300
+_ARRAY = "array"
+"""The one entry of what stands for an array in a card."""
 _KEY = "swashtwin"
 """The one entry of a file's metadata; safetensors would write several in an order of its own."""
+
+
+def save_artifact(
+    path: Path | str, kind: str, version: int, thing: Any, *, may_be_nan: Sequence[str] | None = ()
+) -> Path:
+    """`path`, after a dataclass was written to it whole; its arrays and tensors, at any depth, become tensors.
+
+    Parameters
+    ----------
+    kind : what it is, such as ``"classifier"``.
+    version : version of the dataclass.
+    thing : the dataclass.
+    may_be_nan : arrays that may hold NaN or infinity, such as ``"reference.speed"``; None for all.
+
+    Raises
+    ------
+    ArtifactError
+        Another array holds NaN or infinity.
+    """
+    arrays: list[Any] = []
+
+    def take(array: Any) -> dict[str, int]:
+        arrays.append(array)
+        return {_ARRAY: len(arrays) - 1}
+
+    names: dict[str, int] = {}
+    card = _with_names(to_table(thing, of_array=take), "", names)
+    tensors = {name: torch.as_tensor(arrays[index]) for name, index in names.items()}
+    return write_artifact(path, kind, version, card, tensors, may_be_nan=may_be_nan)
+
+
+def _with_names(card: Any, name: str, names: dict[str, int]) -> Any:
+    """A card whose arrays are named by where they stand in it; `names` is given the number of each."""
+    if isinstance(card, dict):
+        if [*card] == [_ARRAY]:
+            names[name] = card[_ARRAY]
+            return {_ARRAY: name}
+        return {key: _with_names(value, f"{name}.{key}" if name else str(key), names) for key, value in card.items()}
+    if isinstance(card, (list, tuple)):
+        return [_with_names(value, f"{name}.{index}", names) for index, value in enumerate(card)]
+    return card
+
+
+def load_artifact(
+    path: Path | str, form: type[T], kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
+) -> T:
+    """What `save_artifact` wrote. An array must have the type and the number of axes that `form` says.
+
+    Parameters
+    ----------
+    form : the dataclass; it refuses what contradicts itself (``__post_init__``) with a `ValueError`.
+    kind, version, may_be_nan : as in `save_artifact`; another kind or version is refused.
+    advice : how to come by a good file, such as ``"save it again"``; ends each message.
+
+    Raises
+    ------
+    MissingFileError
+        There is no such file.
+    ArtifactError
+        The file is damaged, edited, something else, of another version, or holds what `form` refuses.
+    """
+    card, tensors = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
+
+    def give(of: Any, entry: Any) -> Any:
+        tensor = tensors[entry[_ARRAY]]
+        return tensor if of is Tensor or getattr(of, "array_type", None) is Tensor else tensor.numpy()
+
+    with refuse_misfits(path, kind):
+        return from_table(card, form, to_array=give)
 
 
 def write_artifact(
@@ -117,27 +189,6 @@ def artifact_kind(path: Path | str) -> str:
     except (SafetensorError, OSError, ValueError, RecursionError):
         return ""
     return str(note.get("kind", "")) if isinstance(note, dict) else ""
-
-
-def parse_json(text: str) -> Any:
-    """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a number can be."""
-    return json.loads(text, parse_constant=_refuse_constant, parse_int=_parse_int, parse_float=_parse_float)
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text} is no finite number")
-
-
-def _parse_int(text: str) -> int:
-    if len(text) > _MOST_DIGITS:
-        raise ValueError(f"a number has {len(text)} digits")
-    return int(text)
-
-
-def _parse_float(text: str) -> float:
-    if not math.isfinite(number := float(text)):
-        raise ValueError(f"{text[:_MOST_DIGITS]} is no finite number")
-    return number
 
 
 def require_form(value: Any, form: Any, where: str) -> None:

@@ -17,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO, Any, Final, TypedDict
 
+from swashtwin.foundation.cards import first_difference
 from swashtwin.foundation.errors import ArtifactError, DataError, InputError
 from swashtwin.foundation.version import VERSION
 
@@ -206,7 +207,7 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
         saved = json.loads(read_text(path))
     except ValueError as cause:
         raise ArtifactError(f"{path} is damaged ({cause}); choose a new folder.") from cause
-    if difference := _difference(saved, settings, ""):
+    if difference := first_difference(saved, settings):
         raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
 
 
@@ -252,16 +253,6 @@ def partial_results(path: Path, settings: Mapping[str, Any]) -> Iterator[tuple[l
             file.close()  # Windows removes no open file
         if is_over:
             path.unlink(missing_ok=True)
-
-
-def _difference(saved: Any, settings: Any, name: str) -> str:
-    """First difference of two JSON values in words; empty where there is none."""
-    if isinstance(saved, dict) and isinstance(settings, dict):
-        for key in sorted({*saved, *settings}):
-            if words := _difference(saved.get(key), settings.get(key), f"{name}.{key}" if name else key):
-                return words
-        return ""
-    return "" if saved == settings else f"{name} was {json.dumps(saved)[:60]}, now {json.dumps(settings)[:60]}"
 
 
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:

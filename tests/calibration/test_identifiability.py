@@ -29,8 +29,8 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import InputError, MPa, mm, stream, um
-from swashtwin.physics import Scales, SensorPath, Twin, with_film
+from swashtwin.foundation import InputError, MPa, mm, stream
+from swashtwin.physics import Scales, SensorPath, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.report import write_report
 from swashtwin.report.calibration_part import interval_words
@@ -66,7 +66,8 @@ def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
 
 @pytest.fixture(scope="module")
 def thick(twin: Twin) -> Twin:
-    return with_film(twin, um(24))
+    """Its slippers ride on 24 um of oil."""
+    return twin.with_interfaces(Interfaces.from_values([98523.0, 8.1591e7, *twin.values[2:]]))
 
 
 @pytest.fixture(scope="module")

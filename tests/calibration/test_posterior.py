@@ -10,16 +10,17 @@ import pytest
 from swashtwin.calibration import GaussNewton, Objective, Posterior, measure, objective_of, sample_posterior
 from swashtwin.calibration.uncertainty.posterior import posterior_covariance
 from swashtwin.calibration.uncertainty.sampling import Sampling, chain_quality, thin
-from swashtwin.foundation import InputError, MissingExtraError, mm, um
-from swashtwin.physics import Twin, with_film
-from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.foundation import InputError, MissingExtraError, mm
+from swashtwin.physics import Twin
+from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import add_noise
 
 
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
     defect = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
-    return with_film(Twin(pump, at_15, defect, bandwidth=1100), um(24))
+    thick_film = Interfaces.from_values([98523.0, 8.1591e7, *pump.interfaces.values()[2:]])
+    return Twin(pump, at_15, defect, thick_film, bandwidth=1100)
 
 
 @pytest.fixture(scope="module")

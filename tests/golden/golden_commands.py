@@ -59,7 +59,6 @@ COMMANDS: dict[str, Command] = {
     "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
     "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
     "simulate": Command(f"twin simulate --duration '0.3 s' --out worn.h5 {AT_15} {RECESS}"),
-    "simulate_run_up": Command(f"twin simulate --duration '0.3 s' --to-speed '900 rpm' --out run-up.h5 {AT_15}"),
     "simulate_series": Command(f"twin simulate --duration '0.2 s' --count 2 --out series {AT_15}"),
     "pump_show": Command("twin pump show 25scy14-1b"),
     "pump_new": Command("twin pump new mine --out ."),

@@ -15,8 +15,9 @@ from swashtwin.physics.excitation import (
     displacement_lines,
     impact_lines,
     impacts,
+    slipper_profile,
+    stages,
 )
-from swashtwin.physics.recess import slipper_profile, stages
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,

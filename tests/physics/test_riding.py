@@ -7,9 +7,8 @@ import pytest
 
 from swashtwin.foundation import deg, mm
 from swashtwin.physics import Twin
-from swashtwin.physics.contacts.riding import pressing_force, ride, riding_lines
-from swashtwin.physics.excitation import displacement_lines
-from swashtwin.physics.recess import slipper_profile
+from swashtwin.physics.excitation import displacement_lines, slipper_profile
+from swashtwin.physics.riding import pressing_force, ride, riding_lines
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 
 SHALLOW = SwashPlateDefect(depth=mm(0.07), contact="lift_off")

@@ -8,9 +8,8 @@ import pytest
 import torch
 
 from swashtwin.foundation import InputError, MPa, deg, mm, um
-from swashtwin.physics import RK4, Scales, Twin, excitation_lines, fault_forces, prepare, worn_values
+from swashtwin.physics import RK4, Scales, SensorPath, Twin, excitation_lines, fault_forces, prepare, worn_values
 from swashtwin.physics.fault_forcing import turning_terms
-from swashtwin.physics.solvers.trajectories import rk4_trajectory
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -141,30 +140,6 @@ def test_rk4_in_steady_state_is_harmonic_balance(pump: Pump, at_15: OperatingCon
     twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), bandwidth=1000)
     exact, stepped = lines_of(twin), twin.acceleration(solver=RK4(step=2e-7)).detach().numpy()
     assert np.abs(stepped - exact).max() < 1e-7 * np.abs(exact).max()
-
-
-def test_an_rk4_run_stays_on_the_steady_state(pump: Pump, at_15: OperatingCondition) -> None:
-    """A march of the textbook recursion, started on the steady state of a pressure-loaded pump, does not leave it."""
-    interfaces = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
-    twin = Twin(pump, at_15, None, interfaces, bandwidth=1000)
-    structure, values = twin.structure, twin.values
-    mass, damping, stiffness = structure.mass, structure.damping(values), structure.stiffness(values)
-    orders = twin.orders
-    frequency = torch.as_tensor(orders * at_15.speed)
-    force = torch.as_tensor(twin.pressure[orders])
-    dynamic = stiffness - frequency[:, None, None] ** 2 * mass + 1j * frequency[:, None, None] * damping
-    motion = torch.linalg.solve(dynamic, force[..., None]).squeeze(-1)
-    step, n = 1.6e-6, 1500
-
-    def at(times: torch.Tensor, lines: torch.Tensor) -> torch.Tensor:
-        return (torch.exp(1j * times[:, None] * frequency) @ lines).real
-
-    zero = torch.zeros(1, dtype=torch.float64)
-    start = torch.cat([at(zero, motion)[0], at(zero, 1j * frequency[:, None] * motion)[0]])
-    half_steps = torch.arange(2 * n + 1, dtype=torch.float64) * step / 2
-    marched = rk4_trajectory(mass, damping, stiffness, at(half_steps, force), step, start)[:, :13]
-    exact = at(half_steps[::2], motion)
-    assert float((marched - exact).abs().max() / exact.abs().max()) < 1e-7
 
 
 @pytest.mark.parametrize(
@@ -343,3 +318,44 @@ def test_other_interface_values_and_a_rebuilt_twin_solve_no_pressures_again(
         Twin(pump, at_15, BoreDefect(um(300)), topology="T2"),
     ):
         assert torch.isfinite(twin.acceleration().abs()).all()
+
+
+def test_a_loose_slipper_shows_once_a_revolution(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, LooseSlipper(mm(0.2)))
+    power = (twin.acceleration().abs().numpy() ** 2)[0]
+    aside = twin.orders % 7 != 0
+    assert 0.3 < power[aside].sum() / power.sum() < 0.6
+    assert rms(lines_of(twin))[0] > 1.2 * rms(lines_of(Twin(pump, at_15)))[0]
+    tight = Twin(pump, at_15, LooseSlipper(0.0))
+    np.testing.assert_allclose(rms(lines_of(tight)), rms(lines_of(Twin(pump, at_15))), rtol=1e-6)
+
+
+def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, SwashPlateDefect(mm(0.07), mm(30), mm(24)))
+    path = SensorPath((2.0, 1.0, 1.0), (1204.0,), (0.03,), ((0.0,), (0.1,), (0.0,)))
+    bent, rigid = (candidate.acceleration().abs().numpy() for candidate in (replace(twin, path=path), twin))
+    np.testing.assert_allclose(bent[0], 2 * rigid[0])
+    np.testing.assert_allclose(bent[2], rigid[2])
+    near = int(np.argmin(np.abs(twin.orders * at_15.shaft_frequency - 1204)))
+    assert bent[1, near] / rigid[1, near] == pytest.approx(np.hypot(1, 0.1 / 0.06), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"residue": ((0.1,), (0.1,))}, "a residue for"), ({"gain": (1.0, -1.0, 1.0)}, "must be positive")],
+)
+def test_impossible_paths_are_refused(changes: dict, message: str) -> None:
+    good = {"gain": (1.0, 1.0, 1.0), "frequency": (1e3,), "damping_ratio": (0.03,), "residue": ((0.1,),) * 3}
+    with pytest.raises(InputError, match=message):
+        SensorPath(**{**good, **changes})
+
+
+def test_a_channel_reads_its_shares_of_the_others(pump: Pump, at_15: OperatingCondition) -> None:
+    shares = ((0.0, 0.1, -0.2), (0.05, 0.0, 0.0), (0.0, 0.3, 0.0))
+    plain = Twin(pump, at_15, bandwidth=1000)
+    mixed = replace(plain, path=SensorPath((2.0, 1.0, 1.0), cross_talk=shares))
+    lines = plain.acceleration().numpy()
+    expected = np.array([2.0, 1.0, 1.0])[:, None] * (lines + np.array(shares) @ lines)
+    np.testing.assert_allclose(mixed.acceleration().numpy(), expected, rtol=1e-12)
+    with pytest.raises(InputError, match="a share for each pair"):
+        SensorPath((1.0, 1.0), cross_talk=((0.0,), (0.0,)))

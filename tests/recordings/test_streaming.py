@@ -19,8 +19,8 @@ import pytest
 import swashtwin
 from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows
-from swashtwin.physics import OperatingProfile, Twin, profile_blocks, simulate_profile, steady_blocks, whole_revolutions
-from swashtwin.physics.twin import steady, transient
+from swashtwin.physics import Twin
+from swashtwin.physics.twin import model
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import (
     Recording,
@@ -190,10 +190,10 @@ def test_an_interrupt_between_blocks_leaves_nothing(tmp_path: Path) -> None:
 def test_memory_does_not_grow_with_a_recording_s_length(tmp_path: Path, pump: Pump, at_15: OperatingCondition) -> None:
     """30 s of three channels at 51.2 kHz are 37 MB, and the arrays that make them several times that."""
     twin = Twin(pump, at_15, bandwidth=1000)
-    write_blocks(steady_blocks(twin, 0.1, 51200.0), tmp_path / "a.h5")  # the first one imports much
+    write_blocks(twin.blocks(0.1, 51200.0), tmp_path / "a.h5")  # the first one imports much
     tracemalloc.start()
     try:
-        write_blocks(steady_blocks(twin, 30.0, 51200.0), tmp_path / "a.h5")
+        write_blocks(twin.blocks(30.0, 51200.0), tmp_path / "a.h5")
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -207,8 +207,8 @@ def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     twin = Twin(pump, at_15, bandwidth=1000)
-    monkeypatch.setattr(steady, "BLOCK", 1000)
-    blocks = list(steady_blocks(twin, 0.8, 6400.0, phase=0.3, recording_id="r"))
+    monkeypatch.setattr(model, "BLOCK", 1000)
+    blocks = list(twin.blocks(0.8, 6400.0, phase=0.3, recording_id="r"))
     whole = twin.simulate(0.8, 6400.0, phase=0.3, recording_id="r")
     assert len(blocks) == 6
     together = join_blocks(blocks)
@@ -220,43 +220,9 @@ def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
 def test_blocks_of_no_sample_or_too_few_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15)
     with pytest.raises(InputError, match="at least one sample"):
-        list(steady_blocks(twin, 1e-6, 25600.0))
+        list(twin.blocks(1e-6, 25600.0))
     with pytest.raises(InputError, match="twice the twin's bandwidth"):
-        list(steady_blocks(twin, 1.0, 8000.0))
-
-
-def test_a_streamed_profile_is_the_simulated_one(
-    tmp_path: Path, pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(transient, "BLOCK", 1000)
-    twin, profile = Twin(pump, at_15, bandwidth=1000), OperatingProfile.run_up(at_15, 0.5, jitter=0.01)
-    write_blocks(profile_blocks(twin, profile, 6400.0, seed=4), tmp_path / "a.h5")
-    whole, loaded = simulate_profile(twin, profile, 6400.0, seed=4), load_recording(tmp_path / "a.h5")
-    np.testing.assert_array_equal(loaded.signal, whole.signal)
-    np.testing.assert_array_equal(loaded.speed, whole.speed)
-
-
-def test_a_signal_of_whole_revolutions_repeats(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, bandwidth=1000)
-    assert whole_revolutions(at_15, 3.0, 25600.0) == 43
-    twice = twin.simulate(6.0, 25600.0).signal
-    np.testing.assert_allclose(twice[:, :76800], twice[:, 76800:], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("speed", "duration", "message"),
-    [
-        (rpm(860), 4.0, r"57\.3333 revolutions .* 3 s \(43 revolutions\)"),
-        (rpm(860), 2.999, r"3 s \(43 revolutions\)"),
-        (rpm(1500), 1.01, r"25\.25 revolutions .* 1 s \(25 revolutions\)"),
-        (90.01234, 1.0, r"at a speed of 840 rev/min it holds 14"),
-    ],
-)
-def test_a_duration_that_does_not_repeat_is_answered_with_one_that_does(
-    at_15: OperatingCondition, speed: float, duration: float, message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        whole_revolutions(at_15.replaced(speed=speed), duration, 25600.0)
+        list(twin.blocks(1.0, 8000.0))
 
 
 # ---- many files

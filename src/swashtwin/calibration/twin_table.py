@@ -4,7 +4,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from swashtwin.foundation import ArtifactError
-from swashtwin.physics import Scales, SensorPath, SlipperContact, Twin
+from swashtwin.physics import Scales, SensorPath, Twin
 from swashtwin.pump import SECTIONS, Bearings, Fault, Interfaces, OperatingCondition, Pump, Sensor, fault_type
 
 
@@ -25,7 +25,6 @@ def twin_to_dict(twin: Twin) -> dict[str, Any]:
         "topology": twin.topology,
         "bandwidth": twin.bandwidth,
         "scales": asdict(twin.scales),
-        "contact": asdict(twin.contact),
         "path": None if twin.path is None else asdict(twin.path),
     }
 
@@ -47,7 +46,6 @@ def twin_from_dict(table: dict[str, Any]) -> Twin:
             topology=table["topology"],
             bandwidth=table["bandwidth"],
             scales=Scales(**table["scales"]),
-            contact=SlipperContact(**table["contact"]),
             path=None if table["path"] is None else _path(table["path"]),
         )
     except (KeyError, TypeError, ValueError) as cause:

@@ -15,7 +15,7 @@ _UNITS = {"MPa": "MPa", "rpm": "rpm", "mm": "mm", "um": "um", "deg": "deg", "cel
 _OPTIONS = {"length": "window", "by": "group"}
 """Options that are not called as their parameters are."""
 
-_KINDS = "BoreDefect|DamScratch|LooseSlipper|SeveritySettings|SlipperContact|SwashPlateDefect|TiltedBlockFace"
+_KINDS = "BoreDefect|DamScratch|LooseSlipper|SeveritySettings|SwashPlateDefect|TiltedBlockFace"
 """Dataclasses whose fields errors name."""
 
 _ADVICE: tuple[tuple[str, str], ...] = (
@@ -29,7 +29,6 @@ _ADVICE: tuple[tuple[str, str], ...] = (
     (r"\(synthesize, TwinFiller\)", "(swashtwin synthesize)"),
     (r"; features= belongs to the classifiers on features", "; it takes no vibration features"),
     (r" \(Twin\.simulate\)|, such as BoreDefect", ""),
-    (r"SlipperContact \((--[^)]*)\)", r"\1"),
     (rf"(?<![\w/])(?:{_KINDS})\.(?=\w+ (?:\(|and |or |must|exceeds))", ""),
     (rf"give it one with {_CALL}", "label it in the index"),
     (rf"name the test side with {_CALL}", "name the test recordings in an index of their own"),
@@ -37,7 +36,7 @@ _ADVICE: tuple[tuple[str, str], ...] = (
     (rf"call {_CALL} with the same network before loading", "install the package that registers it"),
     (r"calibrate it: learn_confidence\([^()]*\)", "calibrate it: train --validation-fraction 0.2"),
     (r"; (?:build it|cut them) with (?:classes=[\w.]+|\([^()]*\([^()]*\)\))", ""),
-    (rf", or (?:choose the film yourself: {_CALL}|use a twin with bandwidth=[\d.]+|take contact=\"\w+\")", ""),
+    (r", or (?:use a twin with bandwidth=[\d.]+|take contact=\"\w+\")", ""),
     (r"; use bandwidth=[\d.]+", "; raise the sample rate"),
     (r"take length (?=[\d<])", "take --window "),
     (rf"(?:with )?{_CALL}, or (?=by |--)", ""),

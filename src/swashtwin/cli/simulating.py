@@ -1,7 +1,7 @@
 """The command twin simulate: one synthetic recording, or a folder of them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,7 +27,7 @@ from swashtwin.cli.options import (
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.physics import OperatingProfile, SteadySolver, Twin
+    from swashtwin.physics import SteadySolver, Twin
     from swashtwin.pump import OperatingCondition
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Variation
@@ -52,14 +52,6 @@ def simulate(
     fault: OptionalFault = None,
     duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "4 s",
     sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
-    whole_revolutions: Annotated[
-        bool, typer.Option("--whole-revolutions", help="Refuse a duration after which the signal does not repeat.")
-    ] = False,
-    to_speed: Annotated[
-        str | None, typer.Option(help='Run from --speed (which may be "0 rpm") to this speed within the duration.')
-    ] = None,
-    to_pressure: Annotated[str | None, typer.Option(help="Go from --pressure to this one within the duration.")] = None,
-    jitter: Annotated[float, typer.Option(help="Standard deviation of the speed, relative, such as 0.005.")] = 0.0,
     count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
     vary: Annotated[
         bool,
@@ -68,15 +60,6 @@ def simulate(
         ),
     ] = True,
     seed: Seed = 0,
-    one_sided: Annotated[
-        bool, typer.Option("--one-sided", help="Let slippers lift off where a linear film would pull at them.")
-    ] = False,
-    unloaded: Annotated[
-        float, typer.Option(min=0, max=1, help="Stiffness of a slipper on the suction side over that of a loaded one.")
-    ] = 1.0,
-    films: Annotated[
-        bool, typer.Option("--films", help="Adapt the films to the oil's temperature and the pressure.")
-    ] = False,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     as_json: Json = False,
@@ -86,7 +69,6 @@ def simulate(
     With --count, the shaft's phase is drawn for each recording, and the same command continues an interrupted run.
     """
     from swashtwin.foundation import parse
-    from swashtwin.physics import SlipperContact
     from swashtwin.recordings import WRITABLE
 
     if count == 1:
@@ -95,23 +77,13 @@ def simulate(
         raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
     require_files([calibration])
     seconds = parse(duration, "s", name="--duration")
-    profile = _profile(seconds, speed, pressure, to_speed, to_pressure, jitter)
-    if profile is not None and (solver is Solver.rk4 or step is not None):
-        raise typer.BadParameter("solves the steady state; a profile has a step of its own.", param_hint="--solver")
-    if profile is not None and films:
-        raise typer.BadParameter("does not follow a profile: its films stay as they are.", param_hint="--films")
-    fastest = speed if profile is None or profile.speed[0] >= profile.speed[-1] else str(to_speed)
     defect = fault_from(fault or "normal")
-    twin = _twin(pump, calibration, condition_from(fastest, pressure, temperature), films=films)
+    twin = _twin(pump, calibration, condition_from(speed, pressure, temperature))
     twin = twin.with_fault(defect) if fault is not None or calibration is None else twin
-    twin = replace(twin, contact=SlipperContact(unloaded=unloaded, one_sided=one_sided))
-    notes = _notes(twin, profile)
+    notes = list(twin.notes())
     for text in notes:
         note(f"note: {text}")
-    rate = parse(sample_rate, "Hz", name="--sample-rate")
-    plan = _Plan(twin, seconds, rate, solver_from(solver, step), profile, seed, films, notes)
-    if whole_revolutions:
-        _require_whole_revolutions(plan, varied=vary and count > 1)
+    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), solver_from(solver, step), seed, notes)
     if count == 1:
         _write_one(plan, out, as_json)
     else:
@@ -126,30 +98,17 @@ class _Plan:
     duration: float
     sample_rate: float
     solver: "SteadySolver"
-    profile: "OperatingProfile | None"
     seed: int
-    films: bool
     notes: list[str]
 
     @property
     def size(self) -> int:
         """Bytes of one recording in a file."""
-        columns = len(self.twin.pump.channels) + (self.profile is not None)
-        return (round(self.duration * self.sample_rate) + _SPARE) * columns * 8
+        return (round(self.duration * self.sample_rate) + _SPARE) * len(self.twin.pump.channels) * 8
 
-    def blocks(self, twin: "Twin", phase: float, seed: int, name: str) -> "Iterator[Recording]":
+    def blocks(self, twin: "Twin", phase: float, name: str) -> "Iterator[Recording]":
         """One recording of `twin`, a variation of the plan's twin."""
-        from swashtwin.physics import profile_blocks, steady_blocks
-
-        if self.profile is None:
-            return steady_blocks(
-                twin, self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name
-            )
-        drawn, planned = twin.condition, self.twin.condition
-        profile = self.profile.scaled(
-            drawn.speed / planned.speed, drawn.discharge_pressure / planned.discharge_pressure
-        )
-        return profile_blocks(twin, profile, self.sample_rate, phase=phase, seed=seed, recording_id=name)
+        return twin.blocks(self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name)
 
     def settings(self, variation: "Variation | None") -> dict[str, Any]:
         """Everything that the recordings of a run depend on, but for their count."""
@@ -158,62 +117,24 @@ class _Plan:
         from swashtwin.calibration import twin_to_dict
         from swashtwin.physics import RK4
 
-        profile = None if self.profile is None else {
-            name: value.tolist() if hasattr(value, "tolist") else value for name, value in vars(self.profile).items()
-        }  # fmt: skip
         return {
             "twin": twin_to_dict(self.twin),
             "duration_s": self.duration,
             "sample_rate_hz": self.sample_rate,
             "solver": (Solver.rk4 if isinstance(self.solver, RK4) else Solver.harmonic_balance).value,
             "step_s": self.solver.step if isinstance(self.solver, RK4) else None,
-            "profile": profile,
             "variation": None if variation is None else asdict(variation),
             "seed": self.seed,
-            "films": self.films,
         }
 
 
-def _notes(twin: "Twin", profile: "OperatingProfile | None") -> list[str]:
-    """Where the twin leaves its range; for a profile, at its lowest and its highest pressure."""
-    if profile is None:
-        return list(twin.notes())
-    ends = (min(profile.discharge_pressure), max(profile.discharge_pressure))
-    conditions = [twin.condition.replaced(discharge_pressure=float(pressure)) for pressure in ends]
-    return list(dict.fromkeys(text for condition in conditions for text in twin.at(condition).notes()))
-
-
-def _profile(
-    duration: float, speed: str, pressure: str, to_speed: str | None, to_pressure: str | None, jitter: float
-) -> "OperatingProfile | None":
-    """Operating profile of the options; None where nothing changes."""
-    if to_speed is None and to_pressure is None and jitter == 0:
-        return None
-    import numpy as np
-
-    from swashtwin.foundation import parse
-    from swashtwin.physics import OperatingProfile
-
-    ends = (("speed", "rad/s", speed, to_speed), ("pressure", "Pa", pressure, to_pressure))
-    speeds, pressures = (
-        [parse(start, unit, name=f"--{name}"), parse(start if end is None else end, unit, name=f"--to-{name}")]
-        for name, unit, start, end in ends
-    )
-    return OperatingProfile(np.array([0.0, duration]), np.array(speeds), np.array(pressures), jitter=jitter)
-
-
-def _twin(pump: str, calibration: Path | None, condition: "OperatingCondition", *, films: bool) -> "Twin":
-    """Twin of the pump, healthy, or of the calibration, with its fault; `films` moves the values with the oil."""
+def _twin(pump: str, calibration: Path | None, condition: "OperatingCondition") -> "Twin":
+    """Twin of the pump, healthy, or of the calibration, with its fault."""
     from swashtwin.calibration import load_calibration
-    from swashtwin.physics import Twin, carry_over
+    from swashtwin.physics import Twin
     from swashtwin.pump import load_pump
 
-    if calibration is None:
-        drawing = load_pump(pump)
-        twin = Twin(drawing, condition.replaced(oil_temperature=drawing.oil.reference_temperature))
-    else:
-        twin = load_calibration(calibration).twin
-    return carry_over(twin, condition) if films else twin.at(condition)
+    return Twin(load_pump(pump), condition) if calibration is None else load_calibration(calibration).twin.at(condition)
 
 
 def _variation(temperature: str | None) -> "Variation":
@@ -227,14 +148,6 @@ def _variation(temperature: str | None) -> "Variation":
     return Variation(temperature=(kelvin, kelvin))
 
 
-def _require_whole_revolutions(plan: _Plan, *, varied: bool) -> None:
-    from swashtwin.physics import whole_revolutions
-
-    if plan.profile is not None or varied:
-        raise typer.BadParameter("needs a steady speed: --no-vary, and no profile.", param_hint="--whole-revolutions")
-    whole_revolutions(plan.twin.condition, plan.duration, plan.sample_rate)
-
-
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     from swashtwin.foundation import require_disk_space
     from swashtwin.recordings import join_blocks, write_blocks, write_recording
@@ -243,7 +156,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     counts: list[int] = []
 
     def blocks(bar: Any) -> "Iterator[Recording]":
-        for block in plan.blocks(plan.twin, 0.0, plan.seed, out.stem):
+        for block in plan.blocks(plan.twin, 0.0, out.stem):
             squares.append((block.signal**2).sum(axis=1))
             counts.append(block.signal.shape[1])
             bar(sum(counts), round(plan.duration * plan.sample_rate))
@@ -263,8 +176,6 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
             recording = join_blocks(blocks(bar))
     if not streamed:
         write_recording(recording, out)
-        if recording.has_speed:
-            note(f"note: {out.suffix} cannot hold the speed of each sample; write .h5 to keep it.")
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
     rms = dict(zip(recording.channels, values, strict=True))
     result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": sum(counts) / plan.sample_rate}
@@ -273,17 +184,14 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:
-    from swashtwin.foundation import derive_seed, stream
-    from swashtwin.physics import carry_over
+    from swashtwin.foundation import stream
     from swashtwin.recordings import write_series
     from swashtwin.synthesis import draw_twin
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = plan.twin if variation is None else draw_twin(plan.twin, variation, plan.seed, number)
-        if plan.films:
-            twin = carry_over(twin.at(plan.twin.condition), twin.condition)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
-        return plan.blocks(twin, phase, derive_seed(plan.seed, "course", number), folder.name)
+        return plan.blocks(twin, phase, folder.name)
 
     with resumable("complete recordings stay; the same command continues"), progress("simulating") as bar:
         index, new = write_series(

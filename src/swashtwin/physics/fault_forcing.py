@@ -15,10 +15,9 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.physics.contacts.riding import riding_lines
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines
-from swashtwin.physics.recess import recess_of
+from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines, recess_of
+from swashtwin.physics.riding import riding_lines
 from swashtwin.physics.solvers.periodic import PeriodicTerm
 from swashtwin.pump import (
     BoreDefect,

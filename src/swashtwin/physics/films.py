@@ -1,4 +1,4 @@
-"""Thin oil films of a pump: what they leak, what they carry, how stiff they are and how they damp.
+"""Thin oil films of a pump: what they leak, and how oil and pressure move their stiffness and damping.
 
 Laminar gaps (Poiseuille and Reynolds) of parallel, rigid faces; lift from sliding and tilt is left out. A film's
 leakage grows with the cube of its thickness, its damping falls with it. Damping is proportional to the viscosity and
@@ -7,14 +7,9 @@ damping hole are both laminar. Derivation: docs/explanation/physics.md, sections
 """
 
 import math
-from typing import TypeVar
 
-from torch import Tensor
-
-from swashtwin.pump import Pump
-
-Thickness = TypeVar("Thickness", float, Tensor)
-"""A thickness [m] or what follows from it: a number, or a tensor through which it is differentiable."""
+from swashtwin.foundation import InputError
+from swashtwin.pump import Interface, Interfaces, OperatingCondition, Pump
 
 
 def orifice_conductance(pump: Pump, viscosity: float) -> float:
@@ -23,7 +18,7 @@ def orifice_conductance(pump: Pump, viscosity: float) -> float:
     return math.pi * group.orifice_diameter**4 / (128 * viscosity * group.orifice_length)
 
 
-def slipper_land_conductance(pump: Pump, film: Thickness, viscosity: float) -> Thickness:
+def slipper_land_conductance(pump: Pump, film: float, viscosity: float) -> float:
     """Conductance [m^3/(s Pa)] of the sealing land of one slipper that rides on `film` [m]."""
     group = pump.rotating_group
     return math.pi * film**3 / (6 * viscosity * math.log(group.slipper_diameter / group.pocket_diameter))
@@ -65,73 +60,6 @@ def piston_leakage(pump: Pump, viscosity: float) -> float:
     return math.pi * group.piston_diameter * (1 + 1.5 * group.piston_eccentricity**2) / (12 * viscosity)
 
 
-def _annular_squeeze_damping(inner: float, outer: float, film: Thickness, viscosity: float) -> Thickness:
-    shape = outer**4 - inner**4 - (outer**2 - inner**2) ** 2 / math.log(outer / inner)
-    return 3 * math.pi * viscosity * shape / (2 * film**3)
-
-
-def land_squeeze_damping(pump: Pump, film: Thickness, viscosity: float) -> Thickness:
-    """Damping [N s/m] of one slipper's land, an annulus whose edges are both held at constant pressure.
-
-    c = 3 pi mu / (2 h^3) [R2^4 - R1^4 - (R2^2 - R1^2)^2 / ln(R2 / R1)]
-    """
-    group = pump.rotating_group
-    return _annular_squeeze_damping(group.pocket_diameter / 2, group.slipper_diameter / 2, film, viscosity)
-
-
-def slipper_effective_area(pump: Pump) -> float:
-    """Area A_eff [m^2] on which the pocket's pressure lifts one slipper: pocket, and land over which it falls."""
-    inner, outer = pump.rotating_group.pocket_diameter / 2, pump.rotating_group.slipper_diameter / 2
-    return math.pi * (outer**2 - inner**2) / (2 * math.log(outer / inner))
-
-
-def slipper_squeeze_damping(pump: Pump, film: Thickness, viscosity: float) -> Thickness:
-    """Damping C_sw [N s/m] of all slippers on `film` [m]: their lands, and pockets that drain through land and hole.
-
-    The paper's values of C_sw, 1.86e6 and 7.78e5 N s/m, are films of 7.5 and 10 um of the default pump at 45 degC.
-    """
-    drain = orifice_conductance(pump, viscosity) + slipper_land_conductance(pump, film, viscosity)
-    pocket = slipper_effective_area(pump) ** 2 / drain
-    return pump.rotating_group.piston_count * (land_squeeze_damping(pump, film, viscosity) + pocket)
-
-
-def slipper_pressure_ratio(pump: Pump, film: Thickness) -> Thickness:
-    """Pocket pressure over chamber pressure beta [1], both above the case's: hole and land share the fall.
-
-    beta = G_hole / (G_hole + G_land) = 1 / (1 + c h^3), whatever the viscosity.
-    """
-    hole = orifice_conductance(pump, pump.oil.viscosity)
-    return hole / (hole + slipper_land_conductance(pump, film, pump.oil.viscosity))
-
-
-def slipper_lift(pump: Pump, film: Thickness, pressure: float) -> Thickness:
-    """Force W = A_eff p beta(h) [N] on one slipper from its film at chamber `pressure` above the case's [Pa]."""
-    return slipper_effective_area(pump) * pressure * slipper_pressure_ratio(pump, film)
-
-
-def slipper_stiffness(pump: Pump, film: Thickness, pressure: float) -> Thickness:
-    """Stiffness K_sw [N/m] of the slippers under `pressure` above the case's [Pa], half of all on average.
-
-    K_sw = (n / 2) (-dW/dh) = (n / 2) 3 W (1 - beta) / h. A thin film already has all the pressure in its pocket and is
-    soft; the stiffest has beta = 2/3, at 50 um for the default pump. Equal slippers; those on the suction side count 0.
-    """
-    hole = orifice_conductance(pump, pump.oil.viscosity)
-    land = slipper_land_conductance(pump, film, pump.oil.viscosity)
-    falls = land / (hole + land)  # 1 - beta, without the loss of digits
-    return pump.rotating_group.piston_count / 2 * 3 * slipper_lift(pump, film, pressure) * falls / film
-
-
-def valve_plate_squeeze_damping(pump: Pump, film: Thickness, viscosity: float) -> Thickness:
-    """Damping C_v [N s/m] of the cylinder block on `film` [m]: two annular lands with the kidneys between them.
-
-    Nearly mu L w^3 / h^3 for lands of length L and width w.
-    """
-    plate = pump.valve_plate
-    outer = _annular_squeeze_damping(plate.outer_land_inner_radius, plate.outer_land_outer_radius, film, viscosity)
-    inner = _annular_squeeze_damping(plate.inner_land_inner_radius, plate.inner_land_outer_radius, film, viscosity)
-    return outer + inner
-
-
 def valve_plate_load(pump: Pump, pressure: float) -> float:
     """Mean force W [N] that the kidneys leave to the film, with the central spring, at `pressure` above the case's."""
     group = pump.rotating_group
@@ -139,9 +67,50 @@ def valve_plate_load(pump: Pump, pressure: float) -> float:
     return (1 - pump.valve_plate.balance_ratio) * pistons + pump.coupling.spring_preload
 
 
-def valve_plate_stiffness(pump: Pump, film: Thickness, pressure: float) -> Thickness:
-    """Stiffness K_v = 3 W / h [N/m] of a film that carries `valve_plate_load` with a lift falling with its cube.
+def film_factors(
+    pump: Pump, here: OperatingCondition, there: OperatingCondition, *, bore_exponent: float = 0.0
+) -> Interfaces:
+    """Factors on the interface values from one condition to another, as the films' laws move them.
 
-    An order of magnitude: which part of the load runs on wedges, and so falls with the square, is not known.
+    - C_sw and C_v move with the viscosity at the oil temperature.
+    - K_sw moves with the discharge pressure above the case's.
+    - K_v moves with `valve_plate_load`: that pressure, and the central spring.
+    - K_Hz, a column of oil, stays: its bulk modulus moves by less than 3 % between 5 and 15 MPa.
+
+    Films keep their thickness, which is what hydrostatic balance gives: a slipper floats where its pocket holds a fixed
+    share of the pressure, whatever pressure and viscosity are. Films that sliding carries would thin instead,
+    h ~ (viscosity speed / pressure)^0.5, and then damp *more* when warm. Which of both a pump does is not in the paper:
+    our reading.
+
+    Parameters
+    ----------
+    bore_exponent : power of the viscosity with which C_Hz moves. The pistons' sliding films damp 1000 times less than
+        the paper's C_Hz and their squeeze films 2000 times more, so no film law gives it: 0 keeps it, 1 is pure film.
+
+    Raises
+    ------
+    InputError
+        A discharge pressure does not exceed the case's, so that no film carries.
+
+    Examples
+    --------
+    >>> from swashtwin import MPa, OperatingCondition, load_pump, rpm
+    >>> at_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+    >>> factors = film_factors(load_pump("25scy14-1b"), at_15, at_15.replaced(discharge_pressure=MPa(5)))
+    >>> print(f"{factors.slipper_swash.stiffness:.3f} {factors.slipper_swash.damping:.0f}")
+    0.329 1
     """
-    return 3 * valve_plate_load(pump, pressure) / film
+    for condition in (here, there):
+        if condition.discharge_pressure <= condition.case_pressure:
+            raise InputError(
+                f"discharge_pressure ({condition.discharge_pressure:g} Pa) must exceed case_pressure "
+                f"({condition.case_pressure:g} Pa), or no film carries. Pressures are in Pa: 15 MPa is MPa(15)."
+            )
+    before, after = (point.discharge_pressure - point.case_pressure for point in (here, there))
+    viscosity = pump.oil.viscosity_at(there.oil_temperature) / pump.oil.viscosity_at(here.oil_temperature)
+    load = valve_plate_load(pump, after) / valve_plate_load(pump, before)
+    return Interfaces(
+        slipper_swash=Interface(damping=viscosity, stiffness=after / before),
+        block_valve=Interface(damping=viscosity, stiffness=load),
+        piston_bore=Interface(damping=viscosity**bore_exponent, stiffness=1.0),
+    )

@@ -20,14 +20,10 @@ from jaxtyping import Complex, Float
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import Chambers, NotConverged, solve
 from swashtwin.physics.dynamics import N_DOF, Dof
+from swashtwin.physics.excitation import recess_of, slipper_profile
 from swashtwin.physics.fault_leakage import added_leakage, port_change
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
-from swashtwin.physics.recess import recess_of, slipper_profile
-from swashtwin.pump import (
-    Fault,
-    OperatingCondition,
-    Pump,
-)
+from swashtwin.pump import Fault, OperatingCondition, Pump
 from swashtwin.signals import fourier_lines
 
 CRACKING_SHARE = 0.95

@@ -25,7 +25,7 @@ from swashtwin.calibration.severity.severity_notes import recording_notes, sever
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import THRESHOLD
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
-from swashtwin.physics import Twin, carry_over
+from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import Fault, InterfaceValue, OperatingCondition, is_healthy
 from swashtwin.recordings import Recording
 
@@ -51,7 +51,7 @@ def estimate_severity(
 
     Each recording is inverted on its own, whatever its condition: searched are the fault's severity and further
     dimensions together with the six interface values and the constants that the healthy calibration had searched, whose
-    posterior is the prior here, carried over to the recording's oil and pressure (`twin.carry_over`, the pistons' film
+    posterior is the prior here, carried over to the recording's oil and pressure (`film_factors`, the pistons' film
     with half the viscosity's power) and widened by `SeveritySettings.drift`. Minimized is the sum of squares of
     measured minus simulated lines, weighed by noise and by what twins lack; the severity's interval is where the least
     sum over all else rises by 2.71 (profile likelihood), around all minima that lie so low.
@@ -258,23 +258,19 @@ def _prior(
     if isinstance(healthy_calibration, Twin):
         return Prior(unknowns.center, np.diag(unknowns.deviation**2), drift)
     center, covariance = healthy_calibration.posterior.point.copy(), healthy_calibration.posterior.covariance.copy()
-    here = healthy_calibration.twin.at(_calibrated_at(healthy_calibration, condition, healthy))
-    there = carry_over(here, condition, bore_exponent=0.5)
-    shift = (there.values / here.values).log().numpy()
+    pump, here = healthy_calibration.twin.pump, _calibrated_at(healthy_calibration, condition, healthy)
+    shift = np.log(film_factors(pump, here, condition, bore_exponent=0.5).values())
     center[VALUES] += shift
     uncertain = shift / 2
     bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
-    uncertain[bore] = 0.5 * abs(math.log(_viscosity(here) / _viscosity(there)))
+    viscosities = [pump.oil.viscosity_at(point.oil_temperature) for point in (here, condition)]
+    uncertain[bore] = 0.5 * abs(math.log(viscosities[0] / viscosities[1]))
     drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
     if "excitation" in unknowns.scales:  # healthy recordings do not show it; `law` counts it
         index = unknowns.index_of_scale("excitation")
         covariance[index], covariance[:, index] = 0.0, 0.0
         covariance[index, index] = FIXED_STD**2
     return Prior(center, covariance + drift, drift)
-
-
-def _viscosity(twin: Twin) -> float:
-    return twin.pump.oil.viscosity_at(twin.condition.oil_temperature)
 
 
 def _calibrated_at(

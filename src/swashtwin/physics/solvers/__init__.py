@@ -9,13 +9,10 @@ In steady state every solver works line by line: forces and motions are one-side
   (docs/explanation/simulator.md).
 - `periodic_steady_state` adds parts of K and C that turn with the shaft to either.
 
-For motions that are not periodic, `rk4_trajectory`, `rk4_trajectory_of_lines`, `rk4_trajectory_with_breaks` and
-`first_order_hold_trajectory` march through time, all by `linear_recursion`.
-
 Everything takes leading batch axes, follows the device and the precision of what it is given, and has exact
-derivatives that keep forces and motions, never a matrix a line or a step. A batch gives each of its members what it
-would get alone.
+derivatives that keep forces and motions, never a matrix a line. A batch gives each of its members what it would get
+alone.
 
-Single precision is off by up to 1e-4 of the largest motion in a line (2e-6 in the median of lines), and by 3e-4 after
-20,000 steps of a march: the damping of a film exceeds what decides the motion by orders of magnitude.
+Single precision is off by up to 1e-4 of the largest motion in a line (2e-6 in the median of lines): the damping of a
+film exceeds what decides the motion by orders of magnitude.
 """

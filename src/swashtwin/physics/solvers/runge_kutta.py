@@ -43,37 +43,15 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
     return limits
 
 
-def require_decay(state: Float[Tensor, "*batch 26 26"]) -> None:
-    """Refuse a pump whose own motion grows.
-
-    Raises
-    ------
-    StabilityError
-        An eigenvalue has a positive real part, beyond rounding.
-    """
-    if state.is_meta:
-        return
-    rates = torch.linalg.eigvals(state.detach().cpu().double())
-    if not bool((rates.real <= 1e-9 * rates.abs().amax(dim=-1, keepdim=True)).all()):
-        raise StabilityError("the pump's own motion grows: is a stiffness or a damping negative?")
-
-
-def rk4_limit(state: Float[Tensor, "*batch 26 26"]) -> float:
-    """Largest time step [s] at which RK4 stays bounded, over the whole batch; see `rk4_limits`."""
-    return float(rk4_limits(state).min())
-
-
-def stable_step(state: Float[Tensor, "*batch 26 26"], step: float | None) -> float:
-    """`step` [s] if it is stable, or 0.8 of the limit where `step` is None.
+def require_stable(state: Float[Tensor, "*batch 26 26"], step: float) -> None:
+    """Refuse a `step` [s] above the stability limit of any of the batch.
 
     Raises
     ------
     StabilityError
         The step lies above the limit, which is named.
     """
-    limit = rk4_limit(state)
-    if step is None:
-        return 0.8 * limit
+    limit = float(rk4_limits(state).min())
     if not step > 0:
         raise StabilityError(
             f"RK4 step {step * 1e6:.4g} us must be positive, up to {limit * 1e6:.4g} us for this pump."
@@ -83,26 +61,6 @@ def stable_step(state: Float[Tensor, "*batch 26 26"], step: float | None) -> flo
             f"RK4 step {step * 1e6:.4g} us lies above the stability limit {limit * 1e6:.4g} us of this pump; "
             f"use at most {0.95 * limit * 1e6:.3g} us, or HarmonicBalance() (--solver harmonic-balance): it has none."
         )
-    return step
-
-
-def rk4_map(
-    state: Float[Tensor, "*#batch 26 26"], step: Float[Tensor, "*#batch"] | float
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Phi, G0, G1, G2 of one RK4 step of x' = A x + u: x+ = Phi x + G0 u(t) + G1 u(t + h/2) + G2 u(t + h).
-
-    Phi = I + Z + Z^2/2 + Z^3/6 + Z^4/24 with Z = h A. All are (*batch, 26, 26).
-    """
-    eye = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
-    h = step[..., None, None] if isinstance(step, Tensor) else step
-    z = h * state
-    z2 = z @ z
-    z3 = z2 @ z
-    phi = eye + z + z2 / 2 + z3 / 6 + z3 @ z / 24
-    g0 = h / 6 * (eye + z + z2 / 2 + z3 / 4)
-    g1 = h / 6 * (4 * eye + 2 * z + z2 / 2)
-    g2 = (h / 6 * eye).expand_as(phi)
-    return phi, g0, g1, g2
 
 
 def rk4_poles(

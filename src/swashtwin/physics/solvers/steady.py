@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.physics.solvers.receptances import receptance
-from swashtwin.physics.solvers.runge_kutta import rk4_limits, rk4_poles, stable_step, state_matrix
+from swashtwin.physics.solvers.runge_kutta import require_stable, rk4_limits, rk4_poles, state_matrix
 
 
 @runtime_checkable
@@ -64,8 +64,11 @@ class RK4:
     ) -> Complex[Tensor, "*batch line 13"]:
         """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability limit."""
         state = state_matrix(mass.detach(), damping.detach(), stiffness.detach())
-        step = 0.8 * rk4_limits(state)[..., None] if self.step is None else stable_step(state, self.step)
-        step = torch.as_tensor(step, dtype=torch.float64)
+        if self.step is None:
+            step = 0.8 * rk4_limits(state)[..., None]
+        else:
+            require_stable(state, self.step)
+            step = torch.tensor(self.step, dtype=torch.float64)
         poles, weights = rk4_poles((frequency.detach().cpu().double() * step).numpy())
         s = torch.as_tensor(poles).to(force) / step[..., None].to(force.device)
         share = torch.as_tensor(weights).to(force)[..., None] * force[..., None, :]

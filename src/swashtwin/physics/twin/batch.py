@@ -98,7 +98,7 @@ def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
     """Indices of twins that are solved together: of one pump, with similar numbers of orders, within the memory."""
     groups: dict[tuple, list[int]] = {}
     for i, twin in enumerate(twins):
-        alone = i if twin.drive.coupling is not None else None
+        alone = i if twin.drive.turning is not None else None
         cross_talk = None if twin.path is None else twin.path.cross_talk
         groups.setdefault((twin.pump, twin.topology, cross_talk, alone), []).append(i)
     for group in groups.values():

@@ -1,5 +1,6 @@
 """A pump, under a condition, with a fault: what its accelerometers would read."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,31 +10,35 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.contacts.check import ContactCheck, check_contact, slipper_forces
-from swashtwin.physics.contacts.settings import SlipperContact
-from swashtwin.physics.contacts.slippers import slipper_lines
-from swashtwin.physics.dynamics import Structure, Topology, assemble
+from swashtwin.physics.dynamics import N_DOF, Structure, Topology, assemble
+from swashtwin.physics.excitation import recess_of
 from swashtwin.physics.loads import LoadCase, force_lines
-from swashtwin.physics.recess import recess_of
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
+from swashtwin.physics.twin.contact_check import (
+    ContactCheck,
+    check_contact,
+    mean_motion,
+    slipper_forces,
+    slipper_lines,
+)
 from swashtwin.physics.twin.path import SensorPath
-from swashtwin.physics.twin.response import Drive, drive_of, motion_of, require_positive, respond
-from swashtwin.physics.twin.scales import UNSCALED, Scales
+from swashtwin.physics.twin.response import Drive, drive_of, motion_of, pressing_lines, require_positive, respond
+from swashtwin.physics.twin.scales import SUPPORTS, UNSCALED, Scales
 from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
 
-BONDED = SlipperContact()
-"""Slippers that are all alike and can pull, as the linear twin assumes."""
+BLOCK = 65536
+"""Readings that are computed at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
     """Model of one pump at one operating condition.
 
-    In steady state, and linear unless `contact` says otherwise: acceleration at the multiples of the shaft frequency up
-    to `bandwidth`. A defect with half-sine edges excites all of them, so a level means little without the band it was
-    taken in. `notes` says where a linear twin leaves its range.
+    In steady state and linear: acceleration at the multiples of the shaft frequency up to `bandwidth`. A defect with
+    half-sine edges excites all of them, so a level means little without the band it was taken in. `notes` says where a
+    linear twin leaves its range.
     """
 
     pump: Pump
@@ -48,8 +53,6 @@ class Twin:
     """Highest frequency [Hz] that is computed."""
     scales: Scales = UNSCALED
     """Factors on mounting, bearings, excitation and sensors."""
-    contact: SlipperContact = BONDED
-    """What the slippers' films may do; by default all are alike and can pull, which makes the twin linear."""
     path: SensorPath | None = None
     """What stands between the rigid shell and the sensors; None is nothing."""
 
@@ -93,19 +96,7 @@ class Twin:
     @cached_property
     def drive(self) -> Drive:
         """What excites the twin at any interface values; computed once."""
-        return self._drive()
-
-    def _drive(self, *, from_rest: bool = False) -> Drive:
-        return drive_of(
-            self.pump,
-            self.condition,
-            self.fault,
-            self.topology,
-            self.contact,
-            self.path,
-            self.n_lines,
-            from_rest=from_rest,
-        )
+        return drive_of(self.pump, self.condition, self.fault, self.topology, self.path, self.n_lines)
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
@@ -115,24 +106,20 @@ class Twin:
     def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:
         """Force [N] of each slipper's film at `samples` shaft angles of a revolution, positive where it pushes.
 
-        The mean is that of pistons that slide in their bores (`coupling.held_down`); the band is the twin's own.
+        The mean is that of pistons that slide in their bores; the band is the twin's own.
         """
-        drive = self._drive(from_rest=True)
+        drive, scales = self.drive, torch.tensor(self.scales.values(), dtype=torch.float64)
+        require_positive(self.values, scales)
+        recess = self.scales.excitation * slipper_lines(self.pump, self.condition, self.fault, self.n_lines)
+        pressing = pressing_lines(self.pump, self.condition, self.fault, self.topology, self.n_lines)
+        worn = self.values * drive.wear[0]
+        stiffness = drive.structure.stiffness(worn, scales[0], scales[1], scales[SUPPORTS])
+        steady = torch.as_tensor(pressing[0].real)
+        motion = np.zeros((self.n_lines + 1, N_DOF), dtype=complex)
+        motion[0] = mean_motion(self.pump, drive.structure, stiffness, worn, steady, float(recess[0].real))
         with torch.no_grad():
-            scales = torch.tensor(self.scales.values(), dtype=torch.float64)
-            recess = float(slipper_lines(self.pump, self.condition, self.fault, 1)[0].real)
-            motion = motion_of(self.pump, drive, self.values, scales, recess, self.n_lines)
-        return slipper_forces(
-            self.pump,
-            self.topology,
-            self.contact,
-            self.condition,
-            self.fault,
-            self.values,
-            motion,
-            excitation=self.scales.excitation,
-            samples=samples,
-        )
+            motion[self.orders] = motion_of(drive, self.values[None], scales[None], HarmonicBalance())[0][0]
+        return slipper_forces(self.pump, self.topology, self.condition.speed, worn, motion, recess, samples)
 
     def contact_check(self) -> ContactCheck:
         """Whether the slippers' films would have to pull, which no film can."""
@@ -149,10 +136,9 @@ class Twin:
                 f"of {recess.depth * 1e3:.4g} mm counts as {recess.effective_depth(slipper) * 1e3:.4g} mm. The "
                 "paper has no such defect; this is an extrapolation of ours."
             )
-        if not self.contact.one_sided:
-            check = self.contact_check()
-            if not check.within_range:
-                notes.append(check.sentence())
+        check = self.contact_check()
+        if not check.within_range:
+            notes.append(check.sentence())
         return tuple(notes)
 
     def at(self, condition: OperatingCondition) -> "Twin":
@@ -220,37 +206,39 @@ class Twin:
         Raises
         ------
         InputError
-            The sample rate is below twice the bandwidth.
+            The sample rate is below twice the bandwidth, or there is no sample.
         """
-        self.require_rate(sample_rate)
-        with torch.no_grad():
-            lines = self.acceleration(solver=solver).numpy()
-        angle = phase + self.condition.speed * np.arange(round(duration * sample_rate)) / sample_rate
-        return self.read_off(lines, angle, sample_rate, recording_id)
+        return join_blocks(self.blocks(duration, sample_rate, solver=solver, phase=phase, recording_id=recording_id))
 
-    def require_rate(self, sample_rate: float) -> None:
-        """Refuse a sample rate [Hz] at which the twin's highest lines would fold."""
+    def blocks(
+        self,
+        duration: float,
+        sample_rate: float,
+        *,
+        solver: SteadySolver | None = None,
+        phase: float = 0.0,
+        recording_id: str = "simulated",
+    ) -> Iterator[Recording]:
+        """The recording of `simulate` in blocks, so that memory does not grow with its length."""
         if sample_rate < 2 * self.bandwidth:
             raise InputError(
                 f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
                 f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
             )
-
-    def read_off(
-        self,
-        lines: Complex[np.ndarray, "sensor line"],
-        angle: Float[np.ndarray, " time"],
-        sample_rate: float,
-        recording_id: str,
-    ) -> Recording:
-        """Synthetic recording of the twin's `lines` of acceleration, read off along a shaft `angle` [rad]."""
-        return Recording(
-            signal=synchronous_signal(lines, self.orders, angle),
-            sample_rate=sample_rate,
-            recording_id=recording_id,
-            channels=self.pump.channels,
-            label=self.label,
-            condition=self.condition,
-            specimen=self.pump.name,
-            synthetic=True,
-        )
+        n_samples = round(duration * sample_rate)
+        if n_samples < 1:
+            raise InputError(f"duration ({duration:g} s) must hold at least one sample at {sample_rate:g} Hz.")
+        with torch.no_grad():
+            lines = self.acceleration(solver=solver).numpy()
+        for first in range(0, n_samples, BLOCK):
+            angle = phase + self.condition.speed * np.arange(first, min(first + BLOCK, n_samples)) / sample_rate
+            yield Recording(
+                signal=synchronous_signal(lines, self.orders, angle),
+                sample_rate=sample_rate,
+                recording_id=recording_id,
+                channels=self.pump.channels,
+                label=self.label,
+                condition=self.condition,
+                specimen=self.pump.name,
+                synthetic=True,
+            )

@@ -6,6 +6,7 @@ of the solver. Rows are computed in chunks of bounded memory, each independent o
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -15,13 +16,19 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.contacts.loose_slipper import contact_lines
-from swashtwin.physics.contacts.settings import SlipperContact
 from swashtwin.physics.dynamics import N_DOF, SHELL, Structure, Topology, assemble, moved
-from swashtwin.physics.fault_forcing import FaultAction, active_orders, excitation_lines, fault_action, wear_factors
+from swashtwin.physics.fault_forcing import (
+    FaultAction,
+    active_orders,
+    excitation_lines,
+    fault_action,
+    turning_terms,
+    wear_factors,
+)
 from swashtwin.physics.loads import LoadCase, force_lines
-from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
-from swashtwin.physics.twin.coupling import Coupling, Problem, coupling_of, linear_motion
+from swashtwin.physics.loose_slipper import contact_lines
+from swashtwin.physics.solvers.periodic import PeriodicTerm, periodic_steady_state
+from swashtwin.physics.solvers.steady import SteadySolver
 from swashtwin.physics.twin.path import SensorPath
 from swashtwin.physics.twin.scales import SUPPORTS, Scales
 from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
@@ -41,15 +48,16 @@ class Drive:
     orders: Int[np.ndarray, " read"]
     """Shaft orders that are read."""
     frequency: Float[Tensor, "twin line"]
-    """Angular frequency of the lines [rad/s]: those that are read, after order 0 where there is a `coupling`."""
+    """Angular frequency of the lines [rad/s]: those that are read, after order 0 where something is `turning`."""
     pressure: Complex[Tensor, "twin line 13"]
     """Lines of the chamber pressures and of the unbalance [N, N m]."""
     action: FaultAction
     """How the fault acts."""
     wear: Float[Tensor, "twin 6"]
     """Factors on the interface values."""
-    coupling: Coupling | None = None
-    """What couples the orders; then there is one twin only, and its lines begin with order 0."""
+    turning: Callable[[Tensor], list[PeriodicTerm]] | None = None
+    """Parts of K that turn with the shaft and so couple the orders, for interface values; then there is one twin only,
+    and its lines begin with order 0."""
     path: Complex[Tensor, "twin sensor read"] | None = None
     """What stands between the shell and each sensor at the orders read; None is nothing."""
 
@@ -77,27 +85,16 @@ def drive_of(
     condition: OperatingCondition,
     fault: Fault | None,
     topology: Topology,
-    contact: SlipperContact,
     path: SensorPath | None,
     n_lines: int,
-    *,
-    from_rest: bool = False,
 ) -> Drive:
-    """Drive of one twin up to order `n_lines`, float64.
-
-    Parameters
-    ----------
-    from_rest : let the lines begin with order 0 even where nothing couples the orders.
-    """
+    """Drive of one twin up to order `n_lines`, float64."""
     structure = assemble(pump, topology)
-    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
-    contact_forces = contact_lines(fault, pump, condition, n_lines, topology)
-    if contact_forces is not None:
-        pressure = pressure + contact_forces
+    pressure = pressing_lines(pump, condition, fault, topology, n_lines)
     motion = excitation_lines(pump, condition, fault, n_lines)
-    coupling = coupling_of(pump, condition, fault, topology, contact)
-    orders = active_orders(pressure, motion) if coupling is None else np.arange(1, n_lines + 1)
-    lines = np.concatenate([[0], orders]) if from_rest or coupling is not None else orders
+    turns = bool(turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64)))
+    orders = np.arange(1, n_lines + 1) if turns else active_orders(pressure, motion)
+    lines = np.concatenate([[0], orders]) if turns else orders
     action = fault_action(fault, pump, structure, topology, lines * condition.speed, motion[lines])
     if path is not None and path.cross_talk:
         structure = replace(structure, sensor_rows=path.mixing @ structure.sensor_rows)
@@ -108,9 +105,18 @@ def drive_of(
         pressure=torch.as_tensor(pressure[lines])[None],
         action=action.mapped(lambda part: part[None]),
         wear=torch.as_tensor(wear_factors(pump, fault))[None],
-        coupling=coupling,
+        turning=partial(turning_terms, fault, pump) if turns else None,
         path=None if path is None else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
     )
+
+
+def pressing_lines(
+    pump: Pump, condition: OperatingCondition, fault: Fault | None, topology: Topology, n_lines: int
+) -> Complex[np.ndarray, "line 13"]:
+    """Lines 0...`n_lines` [N, N m] of all forces that no interface value changes."""
+    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
+    contact_forces = contact_lines(fault, pump, condition, n_lines, topology)
+    return pressure if contact_forces is None else pressure + contact_forces
 
 
 def respond(
@@ -142,50 +148,34 @@ def respond(
     return parts[0] if len(parts) == 1 else torch.cat(parts)
 
 
-def motion_of(
-    pump: Pump, drive: Drive, values: Float[Tensor, " 6"], scales: Float[Tensor, " 11"], recess: float, n_lines: int
-) -> Complex[Tensor, "line 13"]:
-    """Displacement lines 0...`n_lines` [m, rad] of one twin, of a drive `from_rest`.
-
-    Parameters
-    ----------
-    recess : mean of what a recess adds to a slipper's distance [m].
-    """
-    require_positive(values, scales)
-    frequency = drive.frequency[0]
-    speed = float(frequency[1]) / int(drive.orders[0])
-    problem = Problem(drive.structure, values[None] * drive.wear, scales[None], drive.pressure, drive.action, speed)
-    if drive.coupling is None:
-        motion = linear_motion(pump, problem, frequency, recess)[0]
-    else:
-        motion = drive.coupling.motion(problem, HarmonicBalance())[0]
-    out = motion.new_zeros(n_lines + 1, N_DOF)
-    out[torch.as_tensor(np.concatenate([[0], drive.orders]))] = motion
-    return out
-
-
 def rows_of(n_lines: int) -> int:
     """How many rows of so many lines make a chunk."""
     return max(1, WORKSPACE // (n_lines * _LINE_BYTES))
 
 
 def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
-    structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
-    mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
-    worn = values * drive.wear
-    if drive.coupling is not None:
-        problem = Problem(structure, worn, scales, drive.pressure, drive.action, float(frequency[1]))
-        motion, frequency = drive.coupling.motion(problem, solver)[:, 1:], frequency[1:]
-    else:
-        force = drive.pressure
-        if drive.action.strains or drive.action.pushes:
-            force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
-        stiffness, damping = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]), structure.damping(worn)
-        force = force.expand(len(values), -1, -1)
-        motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
-    shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
-    read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
+    motion, frequency = motion_of(drive, values, scales, solver)
+    shell = motion[..., None, :, SHELL] * drive.structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
+    read = shell.sum(-1) * (-(frequency**2) * scales[:, 3, None])[:, None]
     return read if drive.path is None else read * drive.path
+
+
+def motion_of(
+    drive: Drive, values: Float[Tensor, "row 6"], scales: Float[Tensor, "row 11"], solver: SteadySolver
+) -> tuple[Complex[Tensor, "row read 13"], Float[Tensor, "*row read"]]:
+    """Displacement lines [m, rad] at the orders that are read, and their angular frequencies [rad/s]."""
+    structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
+    mount, bearing, excitation, *_ = scales.unbind(-1)
+    worn, force = values * drive.wear, drive.pressure
+    if drive.action.strains or drive.action.pushes:
+        force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
+    stiffness, damping = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]), structure.damping(worn)
+    force = force.expand(len(values), -1, -1)
+    if drive.turning is None:
+        return solver.steady_state(structure.mass, damping, stiffness, frequency, force), frequency
+    terms, speed = drive.turning(worn), float(frequency[1])
+    motion = periodic_steady_state(solver, structure.mass, damping, stiffness, speed, force, terms)
+    return motion[:, 1:], frequency[1:]
 
 
 def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]) -> None:

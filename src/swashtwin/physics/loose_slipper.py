@@ -20,13 +20,14 @@ and what the extra pressure does anywhere. Sense and moment follow from that; no
 import math
 from dataclasses import dataclass
 from functools import singledispatch
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import brentq
 
-from swashtwin.foundation import InputError, SwashTwinError
-from swashtwin.physics.contacts.rattling import rattle
+from swashtwin.foundation import InputError, SwashTwinError, compiled
+from swashtwin.physics.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, orifice
 from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import FRICTION, Impact
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
@@ -42,6 +43,10 @@ MOST_REVOLUTIONS = 20
 """Revolutions after which a motion that has not repeated is given up; two are usual."""
 SLOWEST = 0.01
 """Speed [m/s] below which touching a stop is no impact."""
+SLIDING = 0.01
+"""Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
+ITERATIONS = 80
+"""Newton iterations of the chamber's pressure in one step, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +97,7 @@ def _ahead(pump: Pump, fault: LooseSlipper) -> float:
 
 
 def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray) -> np.ndarray:
-    """What `rattle` needs at every shaft angle of the loose piston."""
+    """What `_rattle` needs at every shaft angle of the loose piston."""
     group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
     lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
     tight = chamber_pressures([LoadCase(pump, condition)])
@@ -165,7 +170,7 @@ def _march(
     start = np.array([-pressed, 0.0, condition.discharge_pressure])
     scale = np.array([pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure])
     for _ in range(MOST_REVOLUTIONS):
-        end = rattle(
+        end = _rattle(
             step, clearance, stop, damper, pump.masses.piston_slipper, area, FRICTION, oil.bulk_modulus,
             oil.air_fraction, condition.suction_pressure, condition.case_pressure, tables, start, *motion,
         )  # fmt: skip
@@ -177,6 +182,60 @@ def _march(
         f"the loose slipper's motion does not repeat within {MOST_REVOLUTIONS} revolutions (it still changes by "
         f"{change:.1e} of its play), so it has no order lines; lower LooseSlipper.restitution or clearance."
     )
+
+
+@compiled
+@no_type_check
+def _rattle(
+    step,
+    clearance,
+    stop,
+    damper,
+    mass,
+    area,
+    friction,
+    bulk,
+    air,
+    suction,
+    case,
+    tables,
+    start,
+    displacement,
+    speed,
+    pressure,
+):
+    """Fill displacement, velocity and pressure from `start`; the state at the revolution's end.
+
+    Rows of `tables`: volume [m^3], its growth [m^3/s], suction and discharge opening, leakage, outlet pressure, rigid
+    velocity [m/s], rigid acceleration [m/s^2]. Velocities first, then displacements and, implicitly, the pressure.
+    """
+    steps = tables.shape[1]
+    u, v, p = start[0], start[1], start[2]
+    for i in range(steps):
+        displacement[i], speed[i], pressure[i] = u, v, p
+        force = -area * (p - case) - mass * tables[7, i]
+        if u < 0:
+            force += max(0.0, -stop * u - damper * v)
+        if u > clearance:
+            force -= max(0.0, stop * (u - clearance) + damper * v)
+        force -= friction * max(-1.0, min(1.0, (tables[6, i] + v) / SLIDING))
+        v += step * force / mass
+        u += step * v
+        k = (i + 1) % steps
+        gas = air * ATMOSPHERE / max(p, AIR_FLOOR) ** 2
+        compliance = step / (tables[0, k] * (1 / bulk + gas))
+        before, damping, last = p, 1.0, 0.0
+        for _ in range(ITERATIONS):
+            inward, falling = orifice(tables[2, k], suction - p)
+            outward, rising = orifice(tables[3, k], p - tables[5, k])
+            flow = inward - outward - tables[4, k] * (p - case) - tables[1, k] + area * v
+            change = (before + compliance * flow - p) / (1 + compliance * (falling + rising + tables[4, k]))
+            damping = 0.5 * damping if change * last < 0 else min(1.0, 1.5 * damping)
+            last = change
+            p = max(p + damping * change, FLOOR)
+            if abs(change) < 1e-3:
+                break
+    return u, v, p
 
 
 def _impacts(

@@ -17,8 +17,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Complex, Float
 
+from swashtwin.physics.excitation import slipper_profile, stages
 from swashtwin.physics.loads import LoadCase, chamber_pressures
-from swashtwin.physics.recess import slipper_profile, stages
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import fourier_lines
 

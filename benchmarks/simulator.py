@@ -3,7 +3,6 @@
     pip install -r benchmarks/requirements.txt
     python benchmarks/simulator.py --json
     python benchmarks/simulator.py --plot docs/figures
-    python benchmarks/simulator.py --edges docs/figures
     python benchmarks/simulator.py --profile
 
 One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on one core, each row
@@ -29,15 +28,11 @@ import numpy as np
 from peers import throughput
 from peers.measuring import Entry, alone, measured
 from peers.problem import STEPS_PER_REVOLUTION
-from peers.reference import lifting, references, slopes
+from peers.reference import references, slopes
 
 ENTRIES = (
     Entry("steady", "ours: harmonic balance (default)", "ours", "Steady"),
     Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
-    Entry("trajectory", "ours: RK4 with transient", "ours", "Trajectory"),
-    Entry("trajectory_lines", "ours: RK4 with transient, from lines", "ours", "TrajectoryOfLines"),
-    Entry("hold", "ours: first-order hold, 9 steps in one", "ours", "FirstOrderHold", stride=9),
-    Entry("contact", "ours: slippers that lift off", "ours", "LiftingOff"),
     Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
     Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
     Entry("jax_again", "JAX lax.scan RK4, unrolled, recomputing", "jax_side", "JaxScanAgain", "jax"),
@@ -79,9 +74,7 @@ def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
         if "missing" not in row:
             gains, gradient = row.pop("gains"), np.array(row.pop("slopes"))
             wanted = {"slopes": truth["steady_slopes"], **truth}
-            if not row.pop("linear"):
-                wanted = alone(lifting, n_steps)
-            elif not row["key"].startswith("steady"):
+            if not row["key"].startswith("steady"):
                 timed = round(n_steps * row["measured_share"])
                 if timed not in stepped:
                     stepped[timed] = alone(slopes, timed)
@@ -101,16 +94,13 @@ def fastest(rows: list[dict[str, Any]], *keys: str) -> float:
 
 def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
     """How many times longer the peers take than ours."""
-    steady, trajectory = fastest(rows, "steady"), fastest(rows, "trajectory", "trajectory_lines")
-    eager, jax = fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
+    steady, eager, jax = fastest(rows, "steady"), fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
     return {
         "eager": eager / steady,
         "diffrax": fastest(rows, "diffrax", "diffrax_all", "diffrax_forward") / steady,
         "jax": jax / steady,
         "torchdiffeq": fastest(rows, "torchdiffeq") / steady,
         "steady_rk4_eager": eager / fastest(rows, "steady_rk4"),
-        "trajectory_eager": eager / trajectory,
-        "trajectory_jax": jax / trajectory,
     }
 
 
@@ -141,8 +131,6 @@ def bars_of(report: dict[str, Any]) -> list[dict[str, Any]]:
         ("eager RK4 over steady state", ratios["eager"], "at least", 3000),
         ("diffrax over steady state", ratios["diffrax"], "at least", 300),
         ("JAX scan over steady state", ratios["jax"], "at least", 40),
-        ("eager RK4 over RK4 with transient", ratios["trajectory_eager"], "at least", 150),
-        ("JAX scan over RK4 with transient", ratios["trajectory_jax"], "at least", 1),
         ("memory of the gradient in steady state [MB]", memory["harmonic_balance_mb"], "at most", 50),
         ("what four times the steps change of it [MB]", abs(memory["rk4_four_times_the_steps_mb"] - memory["rk4_mb"]),
          "at most", FLAT_MB),
@@ -232,18 +220,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw time against steps and batch size instead")
-    parser.add_argument("--edges", type=Path, metavar="FOLDER", help="draw what half-sine edges do to RK4 instead")
     parser.add_argument("--profile", action="store_true", help="print where the time of one gradient goes instead")
     arguments = parser.parse_args()
     if arguments.plot:
         from peers.figures import draw_scaling
 
         draw_scaling(arguments.plot)
-        return
-    if arguments.edges:
-        from peers.edges import draw_edges
-
-        draw_edges(arguments.edges)
         return
     if arguments.profile:
         from peers.profiling import shares

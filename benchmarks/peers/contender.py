@@ -16,8 +16,6 @@ class Contender(ABC):
     """Forces it wants per step."""
     grows = True
     """Whether its cost grows with the steps."""
-    linear = True
-    """Whether it solves the linear equations, as all but one do."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem

@@ -46,8 +46,6 @@ OVER_STEPS = (
     Timed("diffrax RK4", "#009e73", Entry("", "", "diffrax_side", "DiffraxRemembering")),
     Timed("JAX scan RK4", "#e69f00", Entry("", "", "jax_side", "JaxScan")),
     Timed("numba RK4", MEASURED, Entry("", "", "numba_adjoint", "Numba")),
-    Timed("ours, RK4 with transient", CALIBRATED, Entry("", "", "ours", "Trajectory")),
-    Timed("ours, first-order hold", CALIBRATED, Entry("", "", "ours", "FirstOrderHold", stride=9)),
     Timed("ours, RK4 in steady state", CALIBRATED, Entry("", "", "ours", "SteadyRungeKutta")),
     Timed("ours, harmonic balance", CALIBRATED, Entry("", "", "ours", "Steady")),
 )

@@ -128,7 +128,6 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         "steps": round(contender.steps / share),
         "measured_share": share,
         "compile_s": compile_s,
-        "linear": kind.linear,
         "loss": loss,
         "slopes": list(slopes * values),
         "gains": gains(velocities[:: SAMPLED_EVERY * entry.refine // entry.stride]),

@@ -6,11 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from peers.contender import Contender, TorchTrajectory
-from peers.problem import FACTORS, Problem, equations, in_time, pump_twin
-from swashtwin.physics import RK4, SlipperContact, SteadySolver, Twin
-from swashtwin.physics.contacts.steady import Marching as March
-from swashtwin.physics.solvers.trajectories import first_order_hold_trajectory, rk4_trajectory, rk4_trajectory_of_lines
+from peers.contender import Contender
+from peers.problem import FACTORS, Problem, in_time, pump_twin
+from swashtwin.physics import RK4, SteadySolver
 
 
 class Steady(Contender):
@@ -20,7 +18,7 @@ class Steady(Contender):
 
     def __init__(self, problem: Problem, bandwidth: float | None = None) -> None:
         super().__init__(problem)
-        self.twin = self.made_twin()
+        self.twin = pump_twin()
         if bandwidth is not None:
             self.twin = replace(self.twin, bandwidth=bandwidth)
         with torch.no_grad():
@@ -35,10 +33,6 @@ class Steady(Contender):
     def steps(self) -> int:
         """None; a line has no step."""
         return 0
-
-    def made_twin(self) -> Twin:
-        """The twin whose acceleration is taken."""
-        return pump_twin()
 
     def solver(self) -> SteadySolver | None:
         """None takes the twin's default, harmonic balance."""
@@ -79,81 +73,3 @@ class SteadyRungeKutta(Steady):
     def solver(self) -> SteadySolver:
         """At the problem's step."""
         return RK4(step=self.problem.step)
-
-
-class LiftingOff(Steady):
-    """The settled motion where a slipper's film can only push: no linear system, but one that is marched."""
-
-    linear = False
-
-    @property
-    def steps(self) -> int:
-        """Those of a revolution, the twin's own."""
-        return March().steps
-
-    def made_twin(self) -> Twin:
-        """The same twin with such slippers."""
-        return replace(pump_twin(), contact=SlipperContact(one_sided=True))
-
-
-class Marching(TorchTrajectory):
-    """A march through time under forces of 13 columns; a subclass says which."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem)
-        self.mass = torch.as_tensor(equations().mass)
-        self.load, self.weight = self.load[:, 13:] * self.mass, self.weight[:, 13:] * self.mass[:, None]
-
-    def _velocities(self, values: Tensor) -> Tensor:
-        structure = pump_twin().structure
-        matrices = structure.mass, structure.damping(values), structure.stiffness(values)
-        return self.march(matrices, values) @ self.rows.T
-
-    def force(self, values: Tensor) -> Tensor:
-        """Forces (point, 13) at the values [N, N m]."""
-        return torch.addmm(self.load, self.motion, self.weight @ values)
-
-    def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
-        """Not asked for."""
-        raise NotImplementedError
-
-    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
-        """States (step, 26), the start first."""
-        raise NotImplementedError
-
-
-class Trajectory(Marching):
-    """Runge-Kutta as its exact map, the start included."""
-
-    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
-        """States (step, 26), the start first."""
-        return rk4_trajectory(*matrices, self.force(values), self.problem.step, self.start)
-
-
-class TrajectoryOfLines(Marching):
-    """The same from the lines of the forces, which are never written out over time."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem)
-        twin, given = pump_twin(), equations()
-        self.frequency = torch.as_tensor(twin.orders * twin.condition.speed)
-        self.load, self.motion = torch.as_tensor(given.load), torch.as_tensor(given.motion)
-
-    def force(self, values: Tensor) -> Tensor:
-        """Lines of the forces (line, 13) [N, N m]."""
-        return torch.addmm(self.load, self.motion, (self.weight @ values).to(self.motion.dtype))
-
-    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
-        """States (step, 26), the start first."""
-        length = self.problem.step, self.problem.n_steps
-        return rk4_trajectory_of_lines(*matrices, self.frequency, self.force(values), *length, self.start)
-
-
-class FirstOrderHold(Marching):
-    """The exact step under forces that run linearly; longer steps will do."""
-
-    per_step = 1
-
-    def march(self, matrices: tuple[Tensor, Tensor, Tensor], values: Tensor) -> Tensor:
-        """States (step, 26), the start first."""
-        return first_order_hold_trajectory(*matrices, self.force(values), self.problem.step, self.start)

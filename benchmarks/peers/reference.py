@@ -1,17 +1,14 @@
 """What the contenders' results are compared with: a quarter of the step, scipy's Radau, and slopes from other code."""
 
-from functools import partial
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from peers.measuring import gains, settle
 from peers.numba_adjoint import Numba
-from peers.ours import LiftingOff, SteadyRungeKutta
+from peers.ours import SteadyRungeKutta
 from peers.problem import SAMPLED_EVERY, STEPS_PER_REVOLUTION, Problem, equations, pump_twin
-from swashtwin.physics.contacts.steady import Marching, slipper_steady_state
 
 REFINED = 4
 RADAU_SHARE = 4
@@ -28,17 +25,6 @@ def references(n_steps: int) -> dict[str, Any]:
         "radau": gains(radau(min(n_steps, STEPS_PER_REVOLUTION // RADAU_SHARE))),
         "steady_slopes": SteadyRungeKutta(fine).gradient(values)[1] * values,
     }
-
-
-def lifting(n_steps: int) -> dict[str, Any]:
-    """The same of slippers that lift off, which are no linear system: from a march at a quarter of the twin's step."""
-    settle()
-    values = pump_twin().values.numpy()
-    finer = partial(slipper_steady_state, marching=Marching(steps=REFINED * Marching().steps))
-    with patch("swashtwin.physics.twin.coupling.slipper_steady_state", finer):
-        fine = LiftingOff(Problem(n_steps))
-        motion = gains(fine.velocities(values)[::SAMPLED_EVERY])
-        return {"quarter": motion, "radau": None, "slopes": fine.gradient(values)[1] * values}
 
 
 def slopes(n_steps: int) -> np.ndarray:

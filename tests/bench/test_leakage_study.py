@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commandline import run_json
 
 from swashtwin.bench import run_leakage
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.recordings import Recording
 
 
 def recordings(*, telling: bool, per_class: int = 6) -> list[Recording]:
@@ -71,20 +70,3 @@ def test_a_grouping_that_was_asked_for_and_cannot_be_held_out_is_refused():
     one_day = [replace(recording, attributes={"day": recording.label}) for recording in recordings(telling=True)]
     with pytest.raises(DataError, match=r"a class stands in 1 day\(s\) only"):
         run_leakage(one_day, length=100, groups=("day",), seeds=(0,))
-
-
-def test_the_command_prints_the_table_and_guard_the_copies(tmp_path):
-    copied = recordings(telling=True)
-    copied.append(replace(copied[0], recording_id="again", signal=2 * copied[0].signal))
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in copied]
-    index = write_index(copied, files, tmp_path)
-    table = run_json(
-        "bench", "leakage", index, "--window", 200, "--seeds", "0", "--trees", 5, "--only", "day=day 0,day 1"
-    )
-    assert table["study"] == "leakage"
-    assert {"split", "balanced_accuracy", "random_window", "premium"} <= set(table["rows"][0])
-    guarded = run_json("data", "guard", index, code=3)
-    assert [copy["again"]["recording_id"] for copy in guarded["copies"]] == ["again"]
-    assert any(
-        finding["attribute"] == "level of acceleration" and finding["is_warning"] for finding in guarded["confounding"]
-    )

@@ -51,8 +51,6 @@ COMMANDS: dict[str, Command] = {
     "convert_by_angle": Command(
         f"data convert {WORN} --out angle.h5 --samples-per-turn 512 --playback-speed '860 rpm'"
     ),
-    "guard": Command("data guard pair.toml"),
-    "audit": Command("data audit split", after=("split",)),
     "features": Command(f"signal features {WORN} --pistons 7 --out features.csv", atol=1e-12),
     "spectrum": Command(f"signal spectrum {WORN} --pistons 7 --out amplitude.svg"),
     "spectrum_envelope": Command(f"signal spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),

@@ -311,7 +311,7 @@ def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one(name):
     """A generator that threads share gave each of them other weights and another dropout."""
     smaller = {"channels": (2,), "dropout": 0.3}
     windows = tones(per_class=1, windows=2)
-    settings = TrainingSettings(epochs=2, batch_size=4, mixup=0.2, noise_snr=5.0, normalization="set")
+    settings = TrainingSettings(epochs=2, batch_size=4, noise_snr=5.0, normalization="set")
 
     def train(seed: int) -> FittedClassifier:
         return fit(build_network(name, 1, 2, **smaller), windows, settings=settings, seed=seed)

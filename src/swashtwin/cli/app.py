@@ -48,7 +48,7 @@ FIRST: Mapping[str, Callable[..., None]] = {
 GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
     "data": (
         "Convert, split and check recordings.",
-        {"convert": data.convert, "split": data.split, "guard": data.guard, "audit": data.audit},
+        {"convert": data.convert, "split": data.split},
     ),
     "signal": (
         "Indicators, spectra and trends, without a classifier.",

@@ -1,6 +1,5 @@
 """Commands of the group data: convert, split, guard, audit."""
 
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import progress, say, tell
-from swashtwin.cli.exits import BAD_DATA, refuse_existing, require_target
+from swashtwin.cli.exits import refuse_existing, require_target
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -24,14 +23,9 @@ from swashtwin.cli.options import (
     StatedPressure,
     StatedSpeed,
     Unit,
-    read_pairs,
 )
 from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
 from swashtwin.cli.sources import (
-    Dataset,
-    Only,
-    PublicSet,
-    choose_recordings,
     file_facts,
     load_sources,
     refuse_source,
@@ -214,78 +208,3 @@ def _sides(
         }
         for name, pair in pairs.items()
     }
-
-
-def guard(
-    source: Dataset, public_set: PublicSet = None, only: Only = None, seed: Seed = 0, as_json: Json = False
-) -> None:
-    """Look for what would fool a classifier: copies, and classes that rate, gain, date or one machine give away.
-
-    The exit code is 3 where there are copies, as it is of inspect and check.
-    """
-    from swashtwin.learning import confounding, copied_recordings
-
-    with progress("looking for copies and confounded classes"):
-        recordings = choose_recordings(source, public_set, only)
-        copies, findings = copied_recordings(recordings), confounding(recordings, seed=seed)
-    result = {
-        "recordings": len(recordings),
-        "copies": [asdict(copy) for copy in copies],
-        "confounding": [asdict(finding) for finding in findings],
-    }
-
-    def show() -> None:
-        for copy in copies:
-            gain = "again" if copy.exact else f"again, {copy.gain:.4g} times as large"
-            again = f"{copy.again.recording_id}, {copy.again.channel}"
-            say(f"copy: {again} is {copy.first.recording_id} {gain}; use one of them.")
-        warnings = [finding for finding in findings if finding.is_warning]
-        for finding in warnings:
-            say(f"warning: {finding.message}")
-        counts = f"{len(copies)} copies, {len(warnings)} warnings"
-        say(f"{counts} among {plural(len(recordings), 'recording')}; {len(findings)} facts and levels were looked at.")
-
-    tell(result, as_json, show)
-    if copies:
-        raise typer.Exit(BAD_DATA)
-
-
-def audit(
-    table: Annotated[
-        Path, typer.Argument(metavar="FILE.csv|FOLDER", help="One row per window; or a folder that split wrote.")
-    ],
-    columns: Annotated[
-        list[str] | None,
-        typer.Option("--column", metavar="FACT=COLUMN", help="Column of recording, role, specimen, start; repeatable."),
-    ] = None,
-    group: Annotated[
-        list[str] | None,
-        typer.Option(help="What is never split: recording (default), specimen, or a column; repeatable."),
-    ] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 3 where a leak is found.")] = False,
-    as_json: Json = False,
-) -> None:
-    """Check a split of any windows for overlap between roles: recordings, machines, moments, copies, classes.
-
-    A leak that is found is the answer, not an error: the exit code is 0 unless --strict is given.
-    """
-    import swashtwin.learning as learning
-
-    groups = tuple(group or ["recording"])
-    more = tuple(name for name in groups if name not in ("recording", "specimen"))
-    facts = read_pairs(columns, "--column")
-    rows = learning.rows_of(table) if table.is_dir() else learning.read_audit_rows(table, columns=facts, groups=more)
-    report = learning.audit(rows, whole=groups)
-    result = {"table": table, "rows": len(rows), **asdict(report), "has_leak": report.has_leak}
-
-    def show() -> None:
-        roles = ", ".join(f"{count} of role {role}" for role, count in report.roles.items())
-        say(f"{len(rows)} rows: {roles}. The table states {', '.join(report.facts)}.")
-        for finding in report.findings:
-            say(f"{finding.severity}: {finding.message}")
-        if not report.has_leak:
-            say(f"No leak was found in what the table states; never split: {', '.join(groups)}.")
-
-    tell(result, as_json, show)
-    if strict and report.has_leak:
-        raise typer.Exit(BAD_DATA)

@@ -19,7 +19,6 @@ from swashtwin.cli.options import (
     Overwrite,
     Resample,
     SampleRate,
-    Seed,
     Sources,
     StatedPressure,
     StatedSpeed,
@@ -147,10 +146,9 @@ def check(
     window: Window = 2048,
     error_rate: Annotated[float, typer.Option(help="Error rate that the confidence of a classifier is to hold.")] = 0.1,
     report: Report = None,
-    seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Say whether recordings are sound and enough, and for what: the findings of inspect and data guard on one page.
+    """Say whether recordings are sound and enough, and for what.
 
     Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to train and to test.
     """
@@ -159,9 +157,7 @@ def check(
     with progress("checking recordings") as bar:
         unreadable: list[Finding] = []
         recordings = load_distinct([source], unreadable)
-        result = check_recordings(
-            recordings, window=window, error_rate=error_rate, unreadable=unreadable, seed=seed, progress=bar
-        )
+        result = check_recordings(recordings, window=window, error_rate=error_rate, unreadable=unreadable, progress=bar)
     page = write_page(report, result, recordings=recordings)
 
     def show() -> None:

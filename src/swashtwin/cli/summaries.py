@@ -157,9 +157,6 @@ def show_check(check: "DataCheck") -> None:
         say(in_options(f"{severity}: {text}"))
     for copy in check.copies:
         say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
-    for finding in check.confounding:
-        if finding.is_warning:
-            say(f"warning: {finding.message}")
     for label, condition in check.gaps:
         say(f"warning: {label or 'no class'} was not measured at {condition}.")
     for text in check.notes:

@@ -7,6 +7,7 @@ from .choice.choice import Trial as Trial
 from .choice.choosing import BUDGET as BUDGET
 from .choice.choosing import choose as choose
 from .choice.chosen_training import fit_chosen as fit_chosen
+from .copies import copied_recordings as copied_recordings
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
 from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
@@ -49,11 +50,6 @@ from .healthy.healthy_levels import level_layout as level_layout
 from .healthy.healthy_levels import measure_healthy as measure_healthy
 from .healthy.levels import Level as Level
 from .healthy.levels import LevelLayout as LevelLayout
-from .leakage.audit import audit as audit
-from .leakage.confounding import confounding as confounding
-from .leakage.copies import copied_recordings as copied_recordings
-from .leakage.table import read_audit_rows as read_audit_rows
-from .leakage.table import rows_of as rows_of
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.level_network import LevelNetwork as LevelNetwork
 from .networks.network import Network as Network
@@ -158,14 +154,12 @@ __all__ = [
     "WindowSet",
     "allowed_error_rate",
     "at_other_speeds",
-    "audit",
     "band_energies",
     "build_network",
     "check_disjoint",
     "check_recordings",
     "checkpoint_epochs",
     "choose",
-    "confounding",
     "copied_recordings",
     "cross_fit",
     "cross_fitted_confidence",
@@ -193,7 +187,6 @@ __all__ = [
     "outside_facts",
     "plan_validation",
     "pooled_probabilities",
-    "read_audit_rows",
     "recalls",
     "recording_answers",
     "refuse_other_values",
@@ -201,7 +194,6 @@ __all__ = [
     "require_enough",
     "require_shared_speed",
     "require_verdicts",
-    "rows_of",
     "save_windows",
     "score_confidence",
     "signal_facts",

@@ -9,9 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.learning.copies import Copy, copied_recordings
 from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
-from swashtwin.learning.leakage.confounding import Confounding, confounding
-from swashtwin.learning.leakage.copies import Copy, copied_recordings
 from swashtwin.learning.training.confidence import allowed_error_rate, least_validation
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
@@ -29,7 +28,7 @@ from swashtwin.recordings import (
 )
 
 _MOST_SAMPLES = 1 << 27
-"""Samples of all recordings up to which copies and confounding are looked for: these need all in memory (1 GB)."""
+"""Samples of all recordings up to which copies are looked for: this needs all in memory (1 GB)."""
 _TEST_FRACTION = 0.2
 _DETECTION = "detection from healthy recordings alone"
 _CALIBRATION_TURNS = 16
@@ -76,8 +75,6 @@ class DataCheck:
     """Findings of each recording, and of all together."""
     copies: tuple[Copy, ...]
     """Channels that are another one again at another gain; those of equal samples are findings of the inspection."""
-    confounding: tuple[Confounding, ...]
-    """Facts and levels that alone tell the class."""
     counts: tuple[ClassCount, ...]
     """Recordings of each class and condition, without copies."""
     gaps: tuple[tuple[str, str], ...]
@@ -123,7 +120,6 @@ class DataCheck:
             "gaps": [{"label": label, "condition": condition} for label, condition in self.gaps],
             "uses": [asdict(use) for use in self.uses],
             "copies": [asdict(copy) for copy in self.copies],
-            "confounding": [asdict(finding) for finding in self.confounding if finding.is_warning],
             "notes": list(self.notes),
             "inspection": self.inspection.to_dict(),
         }
@@ -135,7 +131,6 @@ def check_recordings(
     window: int = 2048,
     error_rate: float = 0.1,
     unreadable: Sequence[Finding] = (),
-    seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> DataCheck:
     """Whether recordings are sound and enough.
@@ -145,7 +140,6 @@ def check_recordings(
     window : samples of the windows that are to be cut.
     error_rate : error rate that the confidence of a classifier is to hold.
     unreadable : what `load_recordings` reported of files that are not among the recordings.
-    seed : of the test whether facts tell the class.
     progress : called with the number of recordings that are done, and of all.
     """
     inspection = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=progress)
@@ -155,7 +149,7 @@ def check_recordings(
         if any(finding.severity == "error" for finding in report.findings)
     }
     usable = [recording for recording in recordings if recording.recording_id not in unfit]
-    copies, findings, notes = _leaks(usable, seed)
+    copies, notes = _copies(usable)
     repeated = {*repeated_recordings(manifest_of(usable)), *(copy.again.recording_id for copy in copies)}
     usable = [recording for recording in usable if recording.recording_id not in repeated]
     conditions = _conditions(usable)
@@ -164,11 +158,11 @@ def check_recordings(
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
     if repeated:
         notes = (f"{len(repeated)} of the recordings are copies of others and are not counted.", *notes)
-    notes = (*(f"no recording of {name} is usable." for name in sorted(map(str, lost))), *_origins(recordings), *notes)
+    unusable = (f"no recording of {name} is usable." for name in sorted(map(str, lost)))
+    notes = (*_one_machine_each(labeled), *unusable, *_origins(recordings), *notes)
     return DataCheck(
         inspection=inspection,
         copies=copies,
-        confounding=findings,
         counts=counts,
         gaps=_gaps(counts),
         uses=tuple(_uses(labeled, error_rate)),
@@ -176,16 +170,25 @@ def check_recordings(
     )
 
 
-def _leaks(
-    recordings: Sequence[Recording], seed: int
-) -> tuple[tuple[Copy, ...], tuple[Confounding, ...], tuple[str, ...]]:
+def _copies(recordings: Sequence[Recording]) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
+    """(copies at another gain, why they were not looked for)."""
     samples = sum(recording.n_samples * recording.n_channels for recording in recordings)
     if samples > _MOST_SAMPLES:
-        return (), (), (f"copies and confounded classes were not looked for: {samples:.3g} samples are too many.",)
-    copies = tuple(copy for copy in copied_recordings(recordings) if not copy.exact)
-    if len({recording.label for recording in recordings if recording.label}) < 2:
-        return copies, (), ()
-    return copies, confounding(recordings, seed=seed), ()
+        return (), (f"copies were not looked for: {samples:.3g} samples are too many.",)
+    return tuple(copy for copy in copied_recordings(recordings) if not copy.exact), ()
+
+
+def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
+    """Classes that stand on one specimen only, which has no other class."""
+    pairs = {(str(recording.label), recording.specimen or "") for recording in labeled}
+    classes, specimens = (Counter(pair[part] for pair in pairs) for part in (0, 1))
+    alone = sorted(label for label, name in pairs if name and classes[label] == specimens[name] == 1)
+    return [
+        f"{label}: measured on one specimen only, which has no other class. Whatever is special about that machine "
+        "tells the class, and no test on these recordings can show that it is the fault; measure the class on another "
+        "machine, or this machine in another class."
+        for label in (alone if len(classes) > 1 else ())
+    ]
 
 
 def _origins(recordings: Sequence[Recording]) -> list[str]:

@@ -86,7 +86,6 @@ def _findings(check: DataCheck) -> tuple[Bullets, ...]:
                 for copy in check.copies
             ]
         if severity == "warning":
-            items += [finding.message for finding in check.confounding if finding.is_warning]
             items += [f"{words(label)} was not measured at {condition}." for label, condition in check.gaps]
         if severity == "note":
             items += check.notes

@@ -34,10 +34,6 @@ from swashtwin.recordings import Recording
 REMEDIES: dict[str, dict[str, Any]] = {
     "bitcn": {},
     "bitcn, windows scaled one by one": {"normalization": "window"},
-    "bitcn, conditions balanced": {"balance": "condition"},
-    "bitcn, windows mixed": {"mixup": 0.2},
-    "bitcn, features aligned (CORAL)": {"alignment": "coral"},
-    "bitcn, features aligned (MMD)": {"alignment": "mmd"},
 }
 """What differs from the plain training, by the classifier's name in the table."""
 

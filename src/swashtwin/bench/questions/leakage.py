@@ -17,7 +17,6 @@ from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, pa
 from swashtwin.learning import (
     Fold,
     WindowSet,
-    confounding,
     cut_windows,
     extract_features,
     group_folds,
@@ -108,7 +107,6 @@ def run_leakage(
         trials += [_trial(plan, windows, *three) for three in zip(seeds, held_out, free, strict=True)]
         intervals[plan.name] = _intervals(plan, windows, held_out, free)
         answer.append(_sentence(plan, intervals[plan.name]))
-    warnings = [finding for finding in confounding(recordings) if finding.is_warning]
     return StudyTable(
         study="leakage",
         title="How much of the score is memory?",
@@ -120,15 +118,11 @@ def run_leakage(
         wall_s=time.perf_counter() - began,
         version=VERSION,
         command=command,
-        notes=(*notes, *left_out, *(finding.message for finding in warnings)),
+        notes=(*notes, *left_out),
         details={
             "windows": len(windows),
             "classes": list(windows.classes),
             "intervals": intervals,
-            "confounding": [
-                {"attribute": finding.attribute, "kind": finding.kind, "p_value": finding.p_value}
-                for finding in warnings
-            ],
         },
     )
 

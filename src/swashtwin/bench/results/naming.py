@@ -30,7 +30,6 @@ CLASSIFIERS = {
     "spectral_window": "every window scaled by itself",
     "spectral_recording": "every recording scaled by itself",
     "spectral_longer": "twice the epochs",
-    "spectral_mixup": "with windows mixed",
     "spectral_gain": "with gains in training",
     "spectral_stretch": "with speeds in training",
     "spectral_ensemble": "mean of three trainings",

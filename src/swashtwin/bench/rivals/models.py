@@ -126,14 +126,12 @@ RETRAINED: Mapping[str, Callable[[TrainingSettings], TrainingSettings]] = {
     "spectral_window": lambda training: replace(training, normalization="window"),
     "spectral_recording": lambda training: replace(training, normalization="recording"),
     "spectral_longer": lambda training: replace(training, epochs=2 * training.epochs),
-    "spectral_mixup": lambda training: replace(training, mixup=0.2),
     "spectral_gain": lambda training: replace(training, gain=3.0),
     "spectral_stretch": lambda training: replace(training, stretch=0.02),
     "spectral_noise": lambda training: replace(training, noise_snr=0.0, epochs=2 * training.epochs),
 }
-"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; with pairs of
-windows mixed; with other gains, other speeds, new in each epoch, on half the windows; and in twice the epochs with
-noise down to 0 dB."""
+"""Our network trained otherwise: every window, or every recording, scaled by itself; in twice the epochs; with other
+gains, other speeds, new in each epoch, on half the windows; and in twice the epochs with noise down to 0 dB."""
 
 COMPOSED: Mapping[str, Mapping[str, Any]] = {
     "spectral_ensemble": {"trainings": 3},

@@ -109,8 +109,6 @@ def ablation(size: str) -> Plan:
         model_notes={
             "spectral_recording": "Every recording scaled by itself: a synthetic window is of no recording and scaled "
             "by itself, which may tell the filled class.",
-            "spectral_mixup": "Windows mixed: every step learns from pairs of what the network represents, here "
-            "levels, in shares drawn from Beta(0.2, 0.2).",
             "spectral_gain": "Gains: half the windows of each epoch have each channel up to 3 dB louder or quieter.",
             "spectral_stretch": "Speeds: time of half the windows of each epoch is stretched by up to 2 %.",
             "spectral_noise": NOISE_IN_TRAINING,

@@ -17,7 +17,6 @@ from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.learning.training.classifier import FittedClassifier
-from swashtwin.learning.training.domains import conditions_of, epoch_order, misalignment, mixing
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.learning.training.train_transforms import transform_windows
@@ -97,14 +96,13 @@ def fit(
             elif not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
         weights = _class_weights(windows, device) if settings.class_weights else None
-        condition = conditions_of(windows, settings)
         for number in () if trained.closed_form else range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
             random = TorchStream(derive_seed(seed, "dropout", number))
             with random:
                 data = epoch_data(number)
-            loss, accuracy = _train_epoch(trained, optimizer, data, condition, weights, settings, seed, number, random)
+            loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings, seed, number, random)
             with random:
                 scores = _validation_scores(trained, validation_tensors)
             history += (Epoch(number, loss, accuracy, *scores),)
@@ -285,7 +283,6 @@ def _train_epoch(
     network: Network,
     optimizer: torch.optim.Optimizer,
     data: tuple[Tensor, Tensor],
-    condition: np.ndarray,
     weights: Tensor | None,
     settings: TrainingSettings,
     seed: int,
@@ -297,29 +294,15 @@ def _train_epoch(
     Only the forward pass draws random numbers. The rest runs outside `random`, which costs time in each operation.
     """
     signal, target = data
-    ordered = epoch_order(target.cpu().numpy(), condition, settings.balance, stream(seed, "order", number))
-    order, condition_of = torch.from_numpy(ordered).to(signal.device), torch.from_numpy(condition).to(signal.device)
-    draw = stream(seed, "mixup", number)
+    order = torch.from_numpy(stream(seed, "order", number).permutation(len(target))).to(signal.device)
     network.train()
     total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
     for batch in batches(order, settings.batch_size):
-        windows, classes = signal[batch], target[batch]
-        partner, share = batch, 1.0
-        if settings.mixup:
-            others, share = mixing(len(batch), settings.mixup, draw)
-            partner = batch[torch.from_numpy(others).to(batch.device)]
-            windows = share * windows + (1 - share) * signal[partner]
+        classes = target[batch]
         short = settings.precision == "bfloat16"
         with random, torch.autocast(signal.device.type, torch.bfloat16, enabled=short):
-            features = network.encode(windows)
-            scores = network.head(features)
-        if short:
-            features, scores = features.float(), scores.float()
-        loss = functional.cross_entropy(scores, classes, weight=weights)
-        if share < 1:
-            loss = share * loss + (1 - share) * functional.cross_entropy(scores, target[partner], weight=weights)
-        if settings.alignment != "none":
-            loss = loss + settings.alignment_weight * misalignment(features, condition_of[batch], settings.alignment)
+            scores = network.head(network.encode(signal[batch]))
+        loss = functional.cross_entropy(scores.float() if short else scores, classes, weight=weights)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -8,12 +8,6 @@ from typing import Any, get_args
 from swashtwin.foundation import InputError
 from swashtwin.signals import NoiseKind
 
-BALANCES = ("none", "class", "condition")
-"""What counts the same within an epoch: nothing, each class, or each class under each condition."""
-
-ALIGNMENTS = ("none", "coral", "mmd")
-"""How features of different conditions are drawn together; see `domains.misalignment`."""
-
 NORMALIZATIONS = ("window", "recording", "set", "none")
 """Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
 
@@ -60,16 +54,6 @@ class TrainingSettings:
     normalization: str = "window"
     """``"window"``, ``"recording"``, ``"set"`` or ``"none"``. Per window is the default because gain and mounting
     differ between machines, and between twin and machine; it hides what a fault does to the overall level."""
-    balance: str = "none"
-    """``"class"`` or ``"condition"``: windows of each epoch are drawn so that every class, or every class under every
-    speed and pressure, counts the same; ``"none"`` takes each once."""
-    mixup: float = 0.0
-    """Strength with which pairs of windows, as the network represents them, and their classes are mixed; 0 mixes none,
-    0.2 is usual."""
-    alignment: str = "none"
-    """``"coral"`` or ``"mmd"``: draws the features of different conditions together; see `domains.misalignment`."""
-    alignment_weight: float = 1.0
-    """Weight of it beside the cross-entropy."""
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the noise that windows of each epoch get, drawn anew
     (`train_transforms.with_noise`); None adds none."""
@@ -99,16 +83,7 @@ class TrainingSettings:
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
-        for name in ("mixup", "alignment_weight"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise InputError(f"{name} ({getattr(self, name):g}) must not be negative.")
-        choices = {
-            "balance": BALANCES,
-            "alignment": ALIGNMENTS,
-            "decay": DECAYS,
-            "normalization": NORMALIZATIONS,
-            "precision": PRECISIONS,
-        }
+        choices = {"decay": DECAYS, "normalization": NORMALIZATIONS, "precision": PRECISIONS}
         for name, options in choices.items():
             if getattr(self, name) not in options:
                 raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(options)}.")

@@ -1,7 +1,7 @@
-"""Samples that are in a set twice: byte for byte, or at another gain and offset."""
+"""Recordings that are in a set twice: byte for byte, or at another gain and offset."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,6 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from swashtwin.foundation import stream
-from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Recording, rises_evenly
 
 SAME_SHAPE = 1 - 1e-6
@@ -21,16 +20,12 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True)
 class Location:
-    """Where samples are."""
+    """A channel of a recording."""
 
-    role: str
-    """Name of the set, such as ``"train"``; empty where there is one only."""
     recording_id: str
     """Recording."""
     channel: str
     """Channel."""
-    start: int
-    """Index of the first sample."""
 
 
 @dataclass(frozen=True)
@@ -46,47 +41,24 @@ class Copy:
     gain: float
     """Factor from the first to the second; negative where the sensor was turned over."""
 
-    @property
-    def across(self) -> bool:
-        """Whether the two are in different roles: the answer of the test is then known from training."""
-        return self.first.role != self.again.role
 
+def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
+    """Every channel of a recording that is another one again.
 
-def copied_windows(roles: WindowSet | Mapping[str, WindowSet]) -> tuple[Copy, ...]:
-    """Every window that is another one again, channel by channel, within a set and across sets.
-
-    Windows of one length are compared. Constant ones and ramps, such as those of a counter, are passed
-    over: all of these are alike.
-
-    Parameters
-    ----------
-    roles : one set, or sets by role, such as ``{"train": train, "test": test}``.
+    Only those of one length are compared. Constant ones and ramps, such as those of a counter, are passed over: all of
+    these are alike.
 
     Examples
     --------
-    >>> from swashtwin.learning import cut_windows
     >>> noise = np.random.default_rng(0).normal(size=(1, 100))
-    >>> sets = {name: cut_windows([Recording(gain * noise, 10.0, name)], length=100)
-    ...         for name, gain in (("train", 1.0), ("test", -2.0))}
-    >>> [(copy.again.recording_id, copy.exact, round(copy.gain, 3), copy.across) for copy in copied_windows(sets)]
-    [('test', False, -2.0, True)]
+    >>> recordings = [Recording(gain * noise, 10.0, name) for name, gain in (("one", 1.0), ("two", -2.0))]
+    >>> [(copy.again.recording_id, copy.exact, round(copy.gain, 3)) for copy in copied_recordings(recordings)]
+    [('two', False, -2.0)]
     """
-    sets = {"": roles} if isinstance(roles, WindowSet) else roles
-    locations, rows = [], []
-    for role, windows in sets.items():
-        for signal, name, start in zip(windows.signal, windows.recording_id, windows.start, strict=True):
-            for channel, row in zip(windows.channels, signal, strict=True):
-                locations.append(Location(role, str(name), channel, int(start)))
-                rows.append(row)
-    return tuple(_copies(locations, rows))
-
-
-def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
-    """Every channel of a recording that is another one again; only those of one length are compared, and no ramps."""
     locations, rows = [], []
     for recording in recordings:
         for channel, row in zip(recording.channels, recording.signal, strict=True):
-            locations.append(Location("", recording.recording_id, channel, 0))
+            locations.append(Location(recording.recording_id, channel))
             rows.append(row)
     return tuple(_copies(locations, rows))
 

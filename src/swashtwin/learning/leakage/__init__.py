@@ -1,1 +1,0 @@
-"""What lets a test know its answer: copies, classes that something else gives away, and roles that overlap."""

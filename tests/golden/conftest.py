@@ -14,12 +14,12 @@ from swashtwin.recordings import Recording
 
 
 @pytest.fixture(scope="session")
-def plant() -> list[Recording]:
+def rig() -> list[Recording]:
     """Recordings of the small rig."""
     return plant_recordings()
 
 
 @pytest.fixture(scope="session")
-def workspace(plant: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+def workspace(rig: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> Workspace:
     """Folder with the files of the small rig, in which commands run."""
-    return Workspace(plant, tmp_path_factory.mktemp("golden"))
+    return Workspace(rig, tmp_path_factory.mktemp("golden"))

@@ -10,9 +10,9 @@ from swashtwin.recordings import Recording
 
 
 @pytest.mark.parametrize("name", VALUES)
-def test_a_value_is_the_golden_one(name: str, plant: list[Recording], tmp_path: Path) -> None:
+def test_a_value_is_the_golden_one(name: str, rig: list[Recording], tmp_path: Path) -> None:
     rtol, atol = TOLERANCES[name]
-    assert list(differences(VALUES[name](plant, tmp_path), load_golden(name), rtol=rtol, atol=atol)) == []
+    assert list(differences(VALUES[name](rig, tmp_path), load_golden(name), rtol=rtol, atol=atol)) == []
 
 
 def test_a_number_beyond_the_tolerance_a_missing_key_and_another_word_are_differences() -> None:

@@ -9,6 +9,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 import pytest
 import threadpoolctl
 import torch
+from plant import Plant
 
 from swashtwin.foundation import MPa, rpm
 from swashtwin.pump import OperatingCondition, Pump, load_pump
@@ -30,9 +31,19 @@ def at_15() -> OperatingCondition:
 
 
 @pytest.fixture(scope="session")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
+    """Recordings, models and calibrations on disk, built once for all workers."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    (folder / "plant").mkdir(exist_ok=True)
+    return Plant(folder / "plant")
+
+
+@pytest.fixture(scope="session")
 def public_data() -> Path:
     """Folder of the public data sets, or a skip where it is absent."""
-    folder = Path(os.environ.get("SWASHTWIN_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    folder = Path(os.environ.get("SWASHTWIN_DATA", Path(__file__).parents[1] / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"no public data sets at {folder.name}: set SWASHTWIN_DATA to their folder")
     return folder

@@ -122,9 +122,7 @@ def test_a_line_can_be_tracked_instead_of_a_tachometer(folder: Path) -> None:
     assert answer["rows"][0]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0), ("cepstrum", 1 / 105)]
-)
+@pytest.mark.parametrize(("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0)])
 def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
     folder: Path, tmp_path: Path, kind: str, at: float
 ) -> None:
@@ -139,7 +137,7 @@ def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
     assert ">7x<" in drawing
     assert "mathdefault" not in drawing
     rows = list(csv.reader(Path(answer["csv"]).read_text(encoding="utf-8").splitlines()))
-    assert rows[0][1] == ("cover [1]" if kind == "cepstrum" else "cover [m/s^2]")
+    assert rows[0][1] == "cover [m/s^2]"
     assert len(rows) > 1000
 
 
@@ -235,11 +233,9 @@ def test_an_option_that_would_say_nothing_is_refused(
         (("--top", 0), 3, "nothing to draw"),
         (("--top", -5), 3, "nothing to draw"),
         (("--top", "nan"), 3, "nothing to draw"),
-        (("--top", -5, "--kind", "cepstrum"), 3, "nothing to draw"),
         (("--track", "0"), 3, "is no line of the shaft"),
         (("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),
         (("--band", "100-900 Hz"), 2, "Invalid value for --band"),
-        (("--kind", "cepstrum", "--resolution", 1), 2, "Invalid value for --resolution"),
     ],
 )
 def test_a_spectrum_that_cannot_be_is_refused(

@@ -19,19 +19,23 @@ from swashtwin.signals import (
     FAMILIES,
     Band,
     ShaftAngle,
+    indicator_table,
     indicators_of,
     spectrum_of,
     stacked,
     stated_angle,
     tachometer_speed,
 )
-from swashtwin.signals.indicators import stretches
-from swashtwin.signals.indicators.cepstrum import harmonic_family_index, real_cepstrum
-from swashtwin.signals.indicators.envelope import envelope_spectrum
-from swashtwin.signals.indicators.kurtogram import kurtogram, kurtograms
-from swashtwin.signals.indicators.levels import band_rms, velocity_rms
-from swashtwin.signals.indicators.statistics import TIME_STATISTICS, power_sums, shape_statistics, time_statistics
-from swashtwin.signals.indicators.synchronous import synchronous_lines
+from swashtwin.signals.envelope import envelope_spectrum, kurtogram, kurtograms
+from swashtwin.signals.levels import (
+    TIME_STATISTICS,
+    band_rms,
+    power_sums,
+    shape_statistics,
+    time_statistics,
+    velocity_rms,
+)
+from swashtwin.signals.synchronous import synchronous_lines
 
 
 def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0) -> np.ndarray:
@@ -212,33 +216,6 @@ def test_the_envelope_of_a_modulated_carrier_reads_its_modulation() -> None:
     assert spectrum.frequency[100] == 25
 
 
-def test_an_echo_stands_in_the_cepstrum_at_its_delay() -> None:
-    noise = np.random.default_rng(0).standard_normal(len(TIME))
-    echoed = noise + 0.5 * np.concatenate([np.zeros(73), noise[:-73]])
-    quefrency, cepstrum = real_cepstrum(echoed[None], RATE)
-    assert quefrency[20 + cepstrum[0, 20:1000].argmax()] == pytest.approx(0.0073)
-    assert cepstrum[0, 73] == pytest.approx(0.25, abs=0.02)
-
-
-def test_the_cepstrum_is_that_of_its_definition() -> None:
-    signal = np.random.default_rng(2).standard_normal(256)
-    taper = scipy.signal.get_window("hann", 256)
-    wanted = np.real(np.fft.ifft(np.log(np.abs(np.fft.fft((signal - signal.mean()) * taper)))))
-    assert real_cepstrum(signal[None], 1.0)[1][0] == pytest.approx(wanted[:129], abs=1e-9)
-
-
-def test_a_family_of_lines_stands_out_at_its_own_spacing_only() -> None:
-    rng = np.random.default_rng(0)
-    family = sum(np.cos(2 * np.pi * 40.0 * k * TIME + rng.uniform(0, 6)) for k in range(1, 40))
-    signal = (family + rng.standard_normal(len(TIME)))[None]
-    assert harmonic_family_index(signal, RATE, 40.0)[0] > 20
-    assert harmonic_family_index(signal, RATE, 33.0)[0] < 5
-    noise = rng.standard_normal((30, len(TIME)))
-    assert harmonic_family_index(noise, RATE, 40.0).max() < 5
-    with pytest.raises(InputError, match="no family"):
-        harmonic_family_index(signal, RATE, 0.5)
-
-
 def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
     recording = pump()
     table = indicators_of(recording, pistons=7)
@@ -308,7 +285,7 @@ def test_what_no_table_can_be_made_of_is_said() -> None:
         stacked([])
     with pytest.raises(InputError, match="no indicator 'rsm'"):
         indicators_of(pump()).column("rsm")
-    assert set(FAMILIES) == {"statistics", "velocity", "bands", "orders", "envelope", "cepstrum"}
+    assert set(FAMILIES) == {"statistics", "velocity", "bands", "orders", "envelope"}
 
 
 @pytest.mark.parametrize(("kind", "position"), [("amplitude", 105.0), ("order", 7.0)])
@@ -320,12 +297,7 @@ def test_the_piston_line_stands_where_the_mark_is(kind: str, position: float) ->
     assert spectrum.marks[2].at == pytest.approx(position)
 
 
-def test_marks_of_a_cepstrum_are_periods_and_an_envelope_tells_its_band() -> None:
-    cepstrum = spectrum_of(pump(), "cepstrum", pistons=7)
-    assert [(mark.name, mark.at) for mark in cepstrum.marks] == [
-        ("1x", pytest.approx(1 / 15)),
-        ("7x", pytest.approx(1 / 105)),
-    ]
+def test_an_envelope_tells_its_band() -> None:
     envelope = spectrum_of(replace(pump(), signal=np.stack([bursts(), bursts(ring=1200)])), "envelope")
     assert [low < ring < high for (low, high), ring in zip(envelope.bands, (3000, 1200), strict=True)] == [True] * 2
     assert spectrum_of(replace(pump(), condition=None)).marks == ()
@@ -346,9 +318,9 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
     signal = np.random.default_rng(0).standard_normal((2, time.size)) + 0.5 * np.sin(2 * np.pi * 25 * time)
     recording = Recording(signal, RATE, "long", ("x", "y"), attributes={"speed": "1500 rpm"})
     whole = indicators_of(recording, pistons=9)
-    monkeypatch.setattr(stretches, "LONGEST", 100_000)
-    monkeypatch.setattr(stretches, "_STRETCH", 60_000)
-    parts = stretches.long_indicators(recording, lambda part: indicators_of(part, pistons=9))
+    monkeypatch.setattr(indicator_table, "LONGEST", 100_000)
+    monkeypatch.setattr(indicator_table, "_STRETCH", 60_000)
+    parts = indicator_table.long_indicators(recording, lambda part: indicators_of(part, pistons=9))
     assert (parts.rows, parts.columns) == (whole.rows, whole.columns)
     for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)

@@ -50,7 +50,6 @@ class SpectrumKind(StrEnum):
     amplitude = "amplitude"
     envelope = "envelope"
     order = "order"
-    cepstrum = "cepstrum"
 
 
 class Order(StrEnum):
@@ -82,7 +81,7 @@ def features(
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
-    """Table of indicators: velocity, levels, orders, envelope, cepstrum, for each recording and channel.
+    """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
 
     No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own baseline by swashtwin
     signal trend.
@@ -155,7 +154,7 @@ def spectrum(
     resolution: Annotated[
         float | None, typer.Option(help="Spacing of lines in Hz, or in orders; the whole recording at once by default.")
     ] = None,
-    top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders, s).")] = None,
+    top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders).")] = None,
     tachometer: Tachometer = None,
     pulses: Pulses = None,
     track: Track = None,
@@ -168,7 +167,7 @@ def spectrum(
     channels: Channels = None,
     as_json: Json = False,
 ) -> None:
-    """Amplitude, envelope or order spectrum, or cepstrum, with the lines of shaft and pistons marked: CSV and SVG."""
+    """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and SVG."""
     from swashtwin.foundation import write_text
     from swashtwin.report import spectrum_drawing
     from swashtwin.signals import spectrum_of
@@ -177,8 +176,6 @@ def spectrum(
     csv_file = _csv_beside(target, [file])
     if band is not None and kind is not SpectrumKind.envelope:
         raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
-    if resolution is not None and kind is SpectrumKind.cepstrum:
-        raise typer.BadParameter("a cepstrum is of the whole recording at once.", param_hint="--resolution")
     shaft = Shaft(tachometer, pulses, track)
     edges = None if band is None else band_from(band)
     facts = file_facts(locals())

@@ -78,7 +78,7 @@ def spectrum(
     ----------
     source : recording, or what `swashtwin.signals.spectrum_of` gave.
     kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of the shaft's
-        frequency, ``cepstrum`` over quefrency.
+        frequency.
     pistons : of a recording: number of pistons, to mark their lines.
     top : end of the axis, in its unit; by default a little beyond the last marked line, or the whole axis.
 
@@ -102,7 +102,7 @@ def spectrum(
 def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, list[Mark]]:
     """(the figure, the lines that it marks)."""
     end = _end(spectrum, top)
-    start = spectrum.position[1] if spectrum.kind != "cepstrum" else end / 50
+    start = spectrum.position[1]
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     if top is not None and not (end > 0 and is_shown.any()):
         raise InputError(
@@ -111,10 +111,9 @@ def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, 
         )
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
-    scale = 1000.0 if spectrum.axis_unit == "s" else 1.0
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
     for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
-        x, y = _thin_out(spectrum.position[is_shown] * scale, row[is_shown])
+        x, y = _thin_out(spectrum.position[is_shown], row[is_shown])
         panel.plot(x, y, color=MEASURED, linewidth=0.8)
         _level_axis(panel, spectrum, y)
         title = words(name)
@@ -124,12 +123,10 @@ def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, 
         panel.set_title(title, loc="left")
         for mark in marks:
             color = _PISTONS if mark.of_pistons else _SHAFT
-            panel.axvline(mark.at * scale, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
-    axes[0, 0].set_xlim(0, end * scale)
-    _name_marks(axes[0, 0], marks, scale, end * scale)
-    unit = "ms" if spectrum.axis_unit == "s" else spectrum.axis_unit or "turns of the shaft"
-    label = "order" if spectrum.kind == "order" else spectrum.axis
-    axes[-1, 0].set_xlabel(f"{label} [{'1' if spectrum.kind == 'order' else unit}]")
+            panel.axvline(mark.at, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
+    axes[0, 0].set_xlim(0, end)
+    _name_marks(axes[0, 0], marks, end)
+    axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
     _mark_legend(axes[0, 0], marks)
     return figure, marks
 
@@ -140,7 +137,7 @@ def _end(spectrum: LineSpectrum, top: float | None) -> float:
         return min(top, last)
     if not spectrum.marks:
         return last
-    return min(last, max(mark.at for mark in spectrum.marks) * (1.1 if spectrum.kind != "cepstrum" else 2.5))
+    return min(last, max(mark.at for mark in spectrum.marks) * 1.1)
 
 
 def unit_words(unit: str) -> str:
@@ -159,9 +156,6 @@ def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
-    if spectrum.kind == "cepstrum":
-        panel.set_ylabel("cepstrum [1]")
-        return
     panel.set_ylabel(f"peak amplitude\n[{unit_words(spectrum.unit)}]")
     if spectrum.kind == "envelope":
         panel.set_ylim(bottom=0)
@@ -173,8 +167,8 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
         name_decades(panel)
 
 
-def _name_marks(panel: Axes, marks: Sequence[Mark], scale: float, width: float) -> None:
-    spots = spread_labels([mark.at * scale for mark in marks], gap=0.035 * width)
+def _name_marks(panel: Axes, marks: Sequence[Mark], width: float) -> None:
+    spots = spread_labels([mark.at for mark in marks], gap=0.035 * width)
     for mark, spot in zip(marks, spots, strict=True):
         color = _PISTONS if mark.of_pistons else _SHAFT
         panel.annotate(

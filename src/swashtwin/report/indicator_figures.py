@@ -19,7 +19,6 @@ _TITLES = {
     "amplitude": "Amplitude spectrum",
     "envelope": "Envelope spectrum",
     "order": "Order spectrum",
-    "cepstrum": "Real cepstrum",
 }
 
 
@@ -51,10 +50,7 @@ def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Dra
 
 
 def _spectrum_caption(spectrum: LineSpectrum, marks: Sequence[Mark]) -> str:
-    if spectrum.kind == "cepstrum":
-        caption = "Inverse transform of the log magnitude: a family of equally spaced lines is one peak at its period."
-    else:
-        caption = "One-sided peak amplitudes, Hann taper corrected."
+    caption = "One-sided peak amplitudes, Hann taper corrected."
     if spectrum.angle_from:
         caption += f" Along the shaft's angle, from {spectrum.angle_from}."
     if marks:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError
-from swashtwin.signals.indicators.envelope import envelope_spectrum
+from swashtwin.signals.envelope import envelope_spectrum
 from swashtwin.signals.spectra import inverse_transform, transform
 
 SEATS = ("ball", "inner_race", "outer_race")

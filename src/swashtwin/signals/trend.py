@@ -14,8 +14,8 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_same_class, values_match
-from swashtwin.signals.indicators.registry import Indicator
-from swashtwin.signals.indicators.table import IndicatorTable, Row
+from swashtwin.signals.indicator_table import IndicatorTable, Row
+from swashtwin.signals.indicators import Indicator
 
 LEAST_HEALTHY = 5
 """Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie 5 spreads off."""

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from swashtwin.foundation import InputError
-from swashtwin.signals.orders.shaft_angle import ShaftAngle
+from swashtwin.signals.shaft_angle import ShaftAngle
 
 _PARTS = 4
 """The scatter between so many parts of the recording says how well a line is known."""

@@ -1,4 +1,4 @@
-"""One spectrum of a recording with the lines of shaft and pistons marked: amplitude, envelope, order or cepstrum."""
+"""One spectrum of a recording with the lines of shaft and pistons marked: amplitude, envelope or order."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.recordings import Recording, refuse_unfit, stated_speed
-from swashtwin.signals.indicators.cepstrum import real_cepstrum
-from swashtwin.signals.indicators.envelope import envelope_spectrum
-from swashtwin.signals.orders.resampling import resampled_by_angle
-from swashtwin.signals.orders.shaft_angle import ShaftAngle, stated_angle
+from swashtwin.signals.envelope import envelope_spectrum
+from swashtwin.signals.shaft_angle import ShaftAngle, resampled_by_angle, stated_angle
 from swashtwin.signals.spectra import amplitude_spectrum
 
-LineSpectrumKind = Literal["amplitude", "envelope", "order", "cepstrum"]
+LineSpectrumKind = Literal["amplitude", "envelope", "order"]
 KINDS: tuple[LineSpectrumKind, ...] = get_args(LineSpectrumKind)
 """Spectra that `spectrum_of` makes."""
 
@@ -50,9 +48,9 @@ class LineSpectrum:
     position: Float[np.ndarray, " line"]
     """Place of each line on the axis."""
     amplitude: Float[np.ndarray, "channel line"]
-    """One-sided peak amplitude; the cepstrum's value for a cepstrum."""
+    """One-sided peak amplitude."""
     unit: str
-    """Unit of the amplitude, empty for a cepstrum."""
+    """Unit of the amplitude."""
     marks: tuple[Mark, ...]
     """Where lines of shaft and pistons are expected; empty where nobody knows the speed."""
     bands: tuple[tuple[float, float], ...] = ()
@@ -81,8 +79,7 @@ def spectrum_of(
 
     Parameters
     ----------
-    kind : ``amplitude`` and ``envelope`` over frequency, ``order`` over multiples of the shaft (along its angle),
-        ``cepstrum`` over quefrency.
+    kind : ``amplitude`` and ``envelope`` over frequency, ``order`` over multiples of the shaft (along its angle).
     angle : shaft angle from a tachometer or a followed line; orders fall back on the stated speed without it.
     pistons : number of pistons, for the marks.
     band : edges [Hz] for the envelope; by default the kurtogram's for each channel.
@@ -107,10 +104,6 @@ def spectrum_of(
         bands = tuple(zip(spectrum.low.tolist(), spectrum.high.tolist(), strict=True))
         marks = _marks(shaft, pistons)
         return LineSpectrum(*header, "frequency", "Hz", spectrum.frequency, spectrum.amplitude, unit, marks, bands)
-    if kind == "cepstrum":
-        quefrency, cepstrum = real_cepstrum(signal, rate)
-        marks = tuple(Mark(1 / mark.at, mark.name, mark.of_pistons) for mark in _marks(shaft, pistons, harmonics=False))
-        return LineSpectrum(*header, "quefrency", "s", quefrency, cepstrum, "", marks)
     angle = stated_angle(recording) if angle is None else angle
     turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
     per_turn = float(turned.attributes["samples_per_turn"])
@@ -119,11 +112,10 @@ def spectrum_of(
     return LineSpectrum(*header, "order", "", order, amplitude, unit, marks, angle_from=angle.source)
 
 
-def _marks(shaft: float | None, pistons: int | None, *, harmonics: bool = True) -> tuple[Mark, ...]:
+def _marks(shaft: float | None, pistons: int | None) -> tuple[Mark, ...]:
     if shaft is None:
         return ()
-    marks = [Mark(k * shaft, f"{k}x", False) for k in range(1, (_SHAFT_MARKS if harmonics else 1) + 1)]
-    if pistons is not None:
-        orders = [pistons * k for k in range(1, (_PISTON_MARKS if harmonics else 1) + 1)]
-        marks += [Mark(order * shaft, f"{order}x", True) for order in orders]
+    marks = [Mark(k * shaft, f"{k}x", False) for k in range(1, _SHAFT_MARKS + 1)]
+    for order in [] if pistons is None else [pistons * k for k in range(1, _PISTON_MARKS + 1)]:
+        marks.append(Mark(order * shaft, f"{order}x", True))
     return tuple(marks)

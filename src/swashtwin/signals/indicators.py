@@ -12,14 +12,11 @@ from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
-from swashtwin.signals.indicators.cepstrum import harmonic_family_index
-from swashtwin.signals.indicators.envelope import envelopes
-from swashtwin.signals.indicators.kurtogram import kurtograms
-from swashtwin.signals.indicators.levels import Spectrum, band_rms, segment_length, velocity_rms
-from swashtwin.signals.indicators.statistics import power_sums, shape_statistics
-from swashtwin.signals.indicators.synchronous import synchronous_lines
-from swashtwin.signals.orders.shaft_angle import ShaftAngle
+from swashtwin.signals.envelope import envelopes, kurtograms
+from swashtwin.signals.levels import Spectrum, band_rms, power_sums, segment_length, shape_statistics, velocity_rms
+from swashtwin.signals.shaft_angle import ShaftAngle
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
+from swashtwin.signals.synchronous import synchronous_lines
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
@@ -219,17 +216,6 @@ def _envelope(measured: Measured) -> Values:
         yield indicator, _or_nan(measured, amplitude_of(order), envelope)
 
 
-def _families(measured: Measured) -> Values:
-    if measured.shaft is None:
-        return
-    for order in measured.orders:
-        index = partial(harmonic_family_index, spacing=order * measured.shaft)
-        indicator = Indicator(
-            f"harmonic_index {order}x", "", "cepstrum's peak for lines that far apart, in deviations of its background"
-        )
-        yield indicator, _or_nan(measured, index)
-
-
 FAMILIES: Mapping[str, tuple[str, Callable[[Measured], Values]]] = MappingProxyType(
     {
         "statistics": ("rms, peak, crest factor, kurtosis, skewness", _statistics),
@@ -237,7 +223,6 @@ FAMILIES: Mapping[str, tuple[str, Callable[[Measured], Values]]] = MappingProxyT
         "bands": ("rms in bands of Hz or of shaft orders", _levels),
         "orders": ("amplitude, and with an angle phase, of shaft orders", _lines),
         "envelope": ("most impulsive band, and shaft orders of its envelope", _envelope),
-        "cepstrum": ("how far families of shaft orders stand out", _families),
     }
 )
 """Families of indicators: what they hold, and the function that computes them."""

@@ -1,0 +1,260 @@
+"""From time to turns: where the shaft stood at each sample, and the recording along its angle.
+
+A speed that wanders by half a percent smears the line at order 100 over half an order; along the shaft's angle it
+stands still. The angle comes from a tachometer channel (`tachometer_speed`), from a line of the signal itself
+(`tracking.tracked_speed`), or from the speed that somebody wrote down (`stated_angle`).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator, make_interp_spline
+from scipy.ndimage import median_filter
+
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording, stated_speed
+
+
+@dataclass(frozen=True, eq=False)
+class ShaftAngle:
+    """Angle of the shaft at each sample of a recording."""
+
+    angle: Float[np.ndarray, " time"]
+    """Angle since some zero [rad], never falling."""
+    sample_rate: float
+    """Readings per second of the recording [Hz]."""
+    deviation: float
+    """Standard deviation of the angle's error [rad], as far as noise makes it; NaN where nothing tells."""
+    quality: float
+    """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN where nothing was measured."""
+    absolute: bool
+    """Whether angle 0 is a mark on the shaft (one pulse per turn), so that phases mean something between recordings."""
+    source: str
+    """Where it comes from, in words."""
+
+    @property
+    def speed(self) -> Float[np.ndarray, " time"]:
+        """Angular speed of the shaft at each sample [rad/s]."""
+        return np.gradient(self.angle) * self.sample_rate
+
+    @property
+    def mean_speed(self) -> float:
+        """Mean angular speed [rad/s]."""
+        return float((self.angle[-1] - self.angle[0]) / (len(self.angle) - 1) * self.sample_rate)
+
+    @property
+    def turns(self) -> float:
+        """Revolutions covered."""
+        return float((self.angle[-1] - self.angle[0]) / (2 * math.pi))
+
+    def require_fits(self, recording: Recording) -> None:
+        """Refuse a recording of another length or rate than the angle's."""
+        n_samples = recording.signal.shape[1]
+        if len(self.angle) != n_samples or self.sample_rate != recording.sample_rate:
+            raise InputError(
+                f"{recording.recording_id} has {n_samples} samples at {recording.sample_rate:g} Hz, the angle "
+                f"{len(self.angle)} at {self.sample_rate:g} Hz; take the angle from this recording."
+            )
+
+
+def stated_angle(recording: Recording) -> ShaftAngle:
+    """Angle that the recording's own speed, or else the speed stated for it, adds up to.
+
+    Raises
+    ------
+    InputError
+        Nobody stated a speed, or the shaft stands still.
+    """
+    if recording.speed is not None:
+        steps = (recording.speed[1:] + recording.speed[:-1]) / (2 * recording.sample_rate)
+        angle = np.concatenate([[0.0], np.cumsum(steps)])
+        source = "the recording's speed"
+    else:
+        shaft = stated_speed(recording)
+        if shaft is None:
+            raise InputError(
+                f'{recording.recording_id}: nobody stated its speed; give one ("860 rpm"), or a tachometer channel.'
+            )
+        angle = 2 * math.pi * shaft * recording.time
+        source = "the stated speed"
+    if angle[-1] <= 0:
+        raise InputError(f"{recording.recording_id}: the shaft stands still; there is no angle to go by.")
+    return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, absolute=False, source=source)
+
+
+_RISE, _FALL = 0.6, 0.4
+"""A pulse begins where the level rises through the first, once it has fallen through the second (of the range)."""
+_ODD_INTERVAL = 1.5
+"""An interval that many times its neighbors', or as small a part of them, is a pulse missed or counted twice."""
+
+
+def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
+    """Angle of the shaft from the rising edges of a tachometer channel.
+
+    Each edge is placed between two samples by a straight line; between edges the angle follows a monotone cubic
+    (Fritsch and Carlson), before the first and after the last it goes on at the nearest interval's speed. With one
+    pulse per turn angle 0 is the first pulse, the same mark in every recording. An encoder's marks are taken as evenly
+    spaced.
+
+    Parameters
+    ----------
+    channel : name of the tachometer channel.
+    pulses_per_turn : pulses in one revolution of the shaft.
+
+    Raises
+    ------
+    InputError
+        No such channel, or a count below 1.
+    DataError
+        Fewer than three pulses, missing samples, or a pulse that was missed or counted twice.
+
+    Examples
+    --------
+    >>> time = np.arange(10000) / 1000
+    >>> pulses = (np.mod(12.5 * time, 1) < 0.1) * 5.0
+    >>> angle = tachometer_speed(Recording(pulses[None], 1000.0, "a", ("tacho",)), "tacho")
+    >>> print(f"{angle.mean_speed * 60 / (2 * np.pi):.1f} rev/min")
+    750.0 rev/min
+    """
+    if pulses_per_turn < 1:
+        raise InputError(f"pulses_per_turn ({pulses_per_turn}) must be 1 or more.")
+    level = recording.picked([channel]).signal[0]
+    if not np.isfinite(level).all():
+        raise DataError(f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there.")
+    pulses = _rising_edges(level)
+    if len(pulses) < 3:
+        raise DataError(
+            f"{recording.recording_id}, {channel}: {len(pulses)} pulses; a speed needs at least 3. Is it a tachometer?"
+        )
+    _require_even(pulses / recording.sample_rate, f"{recording.recording_id}, {channel}")
+    marks = 2 * math.pi / pulses_per_turn * np.arange(len(pulses))
+    angle = _between(pulses, marks, len(level))
+    # The second difference of evenly noisy edges has six times their variance; a real acceleration only adds to it.
+    scatter = float(np.std(np.diff(pulses, 2))) / math.sqrt(6)
+    rate = float((marks[-1] - marks[0]) / (pulses[-1] - pulses[0]))
+    covered = float((pulses[-1] - pulses[0]) / (len(level) - 1))
+    once = pulses_per_turn == 1
+    source = f"{channel}, {pulses_per_turn} pulse{'' if once else 's'} per turn"
+    return ShaftAngle(angle, recording.sample_rate, scatter * rate, covered, absolute=once, source=source)
+
+
+def _rising_edges(level: Float[np.ndarray, " time"]) -> Float[np.ndarray, " pulse"]:
+    """Reading, with its fraction, at which each pulse rises through half the range."""
+    low, high = float(level.min()), float(level.max())
+    if high <= low:
+        return np.empty(0)
+    share = (level - low) / (high - low)
+    state = np.where(share >= _RISE, 1, np.where(share <= _FALL, -1, 0))
+    certain = np.flatnonzero(state)
+    rises = np.flatnonzero((state[certain[1:]] == 1) & (state[certain[:-1]] == -1))
+    edges = []
+    for before, after in zip(certain[rises], certain[rises + 1], strict=True):
+        part = share[before : after + 1]
+        at = int(np.flatnonzero((part[:-1] < 0.5) & (part[1:] >= 0.5))[0])
+        edges.append(before + at + (0.5 - part[at]) / (part[at + 1] - part[at]))
+    return np.array(edges)
+
+
+def _require_even(time: Float[np.ndarray, " pulse"], where: str) -> None:
+    interval = np.diff(time)
+    ratio = interval / median_filter(interval, size=min(5, len(interval)), mode="nearest")
+    odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
+    if len(odd):
+        raise DataError(
+            f"{where}: the pulses at {time[odd[0]]:.4f} s and {time[odd[0] + 1]:.4f} s lie {ratio[odd[0]]:.2f} times "
+            "their neighbors' distance apart; a pulse was missed or counted twice, or the marks are uneven."
+        )
+
+
+def _between(
+    pulses: Float[np.ndarray, " pulse"], marks: Float[np.ndarray, " pulse"], n_samples: int
+) -> Float[np.ndarray, " time"]:
+    sample = np.arange(n_samples, dtype=float)
+    angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(sample, pulses[0], pulses[-1]))
+    first = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
+    last = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
+    return angle + np.minimum(sample - pulses[0], 0) * first + np.maximum(sample - pulses[-1], 0) * last
+
+
+_FINER = 4
+"""The samples are first made that many times denser, so that a cubic between them is exact to 1e-3 below 0.4 of the
+sample rate."""
+_DENSEST = 64
+"""Fine steps of the angle per step asked for, at most: a shaft that all but stops is not followed into aliasing."""
+
+
+def resampled_by_angle(
+    recording: Recording, angle: ShaftAngle, samples_per_turn: int, *, played_at: float | None = None
+) -> Recording:
+    """The recording at even steps of the shaft's angle, as if the shaft had turned steadily.
+
+    Reading 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut off in the angle
+    domain, where the cut lies at the same order however the speed changed. The new `sample_rate` is `samples_per_turn`
+    times the shaft frequency at which the turns are played back, so that order k stands at k times that frequency and
+    every verb on recordings works as before; the attributes say ``domain = angle``, the samples per turn, and where
+    the angle comes from. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
+    smeared as the speed changes.
+
+    Parameters
+    ----------
+    samples_per_turn : even number of samples per revolution; orders below 0.4 of it are kept to 1 %.
+    played_at : angular speed of the steady turning [rad/s]; the mean speed by default. Recordings of several speeds
+        that are to be cut into one set of windows need one in common.
+
+    Raises
+    ------
+    InputError
+        The angle belongs to another recording, there are too few samples per turn or less than one turn, or the
+        recording lies along an angle already.
+    """
+    if recording.attributes.get("domain") == "angle":
+        raise InputError(f"{recording.recording_id} lies along the shaft's angle already.")
+    angle.require_fits(recording)
+    if samples_per_turn < 4 or samples_per_turn % 2:
+        raise InputError(f"samples_per_turn ({samples_per_turn}) must be an even number from 4 on.")
+    speed = angle.mean_speed if played_at is None else played_at
+    if not (math.isfinite(speed) and speed > 0):
+        raise InputError(f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
+    at, denser = _reading_at(angle, samples_per_turn)
+    signal = _read_off(recording.signal, at)
+    if denser > 1:
+        signal = scipy.signal.resample_poly(signal, 1, denser, axis=-1, padtype="line")
+    at = at[::denser][: signal.shape[1]]
+    return recording.replace(
+        signal=np.ascontiguousarray(signal),
+        sample_rate=samples_per_turn * speed / (2 * math.pi),
+        speed=np.interp(at, np.arange(len(angle.angle)), np.maximum(angle.speed, 0)),
+        attributes={
+            **recording.attributes,
+            "domain": "angle",
+            "samples_per_turn": str(samples_per_turn),
+            "angle_from": angle.source,
+        },
+    )
+
+
+def _reading_at(angle: ShaftAngle, samples_per_turn: int) -> tuple[Float[np.ndarray, " step"], int]:
+    """Reading, with its fraction, at each fine step of the angle, and how many fine steps make one that was asked."""
+    slowest = float(np.percentile(angle.speed, 1)) / (2 * math.pi)
+    wanted_density = angle.sample_rate / (samples_per_turn * max(slowest, 1e-9))
+    denser = math.ceil(min(max(wanted_density, 1.0), _DENSEST))
+    step = 2 * math.pi / (samples_per_turn * denser)
+    first = math.ceil(angle.angle[0] / (2 * math.pi) - 1e-9) * 2 * math.pi
+    count = math.floor((angle.angle[-1] - first) / step + 1e-9) + 1
+    if count < samples_per_turn * denser:
+        raise InputError(f"{angle.turns:.2f} turns hold no whole one from a multiple of 2 pi on; record longer.")
+    wanted = first + step * np.arange(count)
+    return np.interp(wanted, angle.angle, np.arange(len(angle.angle), dtype=float)), denser
+
+
+def _read_off(
+    signal: Float[np.ndarray, "channel time"], at: Float[np.ndarray, " step"]
+) -> Float[np.ndarray, "channel step"]:
+    rows = []
+    for row in signal:
+        fine = scipy.signal.resample_poly(row, _FINER, 1, padtype="line")
+        rows.append(make_interp_spline(np.arange(len(fine)) / _FINER, fine, k=3)(at))
+    return np.stack(rows)

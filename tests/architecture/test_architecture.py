@@ -80,12 +80,11 @@ def test_importing_swashtwin_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("package", ["", *ROOMS])
-def test_every_name_at_a_door_can_be_imported_and_is_listed(package: str) -> None:
+def test_every_name_at_a_door_can_be_imported(package: str) -> None:
     door = import_module(f"swashtwin.{package}".rstrip("."))
     stub = ast.parse((PACKAGE / package / "__init__.pyi").read_text(encoding="utf-8"))
     names = [alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
-    listed = next(ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
-    assert sorted(listed) == sorted(names) == sorted(door.__all__)
+    assert sorted(names) == sorted(door.__all__)
     for name in names:
         assert getattr(door, name) is not None
 

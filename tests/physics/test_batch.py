@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from swashtwin.foundation import InputError, MPa, mm, rpm, um
-from swashtwin.physics import HarmonicBalance, OrderLines, Scales, Twin, accelerations, prepare
+from swashtwin.physics import HarmonicBalance, OrderLines, Scales, Twin, accelerations
 from swashtwin.physics.twin import response
 from swashtwin.pump import (
     BoreDefect,
@@ -141,15 +141,6 @@ def test_a_batch_too_large_for_the_memory_is_computed_in_chunks(
         assert torch.equal(before, after)
     for before, after in zip(whole[2:], chunked[2:], strict=True):
         torch.testing.assert_close(before, after, rtol=1e-12, atol=0.0)
-
-
-def test_prepared_twins_solve_no_pressures_again(twins: list[Twin], monkeypatch: pytest.MonkeyPatch) -> None:
-    fresh = [replace(twin) for twin in twins[:4]]
-    prepare(fresh)
-    monkeypatch.setattr(response, "force_lines", None)
-    assert accelerations(fresh).lines.shape[0] == 4
-    softer = fresh[0].with_interfaces(fresh[1].interfaces or fresh[1].pump.interfaces)
-    assert softer.acceleration().shape == fresh[0].acceleration().shape
 
 
 def test_a_batch_of_none_of_unlike_sensors_or_of_a_negative_value_is_refused(twins: list[Twin]) -> None:

@@ -15,9 +15,7 @@ from swashtwin.physics.dynamics import (
     displacement_rows,
     off_axis_vector,
     piston_bore_shape,
-    piston_points,
     slipper_swash_shape,
-    swash_normal,
 )
 from swashtwin.pump import Pump
 
@@ -160,10 +158,6 @@ def test_the_off_axis_force_does_no_work_on_rigid_motions(pump: Pump) -> None:
         assert np.abs(work).max() < 1e-15
 
 
-def test_the_swash_plane_is_normal_to_its_normal(pump: Pump) -> None:
-    np.testing.assert_allclose(piston_points(pump, 0.3) @ swash_normal(pump), 0, atol=1e-17)
-
-
 def test_an_unknown_topology_is_refused(pump: Pump) -> None:
     with pytest.raises(InputError, match="choose 'T1' or 'T2'"):
         assemble(pump, "T3")
@@ -187,10 +181,6 @@ def test_matrices_of_a_batch_have_the_bits_of_each_by_itself(pump: Pump) -> None
     for row, value in enumerate(values):
         assert torch.equal(structure.stiffness(value, spread[row, 0], 0.9), stiffness[row])
         assert torch.equal(structure.damping(value), damping[row])
-
-
-def test_equal_pumps_share_one_structure(pump: Pump) -> None:
-    assert assemble(replace(pump, sources={})) is assemble(pump)
 
 
 def test_a_factor_on_one_direction_or_bearing_is_that_of_the_pump_file(pump: Pump) -> None:

@@ -88,20 +88,6 @@ def test_the_first_slipper_follows_the_papers_formula(pump: Pump, at_15: Operati
     np.testing.assert_allclose(heights, expected, atol=1e-12)
 
 
-def test_with_entry_at_the_edge_the_ride_starts_half_a_slipper_earlier(pump: Pump, at_15: OperatingCondition) -> None:
-    touch = (DEFECT.angle - mm(15 + 11) / mm(26)) / at_15.speed
-    heights = slipper_displacements(pump, at_15, replace(DEFECT, entry="edge"), touch + np.array([-1e-5, 1e-5]))[0]
-    assert heights[0] == 0 < heights[1]
-
-
-def test_slippers_follow_each_other_by_one_pitch(pump: Pump, at_15: OperatingCondition) -> None:
-    time = np.linspace(0, at_15.period, 5000)
-    now = slipper_displacements(pump, at_15, DEFECT, time)
-    later = slipper_displacements(pump, at_15, DEFECT, time + at_15.period / 7)
-    np.testing.assert_allclose(later[:-1], now[1:], atol=1e-12)
-    np.testing.assert_allclose(later.sum(axis=0), now.sum(axis=0), atol=1e-12)
-
-
 @pytest.mark.parametrize("entry", ENTRIES)
 @pytest.mark.parametrize("edge", EDGES)
 @pytest.mark.parametrize("length", [mm(30), mm(22), mm(16)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import InputError, MPa, SwashTwinError, celsius, deg, mm, rpm, um
-from swashtwin.physics import LoadCase, chambers, force_lines, loads
+from swashtwin.physics import LoadCase, chambers, force_lines
 from swashtwin.physics.loads import chamber_pressures, generalized_forces, port_openings
 from swashtwin.pump import (
     BoreDefect,
@@ -248,10 +248,6 @@ def test_a_pump_of_nine_pistons_has_lines_at_nine_times_the_shaft_frequency(
         chamber_pressures([case, LoadCase(pump, at_15)])
 
 
-def test_more_lines_than_half_the_steps_take_more_steps(pump: Pump, at_15: OperatingCondition) -> None:
-    assert pressure_lines([LoadCase(pump, at_15)], 150, steps=224).shape == (1, 150, 13)
-
-
 def test_a_pump_that_leaks_more_than_it_displaces_is_refused(pump: Pump, at_15: OperatingCondition) -> None:
     slow = at_15.replaced(speed=rpm(60), oil_temperature=celsius(90))
     with pytest.raises(InputError, match=r"case 1 \(25scy14-1b, 60 rev/min, 15 MPa, .*leaks all it displaces"):
@@ -285,61 +281,3 @@ def test_order_zero_is_the_mean_force(pump: Pump, at_15: OperatingCondition) -> 
     mean = force_lines([LoadCase(pump, at_15)], 7)[0, 0]
     assert mean[12].real == pytest.approx(-11378, rel=1e-3)
     assert np.all(mean.imag == 0)
-
-
-@pytest.fixture
-def solved(monkeypatch: pytest.MonkeyPatch) -> list[chambers.Chambers]:
-    """The operating points that are solved from here on, none being remembered."""
-    solved: list[chambers.Chambers] = []
-
-    def counted(tables: chambers.Chambers, revolutions: int) -> tuple[np.ndarray, np.ndarray]:
-        solved.append(tables)
-        return chambers.solve(tables, revolutions)
-
-    loads._all_force_lines.cache_clear()
-    monkeypatch.setattr(loads, "solve", counted)
-    return solved
-
-
-def test_an_operating_point_is_solved_once(
-    pump: Pump, at_15: OperatingCondition, solved: list[chambers.Chambers]
-) -> None:
-    softer = replace(pump, sources={})
-    unpressed = (
-        None,
-        BoreDefect(um(300)),
-        TiltedBlockFace(0.2),
-        LooseSlipper(mm(0.2)),
-        replace(RECESS, contact="shared"),
-    )
-    first = force_lines([LoadCase(pump, at_15)], 30)
-    for fault in unpressed:
-        case = LoadCase(softer, at_15.replaced(), fault)
-        np.testing.assert_array_equal(force_lines([case], 20, topology="T1"), first[:, :21])
-        force_lines([case], 100, topology="T2")
-    assert len(solved) == 1
-    force_lines([LoadCase(pump, at_15.replaced(oil_temperature=320.0))], 30)
-    force_lines([LoadCase(pump, at_15, RECESS)], 30)
-    force_lines([LoadCase(pump, at_15, replace(RECESS, depth=mm(0.5)))], 30)
-    assert len(solved) == 4
-
-
-def test_what_is_remembered_cannot_be_changed_by_its_reader(
-    pump: Pump, at_15: OperatingCondition, solved: list[chambers.Chambers]
-) -> None:
-    case = [LoadCase(pump, at_15)]
-    first = force_lines(case, 30)
-    copy = first.copy()
-    first[:] = 0.0
-    np.testing.assert_array_equal(force_lines(case, 30), copy)
-
-
-def test_a_case_has_the_same_bits_in_any_batch(pump: Pump, at_15: OperatingCondition) -> None:
-    nine = replace(pump, rotating_group=replace(pump.rotating_group, piston_count=9, piston_diameter=mm(15)))
-    batch = [LoadCase(nine, at_15.replaced(speed=rpm(600 + 300 * i)), row[0]) for i, row in enumerate(REFERENCE)]
-    together = chamber_pressures(batch, steps=448)
-    for index, case in enumerate(batch):
-        alone = chamber_pressures([case], steps=448)
-        np.testing.assert_array_equal(together.chamber[index], alone.chamber[0])
-        np.testing.assert_array_equal(together.discharge[index], alone.discharge[0])
-        assert together.flow[index] == alone.flow[0]

@@ -142,11 +142,6 @@ def test_what_cannot_be_simulated_is_refused(
         loose_slipper_lines(pump, at_15, fault, 10)
 
 
-def test_no_lines_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
-    with pytest.raises(InputError, match=r"n_lines \(0\) must lie in 1"):
-        loose_slipper_lines(pump, at_15, LOOSE, 0)
-
-
 def test_a_slipper_that_bounces_differently_each_revolution_is_refused(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:

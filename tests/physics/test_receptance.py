@@ -9,8 +9,8 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError
 from swashtwin.physics import RK4, HarmonicBalance, assemble
-from swashtwin.physics.solvers.receptances import coupled_groups, receptance, solve_symmetric, tidy
-from swashtwin.physics.solvers.runge_kutta import rk4_limits, state_matrix
+from swashtwin.physics.solvers.receptances import receptance
+from swashtwin.physics.solvers.runge_kutta import state_matrix
 from swashtwin.pump import Pump
 
 Matrices = tuple[Tensor, Tensor, Tensor]
@@ -110,18 +110,6 @@ def test_each_of_a_batch_may_have_its_own_frequencies(matrices: Matrices, freque
         assert torch.equal(together[4], alone)
 
 
-def test_coordinates_that_nothing_couples_are_eliminated_apart(matrices: Matrices) -> None:
-    mass, damping, stiffness = (part.numpy().reshape(-1, 13, 13) for part in matrices)
-    tidied = [np.empty_like(part) for part in (mass, damping, stiffness)]
-    assert all(tidy(part, out) for part, out in zip((mass, damping, stiffness), tidied, strict=True))
-    order, ends = np.empty(13, int), np.empty(13, int)
-    count = coupled_groups(tidied[0][0], *tidied[1:], order, ends)
-    assert [order[a:b].tolist() for a, b in zip([0, *ends[: count - 1]], ends[:count], strict=True)] == [
-        [0, 4, 5, 9, 10],
-        [1, 2, 3, 6, 7, 8, 11, 12],
-    ]
-
-
 def coupled(matrices: Matrices) -> Matrices:
     mass, damping, stiffness = matrices
     tie = torch.zeros(13, dtype=torch.float64)
@@ -151,16 +139,6 @@ def test_any_other_system_is_solved_as_well(
 ) -> None:
     force, changed = some_lines(SETS, 51, 13), change(matrices)
     assert relative(receptance(*changed, 1j * frequency, force), dense(*changed, 1j * frequency, force)) < 1e-10
-
-
-def test_growth_that_needs_pivots_is_noticed(matrices: Matrices, frequency: Tensor) -> None:
-    """At the shell's own resonance, line 1, and hardly elsewhere."""
-    mass, damping, stiffness = (part.reshape(-1, 13, 13).numpy() for part in resonant(matrices))
-    motion, failed = np.empty((SETS, 51, 13), complex), np.zeros((SETS, 51), bool)
-    s = 1j * frequency.numpy()[None]
-    solve_symmetric(mass[0], damping, stiffness, s, some_lines(SETS, 51, 13).numpy(), motion, failed)
-    assert failed[:, 1].all()
-    assert failed.mean() < 0.05
 
 
 def test_a_resonance_without_damping_is_named(matrices: Matrices) -> None:
@@ -260,16 +238,6 @@ def test_rk4_has_exact_gradients(matrices: Matrices) -> None:
     assert torch.autograd.gradcheck(response, (constant(13, 13), constant(13, 13)), fast_mode=True)
 
 
-def test_each_of_a_batch_has_its_own_longest_step(matrices: Matrices) -> None:
-    state = state_matrix(*matrices)
-    limits = rk4_limits(state)
-    for limit, line in zip(limits, state, strict=True):
-        rates = torch.linalg.eigvals(line)
-        for factor, grows in ((0.999, False), (1.001, True)):
-            z = factor * limit * rates
-            assert bool((1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).abs().max() > 1 + 1e-9) == grows
-
-
 def test_single_precision_is_off_by_no_more_than_is_said(matrices: Matrices, frequency: Tensor) -> None:
     """1e-4 of the largest motion in a line; compared with double precision on the same rounded matrices."""
     single = [part.float() for part in matrices]
@@ -289,12 +257,3 @@ def test_nothing_leaves_the_device_of_its_inputs(matrices: Matrices, frequency: 
     assert (motion.device.type, motion.shape, motion.dtype) == ("meta", (SETS, 51, 13), torch.complex128)
     (slope,) = torch.autograd.grad(motion.abs().sum(), damping)
     assert (slope.device.type, slope.shape) == ("meta", damping.shape)
-
-
-def test_many_lines_through_pivots_are_solved_in_pieces(
-    matrices: Matrices, frequency: Tensor, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    force, changed = some_lines(SETS, 51, 13), asymmetric(matrices)
-    whole = receptance(*changed, 1j * frequency, force)
-    monkeypatch.setattr("swashtwin.physics.solvers.receptances.ROWS", 100)
-    assert torch.equal(receptance(*changed, 1j * frequency, force), whole)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from swashtwin.foundation import InputError, MPa, deg, mm, um
-from swashtwin.physics import RK4, Scales, SensorPath, Twin, excitation_lines, fault_forces, prepare, worn_values
-from swashtwin.physics.fault_forcing import turning_terms
+from swashtwin.foundation import InputError, deg, mm, um
+from swashtwin.physics import RK4, Scales, SensorPath, Twin, excitation_lines, fault_forces
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -104,17 +103,6 @@ def test_a_loose_slippers_pulses_are_heard_between_the_piston_pass_lines_in_the_
     np.testing.assert_allclose(force, -lines[:, None] * loose.structure.slipper_vector.numpy())
 
 
-def test_a_swash_plate_defect_puts_none_there(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
-    assert off_piston_pass(twin)[0] < 1e-6
-    assert set(twin.orders.tolist()) <= {1, *range(7, 400, 7)}
-
-
-def test_no_depth_is_no_defect(pump: Pump, at_15: OperatingCondition) -> None:
-    healthy, flat = Twin(pump, at_15), Twin(pump, at_15, SwashPlateDefect(depth=0.0, length=mm(30), width=mm(24)))
-    np.testing.assert_allclose(lines_of(flat), lines_of(healthy))
-
-
 def test_even_wear_of_the_valve_plate_softens_its_film(pump: Pump, at_15: OperatingCondition) -> None:
     worn = Twin(pump, at_15, ValvePlateWear(um(12)), bandwidth=WIDE)
     assert off_piston_pass(worn)[0] < 1e-6
@@ -164,23 +152,6 @@ def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition,
     relative = torch.ones(6, dtype=torch.float64, requires_grad=True)
     scales = torch.ones(11, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(read, (relative, scales))
-
-
-def test_a_batch_of_values_is_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
-    values = twin.values * torch.tensor([[1.0], [0.5], [2.0]], dtype=torch.float64)
-    batch = twin.acceleration(values)
-    for row, single in zip(batch, values, strict=True):
-        torch.testing.assert_close(row, twin.acceleration(single))
-
-
-def test_twins_prepared_together_are_each_by_itself(pump: Pump, at_15: OperatingCondition) -> None:
-    conditions = [at_15, at_15.replaced(discharge_pressure=MPa(5)), at_15.replaced(speed=80.0)]
-    together = [Twin(pump, condition, PistonWear(um(40))) for condition in conditions]
-    prepare(together)
-    for twin in together:
-        alone = Twin(pump, twin.condition, PistonWear(um(40)))
-        np.testing.assert_allclose(lines_of(twin), lines_of(alone), rtol=1e-3, atol=1e-4)
 
 
 def test_a_simulation_has_the_lines_it_was_made_of(pump: Pump, at_15: OperatingCondition) -> None:
@@ -235,14 +206,6 @@ def test_everything_follows_the_device_of_the_values(pump: Pump, at_15: Operatin
     lines.abs().sum().backward()
     assert values.grad is not None
     assert values.grad.device.type == "meta"
-
-
-def test_terms_that_turn_follow_the_device_and_the_precision_of_the_values(pump: Pump) -> None:
-    values = torch.ones(2, 6, dtype=torch.float32, device="meta")
-    (term,) = turning_terms(TiltedBlockFace(0.2), pump, values)
-    assert (term.stiffness.device.type, term.stiffness.dtype) == ("meta", torch.complex64)
-    worn = worn_values(pump, ValvePlateWear(um(5)), values)
-    assert (worn.device.type, worn.dtype) == ("meta", torch.float32)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

@@ -21,7 +21,7 @@ from swashtwin.pump import (
     stroke_of,
 )
 from swashtwin.pump.geometry import compression_angle, decompression_angle
-from swashtwin.pump.writing import in_trade_units, pump_text
+from swashtwin.pump.numbers import in_trade_units, pump_text
 
 PLATES = [
     Nameplate(45e-6, 9, rpm(1500), MPa(28)),

@@ -9,8 +9,6 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows
 from swashtwin.pump import OperatingCondition
@@ -68,14 +66,6 @@ def test_angle_zero_is_the_first_pulse_of_a_tachometer() -> None:
     angle = tachometer_speed(tacho(true), "tacho")
     first = np.flatnonzero(np.diff(tacho(true).signal[1]) > 1)[0] + 0.5
     assert np.degrees(np.interp(first, np.arange(len(true)), angle.angle)) == pytest.approx(0, abs=0.01)
-
-
-def test_a_noisy_pulse_is_counted_once() -> None:
-    true = shaft_speed()
-    quiet = tacho(true)
-    noise = 0.3 * np.random.default_rng(0).standard_normal(quiet.signal.shape)
-    angle = tachometer_speed(replace(quiet, signal=quiet.signal + noise), "tacho")
-    assert wandering(angle, true) < 1.5
 
 
 def test_a_missed_pulse_is_refused_with_its_time() -> None:
@@ -162,14 +152,6 @@ def test_what_cannot_be_followed_is_said() -> None:
         tracked_speed(recording, order=7, near=-1.0)
 
 
-def test_a_recording_with_its_own_speed_needs_no_guess() -> None:
-    true = shaft_speed(start=10, end=20)
-    speed = np.gradient(true) * RATE
-    recording = replace(turning(true, noise=0.1), speed=speed * 1.003)
-    assert wandering(tracked_speed(recording, order=7), true) < 1.5
-    assert stated_angle(replace(recording, speed=speed)).turns == pytest.approx(true[-1] / 2 / np.pi, rel=1e-6)
-
-
 @settings(max_examples=12, deadline=None)
 @given(order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000]))
 def test_a_line_keeps_its_amplitude_along_the_angle(order: int, swing: float, per_turn: int) -> None:
@@ -237,34 +219,6 @@ def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
     still = replace(recording, speed=np.zeros(recording.signal.shape[1]))
     with pytest.raises(InputError, match="stands still"):
         stated_angle(still)
-
-
-@pytest.fixture(scope="module")
-def rig() -> list[Recording]:
-    """Two recordings of the rig, whose speed wanders by up to 0.5 %."""
-    size = RigSize(specimens=2, repeats=1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
-        return [recording for recording, _ in rig_recordings(2, size, labels=("normal",))]
-
-
-def concentration(recording: Recording, orders: np.ndarray) -> float:
-    """Share of the power within half an order of each of `orders` that lies within a fifteenth of it."""
-    frequency, amplitude = amplitude_spectrum(recording.signal, recording.sample_rate)
-    order = frequency / (stated_speed(recording) or 1)
-    distance = np.abs(order[:, None] - orders).min(axis=1)
-    power = (amplitude**2).sum(axis=0)
-    return float(power[distance < 1 / 15].sum() / power[distance < 0.5].sum())
-
-
-def test_order_lines_of_the_rig_sharpen_along_the_tracked_angle(rig: list[Recording]) -> None:
-    for recording in rig:
-        angle = tracked_speed(recording, order=(7, 14, 21, 28))
-        turned = resampled_by_angle(recording, angle, 1024)
-        high = 7 * np.arange(15, 30)  # 1500 to 2900 Hz
-        before, after = concentration(recording, high), concentration(turned, high)
-        assert after > before + 0.1
-        assert math.degrees(angle.deviation) < 1
 
 
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:

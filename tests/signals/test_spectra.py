@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import InputError
 from swashtwin.signals import (
-    OrderSpectrum,
     add_noise,
     aligned,
     band_limited,
@@ -118,14 +117,6 @@ def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(orders: list[in
     assert plain[1][0, highest] < 0.8 * amplitudes[-1]  # a line of the plain spectrum loses what is smeared
 
 
-def test_the_order_of_the_orders_does_not_matter() -> None:
-    orders = np.array([1, 2, 7, 14])
-    signal = turning(orders, np.array([1.0, 2.0, 3.0, 4.0]), 50, noise=0.3)
-    spectrum = order_spectrum(signal, RATE, SHAFT, orders)
-    turned = order_spectrum(signal, RATE, SHAFT, orders[::-1].copy())
-    np.testing.assert_allclose(turned.amplitude[:, ::-1], spectrum.amplitude)
-
-
 def test_the_noise_under_a_line_is_taken_away() -> None:
     orders = np.array([7, 14, 21])
     draws = [
@@ -162,14 +153,6 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
     assert np.all(claimed < 1.8 * scatter)
 
 
-def test_channels_do_not_mix() -> None:
-    orders = np.array([7, 14])
-    first = turning(orders, np.array([1.0, 0.0]), 40)
-    other = turning(orders, np.array([0.0, 2.0]), 40)
-    spectrum = order_spectrum(np.concatenate([first, other]), RATE, SHAFT, orders)
-    np.testing.assert_allclose(spectrum.amplitude, [[1, 0], [0, 2]], atol=0.01)
-
-
 @pytest.mark.parametrize(
     ("revolutions", "orders", "message"),
     [
@@ -182,11 +165,6 @@ def test_channels_do_not_mix() -> None:
 def test_orders_that_cannot_be_read_are_refused(revolutions: float, orders: list[int], message: str) -> None:
     with pytest.raises(InputError, match=message):
         order_spectrum(turning(np.array([7]), np.ones(1), revolutions), RATE, SHAFT, np.array(orders))
-
-
-def test_an_order_spectrum_knows_its_frequencies() -> None:
-    spectrum = OrderSpectrum(np.array([1, 7]), 14.0, np.ones((1, 2)), np.ones((1, 2)))
-    np.testing.assert_array_equal(spectrum.frequency, [14, 98])
 
 
 @settings(max_examples=40, deadline=None)
@@ -203,14 +181,6 @@ def test_a_synchronous_signal_is_the_sum_of_its_cosines(orders: list[int], seed:
     expected = np.real(lines @ np.exp(1j * order[:, None] * angle))
     signal = synchronous_signal(lines, order, angle)
     assert np.all(np.abs(signal - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12)
-
-
-def test_a_mean_line_is_a_mean_wherever_it_stands() -> None:
-    angle = np.linspace(0, 2 * np.pi, 1000)
-    lines = np.array([[2 + 0j, 1 + 0j]])
-    mean_last = synchronous_signal(lines[:, ::-1], np.array([1, 0]), angle)
-    np.testing.assert_allclose(synchronous_signal(lines, np.array([0, 1]), angle), mean_last)
-    np.testing.assert_allclose(mean_last[0], 2 + np.cos(angle), atol=1e-5)
 
 
 @settings(max_examples=25, deadline=None)
@@ -262,15 +232,6 @@ def test_a_known_shift_is_found(shift: int, seed: int) -> None:
     simulated = np.tile(turn, 4)
     measured = 3 * simulated[:, shift : shift + 150]
     np.testing.assert_array_equal(3 * aligned(measured, simulated), measured)
-
-
-def test_all_channels_decide_the_shift_together() -> None:
-    pulse = np.zeros(20)
-    pulse[4] = 1.0
-    faint, strong = np.roll(pulse, 5) * 0.1, pulse * 2
-    simulated = np.stack([pulse, pulse])
-    stretch = aligned(np.stack([faint, strong])[:, 2:12], simulated)
-    np.testing.assert_array_equal(stretch, simulated[:, 2:12])
 
 
 def test_a_simulation_shorter_than_the_measurement_is_refused() -> None:

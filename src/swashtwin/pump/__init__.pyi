@@ -28,6 +28,7 @@ from .faults import is_healthy as is_healthy
 from .faults import is_same_class as is_same_class
 from .faults import register_fault as register_fault
 from .geometry import stroke_of as stroke_of
+from .numbers import in_trade_units as in_trade_units
 from .numbers import pump_numbers as pump_numbers
 from .numbers import with_number as with_number
 from .parameters import LETTERS as LETTERS
@@ -44,52 +45,3 @@ from .parsing import read_fault as read_fault
 from .scaling import Nameplate as Nameplate
 from .scaling import read_nameplate as read_nameplate
 from .scaling import scaled_pump as scaled_pump
-from .writing import in_trade_units as in_trade_units
-
-__all__ = [
-    "CLASSES",
-    "FAULT_KINDS",
-    "LETTERS",
-    "PARAMETERS",
-    "PRESSURE_TOLERANCE",
-    "SECTIONS",
-    "SPEED_TOLERANCE",
-    "Bearings",
-    "BoreDefect",
-    "DamScratch",
-    "Fault",
-    "GrooveErosion",
-    "Interface",
-    "InterfaceValue",
-    "Interfaces",
-    "LooseSlipper",
-    "Nameplate",
-    "OperatingCondition",
-    "PistonWear",
-    "Pump",
-    "Rated",
-    "SealingLandScratch",
-    "Sensor",
-    "SwashPlateDefect",
-    "TiltedBlockFace",
-    "ValvePlateWear",
-    "available_pumps",
-    "canonical_label",
-    "fault_type",
-    "group_by_condition",
-    "in_trade_units",
-    "is_healthy",
-    "is_same_class",
-    "load_pump",
-    "merge_close_values",
-    "new_pump",
-    "pump_numbers",
-    "read_condition",
-    "read_fault",
-    "read_nameplate",
-    "register_fault",
-    "scaled_pump",
-    "stroke_of",
-    "values_match",
-    "with_number",
-]

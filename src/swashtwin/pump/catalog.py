@@ -4,13 +4,14 @@ A bare number is refused, and so is one without a source: whoever edits the file
 and whoever reads a result can judge what it rests on.
 """
 
+import difflib
 import math
 import re
 import tomllib
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from swashtwin.foundation import (
     DataError,
@@ -23,85 +24,70 @@ from swashtwin.foundation import (
     write_text,
 )
 from swashtwin.pump.geometry import require_sound_geometry
-from swashtwin.pump.parameters import (
-    Bearings,
-    Coupling,
-    Interface,
-    Interfaces,
-    Line,
-    Masses,
-    Mount,
-    Oil,
-    Positions,
-    Pump,
-    Rated,
-    RotatingGroup,
-    Sensor,
-    ValvePlate,
-)
+from swashtwin.pump.numbers import pump_text
+from swashtwin.pump.parameters import Bearings, Interfaces, Positions, Pump, Rated, Sensor
 from swashtwin.pump.scaling import Nameplate, scaled_pump
-from swashtwin.pump.writing import pump_text
 
 FORMAT = 1
 
-SECTIONS = {
-    "rotating_group": RotatingGroup,
-    "valve_plate": ValvePlate,
-    "oil": Oil,
-    "line": Line,
-    "masses": Masses,
-    "positions": Positions,
-    "mount": Mount,
-    "bearings": Bearings,
-    "coupling": Coupling,
+SECTIONS: dict[str, type] = {
+    name: kind
+    for name, kind in get_type_hints(Pump).items()
+    if isinstance(kind, type) and is_dataclass(kind) and kind is not Interfaces
 }
+"""Tables that every pump file has beside the interfaces, and what each holds."""
 
 MAY_BE_ZERO = ("piston_eccentricity", "air_fraction", "rotor_eccentricity")
 
 
-def _quantity(entry: Any, unit: str, path: str, sources: dict[str, str]) -> Any:
+def _require_names(table: dict[str, Any], names: tuple[str, ...], where: str) -> None:
+    for name in table:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}")
+
+
+def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
+    """Part of a pump from its table; notes where each number comes from."""
+    if not isinstance(table, dict):
+        raise DataError(f"[{path}] is missing or no table.")
+    parts = {item.name: item for item in fields(kind)}
+    _require_names(table, tuple(parts), f"[{path}]")
+    values: dict[str, Any] = {}
+    for name, item in parts.items():
+        if is_dataclass(item.type):
+            values[name] = _section(item.type, table.get(name), f"{path}.{name}", sources)  # type: ignore[arg-type]
+        elif name not in table:
+            raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
+        else:
+            values[name] = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", item.type, sources)
+            signed = (kind, name) == (Bearings, "positions") or kind is Positions
+            for number in values[name] if isinstance(values[name], tuple) else (values[name],):
+                if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
+                    raise InputError(f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive.")
+    return kind(**values)
+
+
+def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, str]) -> Any:
     if not isinstance(entry, dict) or "value" not in entry:
+        name = path.split(".")[-1]
         raise UnitError(
-            f"{path} = {entry!r} is a bare value; "
-            f'write {path.split(".")[-1]} = {{ value = "... {unit}", source = "..." }}.'
+            f'{path} = {entry!r} is a bare value; write {name} = {{ value = "... {unit}", source = "..." }}.'
         )
     if not str(entry.get("source", "")).strip():
         raise DataError(f'{path} has no source; add source = "..." so that others can judge the number.')
     sources[path] = str(entry["source"])
     value = entry["value"]
+    if isinstance(value, list) != (kind not in (int, float)):
+        wanted = "one quantity" if isinstance(value, list) else 'a list of quantities, ["...", "..."]'
+        raise DataError(f"{path} = {value!r} must be {wanted}.")
     if isinstance(value, list):
         return tuple(parse(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value))
-    return parse(value, unit, name=path)
-
-
-def _refuse_unknown(table: dict[str, Any], allowed_names: tuple[str, ...], where: str) -> None:
-    for name in table:
-        if name not in allowed_names:
-            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(allowed_names)}.")
-
-
-def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
-    if not isinstance(table, dict):
-        raise DataError(f"[{path}] is missing or no table.")
-    fields_by_name = {item.name: item for item in fields(kind)}
-    _refuse_unknown(table, tuple(fields_by_name), f"[{path}]")
-    values: dict[str, Any] = {}
-    for name, item in fields_by_name.items():
-        if name not in table:
-            raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
-        value = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", sources)
-        if isinstance(value, tuple) != (item.type not in (int, float)):
-            wanted = "one quantity" if isinstance(value, tuple) else 'a list of quantities, ["...", "..."]'
-            raise DataError(f"{path}.{name} = {table[name]['value']!r} must be {wanted}.")
-        numbers = value if isinstance(value, tuple) else (value,)
-        signed = (kind, name) == (Bearings, "positions") or kind is Positions
-        for number in numbers:
-            if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
-                raise InputError(f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive.")
-        if item.type is int and value != int(value):
-            raise InputError(f"{path}.{name} ({value:g}) must be a whole number.")
-        values[name] = int(value) if item.type is int else value
-    return kind(**values)
+    number = parse(value, unit, name=path)
+    if kind is int and number != int(number):
+        raise InputError(f"{path} ({number:g}) must be a whole number.")
+    return kind(number)
 
 
 def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
@@ -113,7 +99,7 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
         for key in ("name", "position", "direction"):
             if key not in table:
                 raise DataError(f"{path} lacks {key}.")
-        position = _quantity(table["position"], "m", f"{path}.position", sources)
+        position = _quantity(table["position"], "m", f"{path}.position", tuple, sources)
         direction = table["direction"]
         if not all(isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)):
             raise DataError(f"{path}: position and direction must be lists of three components.")
@@ -184,18 +170,9 @@ def load_pump(name: str | Path) -> Pump:
     sources: dict[str, str] = {}
     try:
         table = _table_of(text)
-        _refuse_unknown(table, ("format", "name", *SECTIONS, "interfaces", "sensors", "rated"), "the pump")
-        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in SECTIONS.items()}
-        joints = table.get("interfaces", {})
-        if not isinstance(joints, dict):
-            raise DataError("[interfaces] is no table.")
-        _refuse_unknown(joints, tuple(item.name for item in fields(Interfaces)), "[interfaces]")
-        parts["interfaces"] = Interfaces(
-            **{
-                item.name: _section(Interface, joints.get(item.name), f"interfaces.{item.name}", sources)
-                for item in fields(Interfaces)
-            }
-        )
+        _require_names(table, ("format", "name", *SECTIONS, "interfaces", "sensors", "rated"), "the pump")
+        forms = {**SECTIONS, "interfaces": Interfaces}
+        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in forms.items()}
         pump = Pump(
             name=str(table.get("name", Path(origin).stem)),
             sensors=_sensors(table.get("sensors"), sources),

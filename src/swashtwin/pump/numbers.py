@@ -1,10 +1,38 @@
-"""Every number of a pump by its path, such as ``masses.shell``."""
+"""Every number of a pump by its path, such as ``masses.shell``; numbers in the units of the trade; a pump as text."""
 
+import json
+import math
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 from swashtwin.pump.parameters import Pump
+
+_TRADE = {
+    "m": ("mm", 1e-3), "m^3": ("cm^3", 1e-6), "rad": ("deg", math.pi / 180), "rad/s": ("rpm", math.pi / 30),
+    "Pa": ("MPa", 1e6), "m^3/s": ("L/min", 1e-3 / 60),
+}  # fmt: skip
+_THINNEST = 1e-4
+"""Length [m] below which a gap is written in um."""
+_DIGITS = 6
+_EXACT = ("rotating_group.piston_diameter", "rotating_group.pitch_radius", "rotating_group.swash_angle")
+"""What sets the displacement, which is that of the nameplate to all digits."""
+
+
+def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
+    """A number in SI as people of the trade write it, with its unit: millimeters, degrees, MPa, rpm, cm^3.
+
+    Examples
+    --------
+    >>> in_trade_units(0.026, "m"), in_trade_units(1.2e-5, "m"), in_trade_units(15e6, "Pa")
+    ('26 mm', '12 um', '15 MPa')
+    """
+    if unit == "K":
+        return f"{value - 273.15:.{digits}g} degC"
+    if unit == "m" and 0 < abs(value) < _THINNEST:
+        return f"{value * 1e6:.{digits}g} um"
+    name, factor = _TRADE.get(unit, (unit, 1.0))
+    return f"{value / factor:.{digits}g}{'' if name == '1' else f' {name}'}"
 
 
 class PumpNumber(NamedTuple):
@@ -56,3 +84,24 @@ def with_number(pump: Pump, path: str, value: Any) -> Pump:
 def _replaced(part: Any, names: list[str], value: Any) -> Any:
     name, *rest = names
     return replace(part, **{name: _replaced(getattr(part, name), rest, value) if rest else value})
+
+
+def pump_text(pump: Pump, comment: str) -> str:
+    """Text of the file that `load_pump` reads as this pump, each number with its unit and its source."""
+    lines = [*(f"# {line}" for line in comment.splitlines()), "format = 1", f"name = {json.dumps(pump.name)}"]
+    table = ""
+    for path, value, unit in pump_numbers(pump):
+        section, _, name = path.rpartition(".")
+        if section.startswith("sensors["):
+            sensor = pump.sensors[int(section[8:-1])]
+            lines += ["", "[[sensors]]", f"name = {json.dumps(sensor.name)}"]
+            lines.append(f"direction = {[float(component) for component in sensor.direction]}")
+        elif section != table:
+            table = section
+            lines += ["", f"[{section}]"]
+        digits = 12 if path in _EXACT else _DIGITS
+        numbers = [in_trade_units(number, unit, digits) for number in (value if isinstance(value, tuple) else (value,))]
+        quantity = json.dumps(numbers if isinstance(value, tuple) else numbers[0])
+        source = json.dumps(pump.sources.get(path, "no source"), ensure_ascii=False)
+        lines.append(f"{name} = {{ value = {quantity}, source = {source} }}")
+    return "\n".join(lines) + "\n"

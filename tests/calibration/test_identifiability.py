@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
 from twin_recordings import SIX_VALUES
 
 from swashtwin.calibration import (
@@ -26,7 +27,6 @@ from swashtwin.calibration.uncertainty.discrepancy import (
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
 from swashtwin.foundation import InputError, MPa, mm, stream

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 from commandline import AT_15, DEFECT, one_line, run, run_json
+from swashtwin.calibration.methods.checkpoint import Checkpoint
 
 from swashtwin.bench import rig_recordings
 from swashtwin.bench.rigs.writing import RigSize
 from swashtwin.calibration import difference, load_calibration
-from swashtwin.calibration.methods.checkpoint import Checkpoint
 from swashtwin.foundation import MPa
 from swashtwin.learning import load_windows
 from swashtwin.recordings import load_recordings, write_index, write_recording

@@ -1,19 +1,9 @@
 """Names that other rooms import, and where each lives."""
 
-from .fleet.hierarchy import FleetCalibration as FleetCalibration
-from .fleet.hierarchy import calibrate_fleet as calibrate_fleet
-from .fleet.population import Population as Population
-from .fleet.population import load_population as load_population
-from .methods.checkpoint import ResumableCalibrator as ResumableCalibrator
-from .methods.evolution import CMAES as CMAES
 from .methods.gauss_newton import GaussNewton as GaussNewton
-from .methods.gradient import LBFGS as LBFGS
-from .methods.gradient import DirectAdam as DirectAdam
 from .methods.ipinn import IPINN as IPINN
+from .methods.ipinn import PAPER_RATES as PAPER_RATES
 from .methods.search import Calibrator as Calibrator
-from .methods.tuning import PAPER_RATES as PAPER_RATES
-from .methods.tuning import LearningRates as LearningRates
-from .methods.tuning import choose_learning_rate as choose_learning_rate
 from .next_recording import CandidateRecording as CandidateRecording
 from .next_recording import RecordingPlan as RecordingPlan
 from .next_recording import plan_recording as plan_recording
@@ -41,33 +31,24 @@ from .severity.dimensions import Dimension as Dimension
 from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
 from .severity.dimensions import search_of as search_of
-from .severity.forecast import LEAST_ESTIMATES as LEAST_ESTIMATES
-from .severity.forecast import SeverityForecast as SeverityForecast
 from .severity.severity import Severity as Severity
 from .severity.severity import SeveritySettings as SeveritySettings
 from .severity.severity import SeverityTrend as SeverityTrend
 from .severity.severity_search import estimate_severity as estimate_severity
-from .twin_difference import Difference as Difference
-from .twin_difference import difference as difference
 from .twin_table import twin_from_dict as twin_from_dict
 from .twin_table import twin_to_dict as twin_to_dict
 from .uncertainty.identifiability_report import IdentifiabilityReport as IdentifiabilityReport
 from .uncertainty.identifiability_report import identifiability as identifiability
-from .uncertainty.information import expected_information_gain as expected_information_gain
 from .uncertainty.posterior import QUANTILE as QUANTILE
 from .uncertainty.posterior import Estimate as Estimate
 from .uncertainty.posterior import Posterior as Posterior
 from .uncertainty.profiles import THRESHOLD as THRESHOLD
 from .uncertainty.profiles import Profile as Profile
 from .uncertainty.profiles import profile as profile
-from .uncertainty.sampling import sample_posterior as sample_posterior
 
 __all__ = [
-    "CMAES",
     "GRAVITY",
     "IPINN",
-    "LBFGS",
-    "LEAST_ESTIMATES",
     "PAPER_CALIBRATION",
     "PAPER_RATES",
     "QUANTILE",
@@ -77,24 +58,17 @@ __all__ = [
     "Calibration",
     "Calibrator",
     "CandidateRecording",
-    "Difference",
     "Dimension",
-    "DirectAdam",
     "Estimate",
     "Fit",
-    "FleetCalibration",
     "GaussNewton",
     "IdentifiabilityReport",
-    "LearningRates",
     "Nuisances",
     "Objective",
-    "Population",
     "Posterior",
     "Profile",
     "RecordingPlan",
-    "ResumableCalibrator",
     "Severity",
-    "SeverityForecast",
     "SeveritySearch",
     "SeveritySettings",
     "SeverityTrend",
@@ -103,22 +77,16 @@ __all__ = [
     "agreement_of_lines",
     "build_objective",
     "calibrate",
-    "calibrate_fleet",
-    "choose_learning_rate",
-    "difference",
     "estimate_severity",
-    "expected_information_gain",
     "identifiability",
     "is_warning",
     "load_calibration",
-    "load_population",
     "mean_agreement",
     "measure",
     "objective_of",
     "plan_recording",
     "profile",
     "register_severity",
-    "sample_posterior",
     "search_of",
     "shown_speed",
     "total_width",

@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 
 from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, SearchSpace
+from swashtwin.calibration.objective.unknowns import VALUES, SearchSpace, with_channel
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.discrepancy import (
     Linearization,
@@ -32,7 +32,6 @@ from swashtwin.calibration.uncertainty.discrepancy import (
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.uncertainty.information import with_channel
 from swashtwin.calibration.uncertainty.posterior import Estimate, interval_around, sandwich
 from swashtwin.foundation import InputError, one_thread
 from swashtwin.physics import Twin

@@ -2,30 +2,23 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, is_dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, is_dataclass
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
-from swashtwin.calibration.fleet.likelihood import Likelihood
-from swashtwin.calibration.fleet.population import Population
-from swashtwin.calibration.methods.checkpoint import Checkpoint, ResumableCalibrator
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.methods.ipinn import IPINN
-from swashtwin.calibration.methods.search import Calibrator, Progress, Search
+from swashtwin.calibration.methods.search import Calibrator, Progress
 from swashtwin.calibration.methods.widening import widening_search
 from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective.agreement import fit_of
-from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, Measurement, measure, select_agreeing
+from swashtwin.calibration.objective.measurement import DEFAULT_BAND, Lines, measure, select_agreeing
 from swashtwin.calibration.objective.operating_points import starting_twins
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
 from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, posterior_covariance
-from swashtwin.foundation import VERSION, InputError
+from swashtwin.foundation import VERSION
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump
 from swashtwin.recordings import Recording, facts_of, manifest_of
@@ -47,12 +40,9 @@ def calibrate(
     band: tuple[float, float] | None = None,
     lines: Lines = "piston",
     nuisances: Nuisances = RECOMMENDED_NUISANCES,
-    prior: Population | None = None,
     phases: bool = True,
     explain_misfit: bool = True,
     progress: Progress | None = None,
-    checkpoint: Path | str | None = None,
-    resume: bool = False,
 ) -> Calibration:
     """Twin whose lines come nearest to those of measured recordings, and how far to trust its six values.
 
@@ -69,22 +59,17 @@ def calibrate(
     fault : what the recorded pump had, with dimensions; None is a healthy pump.
     method : `GaussNewton` by default; `IPINN` is the paper's.
     bounds : where to search: a factor, or (least, greatest) by parameter name or letter. Where nothing is stated it is
-        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound, unless the method keeps checkpoints
-        or there is a `prior`.
+        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     lines : multiples of the piston count, or all shaft orders; see `measure`.
     nuisances : constants searched beside the six values, with their priors; by default mounting by axis, each bearing,
         excitation, sensors with cross-talk, and two modes of the housing. ``Nuisances()`` is none, as in the paper.
-    prior : what is known of pumps of this type (`calibrate_fleet`); by default nothing but the bounds.
     phases : compare the lines' phases too, which makes the values more certain (docs/explanation/calibration.md). The
-    shaft's angle
-        is then followed on the recording itself. The paper compares amplitudes only.
+        shaft's angle is then followed on the recording itself. The paper compares amplitudes only.
     explain_misfit : where the calibrated lines miss the measured ones, calibrate again as if each of a few simple
         mistakes (two channels swapped, another unit) had been made, and note those that explain it. These notes take
         about two thirds of the time with `GaussNewton` and one start; values and intervals do not depend on them.
     progress : called with (steps done, steps in all, loss).
-    checkpoint : file that a search in epochs (`IPINN`, `DirectAdam`) is written to every 25 of them.
-    resume : continue from `checkpoint` if it exists; the result has the same bits as a search without interruption.
 
     Raises
     ------
@@ -93,12 +78,10 @@ def calibrate(
     UnitError
         A recording is not in m/s^2.
     InputError
-        Impossible bounds or band; a prior of another design; the checkpoint is of another search, or the method keeps
-        none.
+        Impossible bounds or band.
     """
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
-    _require_checkpoint(checkpoint, resume, method)
     recordings = list(recordings)
     twins = starting_twins(pump, recordings, fault)
     objective = build_objective(
@@ -109,29 +92,32 @@ def calibrate(
         nuisances=nuisances,
         lines=lines,
         phases=phases,
-        prior=prior,
     )
-    settings = settings_of(method, objective, seed)
-    options = _checkpoint(checkpoint, method, {**settings, "measurement (SHA-256)": objective.fingerprint()})
-    if prior is None and not isinstance(method, ResumableCalibrator):
-        objective, search = widening_search(objective, method, unstated(bounds), seed=seed, progress=progress)
-    else:
-        search = method.search(objective, seed=seed, progress=progress, **options)
-    if prior is None:
-        covariance = posterior_covariance(objective, search.point)
-    else:
-        settings["prior"] = f"population of {', '.join(prior.specimens)}"
-        search, covariance = map_estimate(objective, search)
-    wall_s = time.perf_counter() - started
-    return build_result(
-        objective,
-        twins[0],
-        search,
-        covariance,
-        method=method,
-        settings=settings,
-        wall_s=wall_s,
-        explain_misfit=explain_misfit,
+    objective, search = widening_search(objective, method, unstated(bounds), seed=seed, progress=progress)
+    covariance = posterior_covariance(objective, search.point)
+    estimates = estimates_of(objective, search.point, covariance)
+    posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
+    calibrated = posterior.twin_at(twins[0], search.point)
+    measurements = [comparison.measurement for comparison in objective.comparisons]
+    used = [recording for measurement in measurements for recording in measurement.recordings]
+    names = tuple(recording.recording_id for recording in used)
+    return Calibration(
+        twin=calibrated,
+        nominal=twins[0],
+        estimates=estimates,
+        posterior=posterior,
+        fits=tuple(fit_of(comparison, twins[0], calibrated, posterior) for comparison in objective.comparisons),
+        history=search.history,
+        recording_ids=names,
+        recording_hashes=manifest_of(used),
+        left_out=tuple((name, reason) for name, reason in measurements[0].left_out if name not in names),
+        notes=notes_of(objective, search, estimates, explain_misfit),
+        method=type(method).__name__,
+        settings=_settings(method, objective, seed),
+        simulations=search.simulations,
+        wall_s=time.perf_counter() - started,
+        version=VERSION,
+        origin=facts_of(used).origin,
     )
 
 
@@ -145,19 +131,15 @@ def build_objective(
     nuisances: Nuisances = RECOMMENDED_NUISANCES,
     lines: Lines = "piston",
     phases: bool = True,
-    prior: Population | None = None,
 ) -> Objective:
     """What `calibrate` minimizes, from the same arguments."""
     recordings = list(recordings)
     twins = starting_twins(pump, recordings, fault)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
-    if prior is not None:
-        prior.require_pump(twins[0].pump.name)
     band = DEFAULT_BAND if band is None else band
     groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
-    objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
-    return objective if prior is None else replace(objective, unknowns=prior.prior_of(objective.unknowns))
+    return objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
 
 
 def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recording]]:
@@ -169,7 +151,7 @@ def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recor
     ]
 
 
-def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
+def _settings(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
     """Settings of a search, as JSON can hold them."""
     settings: dict[str, Any] = asdict(method) if is_dataclass(method) and not isinstance(method, type) else {}
     if hasattr(method, "solver"):
@@ -177,84 +159,3 @@ def settings_of(method: Calibrator, objective: Objective, seed: int) -> dict[str
     measurement = objective.comparisons[0].measurement
     settings |= {"band": measurement.band, "lines": measurement.lines, "phases": objective.has_phases, "seed": seed}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()}
-
-
-def map_estimate(objective: Objective, search: Search) -> tuple[Search, np.ndarray]:
-    """The search moved to where the posterior is highest once the twin's discrepancy counts, and the covariance there.
-
-    A search weighs lines as if their errors were independent, and so believes the measurement more than an informative
-    prior; see `likelihood`.
-    """
-    likelihood = Likelihood.around(objective, search.point)
-    point = likelihood.maximum(objective, search.point)
-    return replace(search, point=point), likelihood.covariance(objective, point)
-
-
-def build_result(
-    objective: Objective,
-    nominal: Twin,
-    search: Search,
-    covariance: Float[np.ndarray, "unknown unknown"],
-    *,
-    method: Calibrator,
-    settings: Mapping[str, Any],
-    wall_s: float,
-    explain_misfit: bool = True,
-) -> Calibration:
-    """Calibration from a search.
-
-    Parameters
-    ----------
-    nominal : the twin before.
-    covariance : of the search's coordinates about the truth.
-    wall_s : how long it took [s].
-    explain_misfit : see `calibrate`.
-    """
-    measurements = [comparison.measurement for comparison in objective.comparisons]
-    recordings = [recording for measurement in measurements for recording in measurement.recordings]
-    estimates = estimates_of(objective, search.point, covariance)
-    posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
-    calibrated = posterior.twin_at(nominal, search.point)
-    return Calibration(
-        twin=calibrated,
-        nominal=nominal,
-        estimates=estimates,
-        posterior=posterior,
-        fits=tuple(fit_of(comparison, nominal, calibrated, posterior) for comparison in objective.comparisons),
-        history=search.history,
-        recording_ids=tuple(name for measurement in measurements for name in measurement.recording_ids),
-        recording_hashes=manifest_of(recordings),
-        left_out=_left_out(measurements),
-        notes=notes_of(objective, search, estimates, explain_misfit),
-        method=type(method).__name__,
-        settings=settings,
-        simulations=search.simulations,
-        wall_s=wall_s,
-        version=VERSION,
-        origin=facts_of(recordings).origin,
-    )
-
-
-def _require_checkpoint(path: Path | str | None, resume: bool, method: Calibrator) -> None:
-    """Refuse a checkpoint that cannot be written or continued."""
-    if path is None:
-        if resume:
-            raise InputError("resume=True needs checkpoint=, the file to continue from.")
-    elif not isinstance(method, ResumableCalibrator):
-        name = type(method).__name__
-        raise InputError(f"{name} keeps no checkpoint: begun again with the same seed it ends at the same bits.")
-    elif Path(path).exists() and not resume:
-        raise InputError(f"{path} exists; continue it with resume=True, or delete it to start again.")
-
-
-def _checkpoint(path: Path | str | None, method: Calibrator, job: Mapping[str, Any]) -> dict[str, Checkpoint]:
-    """Argument of `ResumableCalibrator.search` that keeps its state; none without a path."""
-    if path is None:
-        return {}
-    return {"checkpoint": Checkpoint(Path(path), job={"method": type(method).__name__, **job})}
-
-
-def _left_out(measurements: Sequence[Measurement]) -> tuple[tuple[str, str], ...]:
-    """Recordings that are in none of the measurements, with the reason of the first."""
-    used = {name for measurement in measurements for name in measurement.recording_ids}
-    return tuple((name, reason) for name, reason in measurements[0].left_out if name not in used)

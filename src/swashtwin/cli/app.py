@@ -11,7 +11,6 @@ from swashtwin.cli import (
     calibrating,
     data,
     diagnosing,
-    fleet,
     history,
     prior,
     recordings,
@@ -58,8 +57,6 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
         "Simulate, compare and use twins of pumps.",
         {
             "simulate": simulating.simulate,
-            "compare": twin.compare,
-            "calibrate-fleet": fleet.calibrate_fleet,
             "severity": severity.severity,
             "next": twin.plan_next,
             "prior": prior.prior,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
 from swashtwin.cli.options import (
     CalibrationFactor,
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         Calibration,
         Calibrator,
         Estimate,
-        LearningRates,
         Nuisances,
         Objective,
     )
@@ -62,10 +61,6 @@ class Method(StrEnum):
 
     gauss_newton = "gauss-newton"
     ipinn = "ipinn"
-    ipinn_improved = "ipinn-improved"
-    lbfgs = "lbfgs"
-    cmaes = "cmaes"
-    direct_adam = "direct-adam"
 
 
 class LineSet(StrEnum):
@@ -121,9 +116,6 @@ def calibrate(
     ] = None,
     settings: Settings = None,
     preset: PresetName = Preset.recommended,
-    learning_rates: Annotated[
-        str | None, typer.Option(help='Try these first and take the best: "0.01,0.001", or "paper" for its four.')
-    ] = None,
     band: Annotated[str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')] = None,
     lines: Annotated[
         LineSet, typer.Option(help="piston-pass lines, or all shaft orders where one piston differs.")
@@ -133,13 +125,9 @@ def calibrate(
         typer.Option("--phases/--no-phases", help="Compare the lines' phases too; the default, but not the paper's."),
     ] = None,
     nuisances: FreedName = None,
-    prior: Annotated[
-        Path | None, typer.Option(help="Population of such pumps: population.json of calibrate-fleet.")
-    ] = None,
     solver: SolverName = Solver.harmonic_balance,
     step: Step = None,
     bounds: Bounds = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue a calibration that was interrupted.")] = False,
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
@@ -153,16 +141,14 @@ def calibrate(
     of values. Calibrating is training: the recordings used must not test a classifier later (swashtwin data split).
     """
     from swashtwin import presets
-    from swashtwin.calibration import GaussNewton, load_population
+    from swashtwin.calibration import GaussNewton
     from swashtwin.pump import load_pump
 
     require_target(out, ".json")
-    require_files([prior])
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
     usual = recipe.pop("method", GaussNewton())
     method = method or next(name for name, kind in _kinds().items() if kind() == usual)
-    rates = _rates(learning_rates)
-    searcher = _method(method, settings, solver_from(solver, step), has_rates=rates is not None)
+    searcher = _method(method, settings, solver_from(solver, step))
     edges = None if band is None else band_from(band)
     points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
@@ -184,27 +170,21 @@ def calibrate(
             "bounds": bounds_from(bounds),
             "band": edges,
             "lines": lines.value,
-            "prior": None if prior is None else load_population(prior),
             **recipe,
             **present(phases=phases, nuisances=nuisances and nuisances_from(nuisances)),
         },
         seed=seed,
         out=out,
     )
-    if not resume:
-        job.clear()
-    trials = None if rates is None else job.try_rates(searcher, rates)
-    result = job.search(searcher if trials is None else trials.method)
+    result = job.search(searcher)
     page = None if report is None else job.write_page(result, report)
     result.save(out)
     values = result.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
-    job.clear()
     shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
     facts = result.to_dict()
     answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
-    answer["learning_rates"] = trials and {"rates": trials.rates, "weighted_losses": trials.weighted_losses}
-    tell(answer, as_json, lambda: _show(result, trials, out))
+    tell(answer, as_json, lambda: _show(result, out))
 
 
 def _recordings(source: Path, facts: dict[str, Any], points: OperatingPoints, label: str) -> "Recordings":
@@ -227,28 +207,13 @@ def _recordings(source: Path, facts: dict[str, Any], points: OperatingPoints, la
 
 @dataclass(frozen=True)
 class _Job:
-    """A calibration, with the files that hold it until it is done."""
+    """A calibration."""
 
     start: "Pump | Sequence[Twin]"
     recordings: Sequence["Recording"]
     options: Mapping[str, Any]
     seed: int
     out: Path
-
-    @property
-    def checkpoint(self) -> Path:
-        """File of the search, until it is done."""
-        return self.out.with_name(f"{self.out.name}.checkpoint")
-
-    @property
-    def study(self) -> Path:
-        """File of the learning rates that were tried, until all is done."""
-        return self.out.with_name(f"{self.out.name}.rates")
-
-    def clear(self) -> None:
-        """Remove both files."""
-        self.checkpoint.unlink(missing_ok=True)
-        self.study.unlink(missing_ok=True)
 
     def objective(self, result: "Calibration | None" = None) -> "Objective":
         """The objective of the search, within the bounds that it ended with where there is a `result`."""
@@ -257,32 +222,11 @@ class _Job:
         bounds = {} if result is None else {"bounds": {each.letter: each.bounds for each in result.estimates}}
         return build_objective(self.start, self.recordings, **{**self.options, **bounds})
 
-    def try_rates(self, method: Any, rates: Sequence[float]) -> "LearningRates":
-        """Loss that each learning rate leads to."""
-        from swashtwin.calibration import choose_learning_rate
-
-        hint = f"{self.study} holds the rates tried so far: the same command with --resume continues"
-        self.out.parent.mkdir(parents=True, exist_ok=True)
-        with resumable(hint), progress("trying learning rates") as bar:
-            return choose_learning_rate(
-                self.objective(),
-                method,
-                rates,
-                seed=self.seed,
-                storage=self.study,
-                progress=lambda count, total, loss: bar(count, total, f"trying learning rates, loss {loss:.4g}"),
-            )
-
     def search(self, method: "Calibrator") -> "Calibration":
-        """Calibration; a search in epochs continues where an interrupted one ended."""
-        from swashtwin.calibration import ResumableCalibrator, calibrate
+        """Calibration by `method`."""
+        from swashtwin.calibration import calibrate
 
-        hint = "it writes no checkpoint: the same command again ends at the same result"
-        storage: dict[str, Any] = {}
-        if isinstance(method, ResumableCalibrator):
-            storage = {"checkpoint": self.checkpoint, "resume": True}
-            hint = f"{self.checkpoint} holds every 25th epoch: the same command with --resume continues"
-        with resumable(hint), progress("calibrating") as bar:
+        with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
             return calibrate(
                 self.start,
                 self.recordings,
@@ -290,7 +234,6 @@ class _Job:
                 seed=self.seed,
                 progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
                 **self.options,
-                **storage,
             )
 
     def write_page(self, result: "Calibration", target: Path) -> Path | None:
@@ -303,37 +246,21 @@ class _Job:
 
 def _kinds() -> dict[Method, Any]:
     """What makes each method, with its settings as arguments."""
-    from swashtwin.calibration import CMAES, IPINN, LBFGS, DirectAdam, GaussNewton
+    from swashtwin.calibration import IPINN, GaussNewton
 
     return {
         Method.gauss_newton: GaussNewton,
         Method.ipinn: IPINN,
-        Method.ipinn_improved: IPINN.improved,
-        Method.lbfgs: LBFGS,
-        Method.cmaes: CMAES,
-        Method.direct_adam: DirectAdam,
     }
 
 
-def _method(name: Method, texts: list[str] | None, solver: "SteadySolver", *, has_rates: bool) -> "Calibrator":
+def _method(name: Method, texts: list[str] | None, solver: "SteadySolver") -> "Calibrator":
     """The method with its settings; one that it does not have is a wrong command line."""
     kind = _kinds()[name]
     defaults = defaults_of(kind())
     settings = read_settings(texts, defaults, f"--method {name.value}")
-    if has_rates and "learning_rate" not in defaults:
-        reason = f"belongs to --method ipinn, ipinn-improved or direct-adam; {name.value} has no learning rate."
-        raise typer.BadParameter(reason, param_hint="--learning-rates")
-    if has_rates and "learning_rate" in settings:
-        reason = "finds the learning rate; leave out --set learning_rate."
-        raise typer.BadParameter(reason, param_hint="--learning-rates")
     calibrator: Calibrator = kind(solver=solver, **settings)
     return calibrator
-
-
-def _rates(text: str | None) -> Sequence[float] | None:
-    from swashtwin.calibration import PAPER_RATES
-
-    return PAPER_RATES if text == "paper" else read_list(text, float, "--learning-rates")
 
 
 def bounds_from(texts: Sequence[str] | None) -> dict[str, tuple[float, float]] | float | None:
@@ -375,10 +302,7 @@ def _interval(estimate: "Estimate") -> str:
     return f"at most {high}" if open_below else f"at least {low}" if open_above else f"{low} ... {high}"
 
 
-def _show(result: "Calibration", trials: "LearningRates | None", out: Path) -> None:
-    if trials is not None:
-        losses = list(zip(trials.rates, trials.weighted_losses, strict=True))
-        table(f"Learning rates; {trials.best:g} is taken", ("rate", "loss over the expected"), losses)
+def _show(result: "Calibration", out: Path) -> None:
     rows = [
         (estimate.letter, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
          estimate.verdict)

@@ -24,18 +24,11 @@ def prior(
     count: Annotated[int, typer.Option(min=10, help="Virtual pumps; 30,000 take about 20 minutes of a core.")] = 10_000,
     speed: Annotated[str | None, typer.Option(help='Speeds of the pumps, such as "800 rpm to 1200 rpm".')] = None,
     pressure: Annotated[str | None, typer.Option(help='Their discharge pressures, such as "4 MPa to 17 MPa".')] = None,
-    population: Annotated[
-        Path | None,
-        typer.Option(
-            help="Population of pumps of this design, population.json of calibrate-fleet: virtual pumps are like these."
-        ),
-    ] = None,
     seed: Seed = 0,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
     """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
-    from swashtwin.calibration import load_population
     from swashtwin.diagnosis import fit_prior
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, simulate_changes
@@ -45,7 +38,6 @@ def prior(
         pump=load_pump(pump),
         speed=_range(speed, "rad/s", "--speed") or PumpPrior.speed,
         pressure=_range(pressure, "Pa", "--pressure") or PumpPrior.pressure,
-        population=None if population is None else load_population(population),
     )
     with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
         changes = simulate_changes(drawing, count, seed=seed, jobs=jobs, progress=bar)
@@ -58,7 +50,6 @@ def prior(
         speed=drawing.speed,
         pressure=drawing.pressure,
         n_pumps=n_pumps,
-        manifest=None if drawing.population is None else drawing.population.manifest,
         seed=seed,
     )
     model.save(out)
@@ -69,10 +60,7 @@ def prior(
             note(f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge.")
         say(f"Next: swashtwin model adapt {out} HEALTHY")
 
-    result = {
-        "model": out, "pump": model.pump, "pumps": n_pumps, "classes": model.classes, "population": population,
-        "seed": seed,
-    }  # fmt: skip
+    result = {"model": out, "pump": model.pump, "pumps": n_pumps, "classes": model.classes, "seed": seed}
     tell(result, as_json, show)
 
 

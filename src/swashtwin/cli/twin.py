@@ -1,4 +1,4 @@
-"""Commands of the group twin that use a twin or a pump file: compare, next, pump show, new and list."""
+"""Commands of the group twin that use a twin or a pump file: next, pump show, new and list."""
 
 import math
 from collections.abc import Iterator
@@ -7,57 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.console import progress, say, table, tell
 from swashtwin.cli.options import (
     CalibrationFile,
     Json,
     as_folder,
     read_words,
 )
-from swashtwin.cli.pages import Report, write_page
 from swashtwin.foundation import parse
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Difference, RecordingPlan
+    from swashtwin.calibration import RecordingPlan
     from swashtwin.pump import Nameplate, Pump
-
-
-def compare(
-    first: CalibrationFile,
-    second: CalibrationFile,
-    report: Report = None,
-    as_json: Json = False,
-) -> None:
-    """Say which values of two calibrations differ by more than their uncertainty, and what else differs."""
-    from swashtwin.calibration import difference, load_calibration
-
-    calibrations = [load_calibration(path) for path in (first, second)]
-    differences = difference(*calibrations)
-    page = write_page(report, differences, *calibrations, about={"First": first, "Second": second})
-    result = {"first": first, "second": second, **differences.to_dict(), "report": page}
-    tell(result, as_json, lambda: _show_differences(differences, first.name, second.name))
-
-
-def _show_differences(differences: "Difference", first: str, second: str) -> None:
-    rows = [
-        (value.letter, *map(float, value.values), *(f"{low:.3g} ... {high:.3g}" for low, high in value.intervals),
-         f"{value.verdicts[0]}, {value.verdicts[1]}", value.deviations, "yes" if value.overlap else "no")
-        for value in differences.values
-    ]  # fmt: skip
-    header = ("", "A", "B", "90 % of A", "90 % of B", "verdicts", "B - A in std of ln", "overlap")
-    table(f"A {first}, B {second}", header, rows)
-    if differences.constants:
-        constants = [(constant.name, *constant.coordinates, *constant.log_stds) for constant in differences.constants]
-        table("Constants searched (logarithms; residues as they are)", ("", "A", "B", "std A", "std B"), constants)
-    fits = [(name, *map(float, pair)) for name, pair in differences.fits.items()]
-    table("Against the measurement, calibrated", ("figure", "A", "B"), fits)
-    if differences.settings:
-        settings = [(name, *map(str, pair)) for name, pair in differences.settings.items()]
-        table("What differs", ("setting", "A", "B"), settings)
-    only_a, only_b = map(len, differences.alone)
-    say(f"recordings: {len(differences.shared)} shared, {only_a} of A only, {only_b} of B only")
-    for text in differences.notes:
-        note(f"note: {text}")
 
 
 def plan_next(

@@ -312,4 +312,4 @@ def paths(calibration: Calibration, key: str) -> Drawing:
 
 
 def _step_name(calibration: Calibration) -> str:
-    return "epoch" if calibration.method in ("IPINN", "DirectAdam") else "simulation from the best start"
+    return "epoch" if calibration.method == "IPINN" else "simulation from the best start"

@@ -1,4 +1,4 @@
-"""Figures of an identifiability report: posterior against prior, correlations, profiles, further measurements."""
+"""Figures of an identifiability report: posterior against prior, correlations, profiles."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,8 +21,6 @@ def identifiability_drawings(report: IdentifiabilityReport, key: str) -> list[Dr
     figures = [shares(report, key), correlations(report, key)]
     if report.profiles:
         figures.append(profile_curves(report, key))
-    if report.gains:
-        figures.append(gains(report, key))
     return figures
 
 
@@ -134,27 +132,3 @@ def _draw_profile(panel: Axes, profile: Profile) -> None:
     panel.set(
         title=profile.words, ylim=(-0.15, 2 * THRESHOLD), xlim=(-reach, reach), xlabel=f"ln {profile.name} − best"
     )
-
-
-@figure_style()
-def gains(report: IdentifiabilityReport, key: str) -> Drawing:
-    """Expected gain of further measurements, the best on top."""
-    rows = [
-        {"measurement": gain.name, "nats": gain.nats, **{f"narrower_{name}": factor for name, factor in gain.narrower}}
-        for gain in report.gains
-    ]
-    figure, axes = panels(1, 1, 1.0 + 0.3 * len(rows))
-    panel = axes[0, 0]
-    for height, gain in enumerate(reversed(report.gains)):
-        letter, factor = max(gain.narrower, key=lambda pair: pair[1])
-        panel.barh(height, gain.nats, height=0.6, color=CALIBRATED)
-        label = f"{letter}: {factor:.2g} times narrower"
-        panel.annotate(label, (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9)
-    panel.set(ylim=(-0.6, len(rows) - 0.4), yticks=range(len(rows)), xlabel="expected information gain [nat]")
-    panel.set_yticklabels([gain.name for gain in reversed(report.gains)])
-    panel.grid(axis="y", visible=False)
-    caption = (
-        "Information each further measurement is expected to add about the six values together: 0.69 nat halve the "
-        "interval of one of them. Beside it: the value that gains most. Films are assumed equal at all conditions."
-    )
-    return render_drawing(f"{key}_gains", figure, tabulate(rows), title="What to measure next", caption=caption)

@@ -17,7 +17,7 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
         ),
         results={"identifiability": [report.to_dict()]},
         verdict=f"The measurement tells {report.standing[VALUES].count('identified') or 'none'} of 6 values clearly",
-        actions=(*identifiability_answer(report)[1:], *(() if report.gains else _NEXT)),
+        actions=_NEXT,
     )
 
 
@@ -36,8 +36,7 @@ def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
     statement = f"The measurement identifies {', '.join(identified) or 'none of the six values'}"
     statement += f" and tells weakly of {', '.join(weak)}." if weak else "."
     left = f" It does not tell {', '.join(rest)}: no figure for them is a measurement." if rest else ""
-    best = (f"The best further measurement: {report.gains[0].words}.",) if report.gains else ()
-    return (statement + left, *best)
+    return (statement + left,)
 
 
 def identifiability_blocks(report: IdentifiabilityReport, key: str) -> tuple:

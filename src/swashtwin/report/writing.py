@@ -13,7 +13,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from swashtwin.calibration import Calibration, Difference, IdentifiabilityReport
+from swashtwin.calibration import Calibration, IdentifiabilityReport
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
 from swashtwin.learning import DataCheck, FittedClassifier, Scores
@@ -24,7 +24,6 @@ from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.cards import Card, cards_of, folded_section, overview_of
 from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
-from swashtwin.report.difference_part import difference_part
 from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
@@ -42,7 +41,6 @@ FORMAT = "swashtwin report 1"
 
 Item = (
     Calibration
-    | Difference
     | IdentifiabilityReport
     | FittedClassifier
     | AnomalyDetector
@@ -134,7 +132,6 @@ def part_of(item: object, key: str) -> Part:
 
 part_of.register(Part)(lambda part, key: part)
 part_of.register(Calibration)(calibration_part)
-part_of.register(Difference)(difference_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
 part_of.register(DataCheck)(check_part)

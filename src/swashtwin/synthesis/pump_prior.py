@@ -19,7 +19,6 @@ import torch
 from jaxtyping import Float, Int, Shaped
 from joblib import delayed
 
-from swashtwin.calibration import Population
 from swashtwin.foundation import InputError, MPa, SwashTwinError, celsius, deg, mm, parallel, rpm, stream, um
 from swashtwin.physics import (
     HarmonicBalance,
@@ -33,7 +32,6 @@ from swashtwin.physics import (
 )
 from swashtwin.pump import (
     CLASSES,
-    LETTERS,
     BoreDefect,
     DamScratch,
     Fault,
@@ -68,10 +66,6 @@ class PumpPrior:
     """Range of the discharge pressure [Pa], uniform."""
     interfaces: float = 0.7
     """Of each interface value from pump to pump: 95 % lie within a factor of four of the drawing."""
-    population: Population | None = None
-    """Pumps of the design that were calibrated together (`calibrate_fleet`): interface values that their recordings
-    tell of are drawn as those of a further such pump. Assemblies and temperatures spread them once more, although the
-    population's own recordings already differ in both."""
     assembly: float = 0.15
     """Of each interface value from one assembly of a pump to the next."""
     supports: float = 0.15
@@ -108,11 +102,6 @@ class PumpPrior:
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise InputError(f"the {name} of a pump prior ({low:g} to {high:g}) must rise from a positive value.")
-        if self.population is not None:
-            self.population.require_pump(self.pump.name)
-            if not _known_values(self.population)[0]:
-                names = ", ".join(self.population.names)
-                raise InputError(f"the population knows {names}, none of which is an interface value.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +209,7 @@ def _levels_of_pump(
     """log10 of the power of each recording of one virtual pump: the references, then `_TESTED`."""
     pump, clearances = _draw_pump(prior, rng)
     set_speed, set_pressure = rng.uniform(*prior.speed), rng.uniform(*prior.pressure)
-    values = _draw_values(prior, rng)
+    values = np.array(pump.interfaces.values()) * _spread(rng, prior.interfaces, 6)
     follows = _log_uniform(rng, prior.following)
     exponent = rng.uniform(*prior.viscosity)
     orders = np.arange(1, int(bands.highest) + 1)
@@ -286,45 +275,6 @@ def _draw_pump(prior: PumpPrior, rng: np.random.Generator) -> tuple[Pump, tuple[
     group = nominal.rotating_group
     clearances = group.piston_clearance * np.clip(rng.normal(1, prior.clearances, group.piston_count), 0.3, None)
     return pump, tuple(clearances.tolist())
-
-
-def _draw_values(prior: PumpPrior, rng: np.random.Generator) -> Float[np.ndarray, " value"]:
-    """The six interface values of one pump."""
-    drawing = np.array(prior.pump.interfaces.values())
-    if prior.population is None:
-        return drawing * _spread(rng, prior.interfaces, 6)
-    mean, covariance, spread = _mean_of_design(prior, prior.population)
-    design = rng.multivariate_normal(mean, covariance, method="eigh")
-    return np.exp(rng.normal(design, spread))
-
-
-def _mean_of_design(
-    prior: PumpPrior, population: Population
-) -> tuple[Float[np.ndarray, " value"], Float[np.ndarray, "value value"], Float[np.ndarray, " value"]]:
-    """(mean over all pumps of the design, its covariance, spread from pump to pump) of the logarithms of the values.
-
-    Two sources are joined, each with its weight: the drawing, whose pumps deviate by `prior.interfaces` in all, and the
-    population's mean. So no value spreads more than around the drawing, and one that the population's recordings did
-    not tell of does not move.
-    """
-    rows, indices = _known_values(population)
-    spread = np.full(6, prior.interfaces)
-    mean = np.log(prior.pump.interfaces.values())
-    covariance = np.zeros((6, 6))
-    spread[indices] = np.minimum(population.spread[rows], 0.95 * prior.interfaces)
-    about_drawing = np.diag(1 / (prior.interfaces**2 - spread[indices] ** 2))
-    about_population = np.linalg.inv(population.mean_covariance[np.ix_(rows, rows)])
-    joint = np.linalg.inv(about_drawing + about_population)
-    covariance[np.ix_(indices, indices)] = joint
-    mean[indices] = joint @ (about_drawing @ mean[indices] + about_population @ population.mean[rows])
-    return mean, covariance, spread
-
-
-def _known_values(population: Population) -> tuple[list[int], list[int]]:
-    """Rows of a population that are interface values, and the index of each among the six."""
-    letters = tuple(LETTERS.values())
-    rows = [row for row, name in enumerate(population.names) if name in letters]
-    return rows, [letters.index(population.names[row]) for row in rows]
 
 
 def _draw_path(prior: PumpPrior, sensors: int, rng: np.random.Generator) -> SensorPath:

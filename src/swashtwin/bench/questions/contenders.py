@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from swashtwin.calibration import CMAES, IPINN, LBFGS, Calibrator, GaussNewton, Nuisances
+from swashtwin.calibration import IPINN, Calibrator, GaussNewton, Nuisances
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,6 @@ CONTENDERS: dict[str, Contender] = {
     "gauss_newton_housing_phases": Contender(GaussNewton(), Nuisances.housing(), phases=True),
     "gauss_newton_housing": Contender(GaussNewton(), Nuisances.housing()),
     "gauss_newton": Contender(GaussNewton()),
-    "lbfgs_housing": Contender(LBFGS(), Nuisances.housing()),
-    "cmaes_housing": Contender(CMAES(), Nuisances.housing()),
     "ipinn": Contender(IPINN()),
-    "ipinn_improved": Contender(IPINN.improved()),
-    "ipinn_improved_phases": Contender(IPINN.improved(), Nuisances.housing(), phases=True),
 }
 """Ways to calibrate by name; ``calibrated`` is the one to use, ``ipinn`` the paper's."""

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,18 +15,16 @@ from swashtwin.bench.results.table import StudyTable, Trial, origin_of
 from swashtwin.bench.rigs.measuring import Run
 from swashtwin.bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.calibration import (
-    LEAST_ESTIMATES,
     GaussNewton,
     Nuisances,
     Severity,
     SeveritySettings,
-    SeverityTrend,
     calibrate,
     estimate_severity,
 )
 from swashtwin.foundation import VERSION, mm, parallel
 from swashtwin.physics import Twin
-from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
+from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
 
 METRICS = {
@@ -39,7 +37,6 @@ METRICS = {
     "rank": "rank correlation along one pump's trend",
     "change": "median |ln| error of a change along it",
     "limit": "detection limit over the typical severity",
-    "forecast": "share of forecast bands, from all but the last of a trend, that hold the last",
     "wall_s": "time per recording [s]",
 }
 START = mm(36)
@@ -67,8 +64,6 @@ class _Case:
     per_unit: float
     unit: str
     wall_s: float
-    forecast: tuple[float, float] | None = None
-    """Band that the earlier recordings of the trend forecast for this one."""
 
     @property
     def error(self) -> float:
@@ -120,7 +115,6 @@ def run_severity(
             "Errors of the faults' laws, which widen intervals, were chosen on fleets 100 to 111.",
             "The rig takes a pump apart before each recording, so films move by 12 % between points of a trend.",
             "Which piston or bore is damaged is not searched.",
-            "A forecast takes the severities themselves for times: a steady growth.",
         ),
         details={"cases": [{**asdict(case), "detected": bool(case.detected)} for case in cases]},
     )
@@ -148,26 +142,9 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
         trend = estimate_severity(
             calibration, [recording for recording, _ in trend_pairs], _start(kind), healthy=healthy[:-1]
         )
-        band = _forecast_of_last(trend, severities)
-        last = len(severities) - 1
-        for number, ((recording, run), severity) in enumerate(zip(trend_pairs, trend.estimates, strict=True)):
-            cases += _cases(kind, seed, recording, run, severity, band if number == last else None)
+        for (recording, run), severity in zip(trend_pairs, trend.estimates, strict=True):
+            cases += _cases(kind, seed, recording, run, severity)
     return cases
-
-
-def _forecast_of_last(trend: SeverityTrend, severities: Sequence[float]) -> tuple[float, float] | None:
-    """Band for the last severity, from those before, as if each had been measured when a steady growth reaches it."""
-    count = len(severities) - 1
-    if count < LEAST_ESTIMATES:
-        return None
-    forecast = replace(trend, estimates=trend.estimates[:count]).forecast(severities[:count], severities[count:])
-    return float(forecast.low[0]), float(forecast.high[0])
-
-
-def _start(kind: str) -> Fault:
-    fault = FAULT_KINDS[kind]
-    assert fault is not None
-    return replace(fault, length=START) if isinstance(fault, SwashPlateDefect) else fault
 
 
 def _cases(
@@ -176,7 +153,6 @@ def _cases(
     recording: Recording,
     run: Run,
     severity: Severity,
-    forecast: tuple[float, float] | None = None,
 ) -> list[_Case]:
     cases = []
     for index, estimate in enumerate(severity.dimensions):
@@ -199,7 +175,6 @@ def _cases(
                 per_unit=estimate.dimension.per_unit,
                 unit=estimate.dimension.unit,
                 wall_s=severity.wall_s,
-                forecast=forecast if index == 0 else None,
             )
         )
     return cases
@@ -228,13 +203,10 @@ def _values(cases: Sequence[_Case]) -> dict[str, float]:
     if healthy:
         typical = TRENDS[cases[0].kind].severity
         limits = [case.limit / typical for case in faulty if case.limit is not None]
-        bands = [(case.forecast, case.truth) for case in faulty if case.forecast is not None]
-        holds = [low <= truth <= high for (low, high), truth in bands]
         values |= {
             "detected": float(np.mean([case.detected for case in faulty])),
             "false_alarms": float(np.mean([case.detected for case in healthy])),
             "limit": float(np.median(limits)) if limits else math.nan,
-            "forecast": float(np.mean(holds)) if holds else math.nan,
             **_along(faulty),
         }
     return values

@@ -93,9 +93,7 @@ def _spread(
 def prior_twins(calibration: Calibration, count: int, seed: int) -> list[Twin]:
     """Twins drawn from what was known before any measurement: values, mounting, gains and modes of the housing."""
     unknowns = calibration.posterior.unknowns
-    before = replace(
-        calibration.posterior, point=unknowns.center, covariance=np.diag(unknowns.deviation**2), sampled=None
-    )
+    before = replace(calibration.posterior, point=unknowns.center, covariance=np.diag(unknowns.deviation**2))
     return before.twins(calibration.nominal, count, seed)
 
 

@@ -1,13 +1,13 @@
 """Levenberg-Marquardt on logarithms: for one measurement and six values, the quickest way there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import EXACT, Progress, Search, Trace, best_of, starting_points
+from swashtwin.calibration.methods.search import EXACT, History, Progress, Search
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.foundation import InputError, one_thread, stream
 from swashtwin.physics import SteadySolver
@@ -35,23 +35,24 @@ class GaussNewton:
 
     def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
         """Values of the best start; see `Calibrator`."""
-        problem, unknowns = LeastSquares(objective, self.solver), objective.unknowns
-        generator = stream(seed, "gauss_newton", "starts")
+        unknowns, generator = objective.unknowns, stream(seed, "gauss_newton", "starts")
         runs: list[Search] = []
         with one_thread():
-            for number, start in enumerate(starting_points(unknowns, self.starts, generator)):
+            for number in range(self.starts):
+                problem = LeastSquares(objective, self.solver)
                 scipy.optimize.least_squares(
                     problem.residuals,
-                    start,
+                    unknowns.start if number == 0 else generator.uniform(unknowns.lower, unknowns.upper),
                     problem.jacobian,
                     bounds=(unknowns.lower, unknowns.upper),
                     max_nfev=self.most_iterations,
                     xtol=1e-10,
                 )
-                runs.append(problem.pop_trace().search())
+                runs.append(problem.search())
                 if progress is not None:
                     progress(number + 1, self.starts, min(run.history.least_loss for run in runs))
-        return best_of(runs)
+        best = min(runs, key=lambda run: run.history.least_loss)
+        return replace(best, simulations=sum(run.simulations for run in runs))
 
 
 class LeastSquares:
@@ -59,13 +60,21 @@ class LeastSquares:
 
     def __init__(self, objective: Objective, solver: SteadySolver) -> None:
         self.objective, self.solver = objective, solver
-        self._trace = Trace()
+        self._points: list[np.ndarray] = []
+        self._losses: list[tuple[float, float, float]] = []
         self._last: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.empty(0), np.empty((0, 0)))
 
-    def pop_trace(self) -> Trace:
-        """What was simulated since the last call."""
-        trace, self._trace = self._trace, Trace()
-        return trace
+    def search(self) -> Search:
+        """The step of least penalized loss, and all steps so far.
+
+        That loss is the root of (sum of squares of all residuals / number of lines): of the lines alone it is
+        `Objective.weighted_loss`, and the negative logarithm of the posterior density is its square times half the
+        number of lines.
+        """
+        weighted, penalized, gradient = np.array(self._losses).T
+        points, best = np.array(self._points), int(np.argmin(penalized))
+        history = History(weighted, np.zeros_like(weighted), points, best, penalized - weighted, gradient)
+        return Search(points[best], history, len(points))
 
     def residuals(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
         """(simulated - measured) / sigma of each line, then (coordinate - center) / prior deviation."""
@@ -87,6 +96,6 @@ class LeastSquares:
             self._last = (point.tobytes(), residuals, jacobian)
             penalized = float(np.sqrt(np.sum(residuals**2) / len(lines)))
             gradient = (jacobian.T @ residuals) * unknowns.deviation / (len(lines) * penalized)
-            weighted = float(np.sqrt(np.mean(lines**2)))
-            self._trace.add(point, weighted, penalized, float(np.linalg.norm(gradient)))
+            self._points.append(point.copy())
+            self._losses.append((float(np.sqrt(np.mean(lines**2))), penalized, float(np.linalg.norm(gradient))))
         return self._last[1], self._last[2]

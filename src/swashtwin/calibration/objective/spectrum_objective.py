@@ -1,6 +1,5 @@
 """How far a twin is from the measurement, and how that changes with what is searched."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +12,6 @@ from torch import Tensor
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.phases import turn_lines
 from swashtwin.calibration.objective.unknowns import Nuisances, SearchSpace, Unknowns, search_space, unknowns_of
-from swashtwin.foundation import InputError
 from swashtwin.physics import SteadySolver, Twin
 
 MODEL_ERROR = 0.05
@@ -216,21 +214,6 @@ class Objective:
         """Standard deviation of measured minus simulated observable [m/s^2]; see `Comparison.sigma`."""
         return torch.cat([comparison.sigma.reshape(-1) for comparison in self.comparisons])
 
-    def fingerprint(self) -> str:
-        """SHA-256 of all inputs of a search: twins, recordings, lines, bounds and priors; hexadecimal."""
-        digest = hashlib.sha256(
-            repr((self.unknowns.names, [comparison.twin for comparison in self.comparisons])).encode()
-        )
-        for comparison in self.comparisons:
-            digest.update(repr([recording.fingerprint() for recording in comparison.measurement.recordings]).encode())
-            digest.update(np.ascontiguousarray(comparison.measurement.orders).tobytes())
-            if comparison.background is not None:
-                digest.update(np.ascontiguousarray(comparison.background).tobytes())
-        arrays = (self.measured.numpy(), self.sigma.numpy(), *vars(self.space).values())
-        for array in (*arrays, self.unknowns.center, self.unknowns.deviation, self.unknowns.start):
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
-
     @cached_property
     def start(self) -> Float[Tensor, " unknown"]:
         """The point of the nominal twin."""
@@ -256,17 +239,6 @@ class Objective:
         pairs = zip(self.comparisons, np.split(observables, ends), strict=True)
         return replace(self, comparisons=tuple(comparison.with_observables(part) for comparison, part in pairs))
 
-    def require_amplitudes(self, who: str) -> None:
-        """Refuse an objective with phases.
-
-        Raises
-        ------
-        InputError
-            Phases are compared, which `who` does not support.
-        """
-        if self.has_phases:
-            raise InputError(f"{who} compares amplitudes only; measure and calibrate with phases=False.")
-
     def spectrum_loss(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
@@ -289,11 +261,6 @@ class Objective:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
         difference = (self.observables(point, solver=solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
-
-    def prior_loss(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch"]:
-        """Sum of squares of how far each coordinate is from the mean of its prior, in standard deviations."""
-        center, deviation = torch.as_tensor(self.unknowns.center), torch.as_tensor(self.unknowns.deviation)
-        return ((point - center) / deviation).square().sum(dim=-1)
 
     def sensitivity(
         self, point: Float[Tensor, " unknown"], *, solver: SteadySolver | None = None

@@ -6,7 +6,7 @@ prior: for the six values the width of their bounds, for the others what is know
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -338,6 +338,31 @@ def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisanc
         modes=nuisances.modes,
         n_cross_talk=len(pairs),
     )
+
+
+def with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[Unknowns, np.ndarray]:
+    """Coordinates with the gain and residues of one more channel, where those of the others are searched."""
+    names = list(unknowns.names)
+    rows = {name: list(getattr(unknowns, name)) for name in ("start", "center", "deviation", "lower", "upper")}
+    rows["point"] = list(point)
+
+    def insert(index: int, name: str, like: int) -> None:
+        names.insert(index, name)
+        for label, row in rows.items():
+            row.insert(index, 0.0 if label == "point" else row[like])
+
+    if unknowns.has_gains:
+        insert(unknowns.first_of_path + unknowns.n_channels, f"gain {channel}", unknowns.first_of_path)
+    shares = 2 * unknowns.n_channels if unknowns.n_cross_talk else 0
+    first = unknowns.first_of_modes + unknowns.has_gains
+    for number in range(shares):
+        insert(first + number, f"cross-talk {number + 1} of {channel}", first - 1)
+    for mode in range(1, unknowns.modes + 1):
+        insert(len(names), f"mode {mode} in {channel}", len(names) - 1)
+    moved = np.array(rows.pop("point"))
+    arrays: dict[str, Any] = {label: np.array(row) for label, row in rows.items()}
+    wider = replace(unknowns, n_channels=unknowns.n_channels + 1, n_cross_talk=unknowns.n_cross_talk + shares)
+    return replace(wider, names=tuple(names), **arrays), moved
 
 
 def _pairs(n_channels: int) -> list[tuple[int, int]]:

@@ -1,14 +1,11 @@
 """Severity of a fault in one recording and in several, in its unit and with an interval."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from swashtwin.calibration.severity.dimensions import Dimension
-from swashtwin.calibration.severity.forecast import SeverityForecast, forecast_line
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
 from swashtwin.foundation import InputError, deg
 from swashtwin.pump import Fault, OperatingCondition
@@ -118,21 +115,6 @@ class Severity:
         """The dimension that carries the severity."""
         return self.dimensions[0]
 
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the severity from recording to recording [SI]."""
-        value = self.severity.value
-        if value > 0 and math.isfinite(self.repeatability):
-            return self.repeatability * value
-        return self.severity.interval[1] / QUANTILE
-
-    @property
-    def common_std(self) -> float:
-        """Standard deviation of the logarithm that is common to all recordings; infinite where it may be zero."""
-        low, high = self.severity.interval
-        whole = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
-        return math.sqrt(max(whole**2 - self.repeatability**2, 0.0))
-
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
         names = (
@@ -189,29 +171,6 @@ class SeverityTrend:
         ratio = ends[0].severity.value / ends[1].severity.value
         factor = math.exp(QUANTILE * math.hypot(*(severity.repeatability for severity in ends)))
         return ratio, (ratio / factor, ratio * factor)
-
-    def forecast(self, times: Sequence[float], ahead: Sequence[float], limit: float | None = None) -> SeverityForecast:
-        """How the severity goes on if it grows in proportion to time, with a band of 90 %.
-
-        A straight line through the estimates, weighed by their repeatability. Where they scatter by more than that,
-        the band widens by it. What is common to all estimates, such as the error of the fault's law, scales the band as
-        a whole. A fault that grows faster and faster leaves the band upwards.
-
-        Parameters
-        ----------
-        times : when each recording was made, such as its running hours.
-        ahead : times to forecast, in the same unit.
-        limit : severity [SI] whose date is wanted; it is searched up to the last of `ahead`.
-
-        Raises
-        ------
-        InputError
-            Not one time for each estimate, fewer than three different ones, or an impossible limit.
-        """
-        values = [estimate.severity.value for estimate in self.estimates]
-        shared = [estimate.common_std for estimate in self.estimates if estimate.severity.interval[0] > 0]
-        common = float(np.median(shared)) if shared else 0.0
-        return forecast_line(values, [item.deviation for item in self.estimates], common, times, ahead, limit)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""

@@ -16,7 +16,6 @@ from swashtwin.calibration.uncertainty.discrepancy import (
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.uncertainty.information import Gain, expected_information_gain
 from swashtwin.calibration.uncertainty.posterior import (
     IDENTIFIED_STD,
     UNIDENTIFIED_SHARE,
@@ -91,8 +90,6 @@ class IdentifiabilityReport:
     """What the twin lacks, as the lines show it."""
     profiles: tuple[Profile, ...] = ()
     """Profile likelihoods, if requested."""
-    gains: tuple[Gain, ...] = ()
-    """Gains of further measurements, the best first, if requested."""
 
     @property
     def share(self) -> Float[np.ndarray, " unknown"]:
@@ -108,8 +105,6 @@ class IdentifiabilityReport:
         sentences = [f"{', '.join(letters)}: {standing}." for standing, letters in by.items()]
         sentences += [f"{direction.words}." for direction in self.directions]
         sentences += _discrepancy_words(self.discrepancy)
-        if self.gains:
-            sentences.append(f"The best further measurement: {self.gains[0].words}.")
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -125,7 +120,6 @@ class IdentifiabilityReport:
             "condition_number": self.condition_number if np.isfinite(self.condition_number) else None,
             "discrepancy": {**asdict(self.discrepancy), "constants": dict(self.discrepancy.constants)},
             "profiles": [item.to_dict() for item in self.profiles],
-            "gains": [item.to_dict() for item in self.gains],
             "words": list(self.words),
         }
 
@@ -135,14 +129,12 @@ def identifiability(
     point: Float[np.ndarray, " unknown"],
     *,
     with_profiles: bool = False,
-    with_gains: bool = False,
 ) -> IdentifiabilityReport:
     """Identifiability of the coordinates of `objective` around `point`.
 
     Parameters
     ----------
     with_profiles : walk the profile likelihoods of the six values too (about a hundred simulations).
-    with_gains : compare further measurements too.
     """
     point = np.asarray(point, dtype=float)
     around = linearize(objective, point)
@@ -161,7 +153,6 @@ def identifiability(
         condition_number=_condition_number(around),
         discrepancy=discrepancy,
         profiles=profiles(objective, point) if with_profiles else (),
-        gains=expected_information_gain(objective, point) if with_gains else (),
     )
 
 

@@ -192,7 +192,7 @@ _TRIES = 200
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Density of all coordinates searched: normal and cut at their bounds, or as draws that were sampled from it."""
+    """Density of all coordinates searched: normal (Laplace's approximation), and cut at their bounds."""
 
     unknowns: Unknowns
     """What was searched."""
@@ -202,12 +202,9 @@ class Posterior:
     """Coordinates found."""
     covariance: Float[np.ndarray, "unknown unknown"]
     """Their covariance; its first six rows are the logarithms of the six values."""
-    sampled: Float[np.ndarray, "sample unknown"] | None = None
-    """Draws of a sampler (`sample_posterior`); None is the normal density (Laplace's approximation)."""
 
     def __repr__(self) -> str:
-        kind = "normal density" if self.sampled is None else f"{len(self.sampled)} draws"
-        return f"<Posterior: {kind} of {', '.join(self.unknowns.names)}>"
+        return f"<Posterior: normal density of {', '.join(self.unknowns.names)}>"
 
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
         """`twin` with the values, scales and sensor path of `point`."""
@@ -220,9 +217,6 @@ class Posterior:
         """Points drawn from the density; the same seed gives the same ones, whatever the count."""
         if count < 1:
             raise InputError(f"count ({count}) must be at least 1.")
-        if self.sampled is not None:
-            rows = [stream(seed, "posterior", index).integers(len(self.sampled)) for index in range(count)]
-            return self.sampled[rows]
         root = np.linalg.cholesky(self.covariance)
         return np.stack([self._draw(root, seed, index) for index in range(count)])
 
@@ -242,20 +236,18 @@ class Posterior:
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
         unknowns = {name: _plain(value) for name, value in vars(self.unknowns).items()}
-        table = {name: _plain(getattr(self, name)) for name in ("channels", "point", "covariance", "sampled")}
+        table = {name: _plain(getattr(self, name)) for name in ("channels", "point", "covariance")}
         return {"unknowns": unknowns, **table}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> "Posterior":
         """What `to_dict` wrote."""
         unknowns = {item.name: _back(table["unknowns"][item.name]) for item in fields(Unknowns)}
-        sampled = table.get("sampled")  # calibrations saved before there were samplers have none
         return cls(
             unknowns=Unknowns(**unknowns),
             channels=tuple(table["channels"]),
             point=np.array(table["point"], dtype=float),
             covariance=np.array(table["covariance"], dtype=float),
-            sampled=None if sampled is None else np.array(sampled, dtype=float),
         )
 
 

@@ -1,1 +1,0 @@
-"""Calibration of several machines of one type together."""

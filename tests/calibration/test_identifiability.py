@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from swashtwin.calibration.uncertainty.information import Candidate, candidates_for
 from twin_recordings import SIX_VALUES
 
 from swashtwin.calibration import (
@@ -15,7 +14,6 @@ from swashtwin.calibration import (
     Nuisances,
     Objective,
     calibrate,
-    expected_information_gain,
     identifiability,
     measure,
     objective_of,
@@ -29,7 +27,7 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 )
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import InputError, MPa, mm, stream
+from swashtwin.foundation import InputError, mm, stream
 from swashtwin.physics import Scales, SensorPath, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.report import write_report
@@ -263,60 +261,15 @@ def test_a_constant_without_effect_is_dead(twin: Twin) -> None:
     assert dict(zip(report.names, report.standing, strict=True))["excitation"] == "dead"
 
 
-def test_a_candidate_adds_as_much_as_its_lines_do(twin: Twin, objective: Objective, point: np.ndarray) -> None:
-    """The gain is half the fall of ln det of the covariance of both measurements fitted together."""
-    other = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
-    (gain,) = expected_information_gain(objective, point, [Candidate("10 MPa", other)])
-    here = twin.with_interfaces(Interfaces.from_values(np.exp(point)))
-    clean = here.at(other.condition).simulate(1.3, 6400.0, recording_id="ten")
-    both = objective_of([twin, other], [objective.comparisons[0].measurement, measure(other, [clean])])
-    before, after = (np.linalg.slogdet(posterior_covariance(task, point))[1] for task in (objective, both))
-    assert gain.nats == pytest.approx((before - after) / 2, rel=0.03)
-    assert all(factor >= 1 - 1e-9 for _, factor in gain.narrower)
-
-
-@pytest.mark.parametrize("nuisances", [NONE, Nuisances.housing()], ids=["none", "housing"])
-def test_further_measurements_are_ranked_and_include_sensors_speeds_and_pressures(
-    twin: Twin, nuisances: Nuisances
-) -> None:
-    objective = objective_for(twin, twin, nuisances)
-    gains = expected_information_gain(objective, objective.unknowns.start)
-    assert [gain.nats for gain in gains] == sorted((gain.nats for gain in gains), reverse=True)
-    assert all(gain.nats >= 0 for gain in gains)
-    names = {gain.name for gain in gains}
-    assert names == {gain.name for gain in candidates_for(objective)}
-    assert {"also at 5 MPa", "also at 10 MPa", "also healthy", "also z where body_x sits"} <= names
-    assert "also at 15 MPa" not in names
-    assert "nat; most for" in gains[0].words
-
-
-def test_a_second_sensor_at_the_same_place_and_direction_adds_less_than_another_direction(
-    objective: Objective, point: np.ndarray
-) -> None:
-    free = {item.name: item for item in candidates_for(objective) if item.sensor is not None}
-    assert len(free) == 6
-    sensor = free["also z where body_x sits"].sensor
-    assert sensor is not None
-    same = replace(objective.twin.pump.sensors[0], name="cover_z again")
-    nats = {
-        item.name: item.nats
-        for item in expected_information_gain(
-            objective, point, [Candidate("other", sensor=sensor), Candidate("same", sensor=same)]
-        )
-    }
-    assert nats["same"] < nats["other"]
-
-
 def test_what_was_learned_is_reported_with_figures_and_as_json(
     objective: Objective, point: np.ndarray, tmp_path: Path
 ) -> None:
-    report = identifiability(objective, point, with_profiles=True, with_gains=True)
+    report = identifiability(objective, point, with_profiles=True)
     page = write_report(report, folder=tmp_path).read_text(encoding="utf-8")
     assert "not determined: K_sw" in page
     assert "K_sw: not identified, open on both sides" in page
-    assert "The best further measurement: also " in page
     figures = {path.stem.removeprefix("identifiabilityreport_") for path in (tmp_path / "figures").glob("*.svg")}
-    assert figures == {"shares", "correlations", "profiles", "gains"}
+    assert figures == {"shares", "correlations", "profiles"}
     answer = json.loads((tmp_path / "results.json").read_text())["identifiability"][0]
     assert answer["standing"] == list(report.standing)
     assert len(answer["profiles"]) == 6

@@ -8,9 +8,9 @@ import pytest
 import torch
 from scipy.signal import resample_poly
 
-from swashtwin.calibration import GaussNewton, Nuisances, calibrate, expected_information_gain, measure, objective_of
+from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure, objective_of
 from swashtwin.calibration.objective.phases import best_position, combine_lines, phased_lines
-from swashtwin.foundation import DataError, InputError, mm, stream
+from swashtwin.foundation import DataError, mm, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, SwashPlateDefect
 from swashtwin.recordings import Recording
@@ -119,12 +119,6 @@ def test_an_objective_given_its_observables_misses_nothing(nominal, true):
     with torch.no_grad():
         repeated = objective.with_observables(objective.observables(objective.start).numpy())
         assert float(repeated.weighted_loss(repeated.start)) == pytest.approx(0, abs=1e-9)
-
-
-def test_what_knows_amplitudes_only_refuses_phases(nominal, true):
-    objective = objective_of(nominal, measure(nominal, [recorded(true)], phases=True))
-    with pytest.raises(InputError, match="phases=False"):
-        expected_information_gain(objective, objective.start.numpy())
 
 
 def test_a_recording_without_a_clear_line_has_no_phases(nominal):

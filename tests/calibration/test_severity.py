@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
-    SeverityForecast,
     SeveritySettings,
     calibrate,
     estimate_severity,
@@ -23,7 +21,6 @@ from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.severity import DimensionEstimate
 from swashtwin.calibration.severity.severity_search import _severity
-from swashtwin.cli.severity import _show_forecast
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -330,44 +327,6 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     )
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal
-
-
-def test_the_command_forecasts_a_trend(
-    tmp_path: Path, calibration: Calibration, healthy: list[Recording], record: Record
-) -> None:
-    worn = [record(PistonWear(um(clearance)), f"after_{clearance}") for clearance in (40, 60, 80)]
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in (*healthy, *worn)]
-    index, saved = write_index([*healthy, *worn], files, tmp_path), calibration.save(tmp_path / "healthy.json")
-    words = ("twin", "severity", saved, index, "--fault", "piston")
-    forecast = run_json(*words, "--times", "100,200,300", "--limit", "90 um")["forecast"]
-    assert forecast["times"] == [500]
-    assert forecast["low"][0] < um(120) < forecast["high"][0]
-    earliest, likely, _ = forecast["reached"]
-    assert earliest <= likely
-    assert likely == pytest.approx(350, abs=30)
-    assert "4 times for 3 recordings" in " ".join(run(*words, "--times", "1,2,3,4", code=2).stderr.split())
-    for wrong in (
-        ("--times", "1,nan,3"),
-        ("--times", "1,2,3", "--ahead", "inf"),
-        ("--times", "1,2,3", "--limit", "0 um"),
-    ):
-        assert "must be" in " ".join(run(*words, *wrong, code=2).stderr.split())
-    assert "a forecast needs --times" in " ".join(run(*words, "--ahead", "400", code=2).stderr.split())
-    assert "3 different times" in " ".join(run(*words, "--times", "1,1,2", code=2).stderr.split())
-
-
-def test_a_forecast_is_printed_in_the_unit_of_the_severity(capsys: pytest.CaptureFixture[str]) -> None:
-    instants = np.array([400.0, 500.0])
-    forecast = SeverityForecast(
-        instants, um(1) * instants / 4, um(1) * instants / 5, um(1) * instants / 3, um(0.25), um(120), (360, 480, None)
-    )
-    dimension = fault_space(PistonWear(um(60))).free[0]
-    _show_forecast(
-        forecast, SimpleNamespace(estimates=[SimpleNamespace(severity=SimpleNamespace(dimension=dimension))])
-    )
-    said = " ".join(capsys.readouterr().out.split())
-    assert "120 µm is reached: 480 (earliest: 360; latest: not by 500)" in said
-    assert "125 µm" in said
 
 
 def test_a_calibration_of_another_band_or_without_phases_is_told(calibration: Calibration, record: Record) -> None:

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 from commandline import run
 
-from swashtwin.calibration import Population
 from swashtwin.diagnosis import PriorClassifier, fit_prior, load_prior
 from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg, read_artifact, rpm, um, write_artifact
 from swashtwin.physics import Twin
-from swashtwin.pump import LETTERS, BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
-from swashtwin.recordings import Recording, manifest_of, write_index, write_recording
+from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
+from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.report import write_report
 from swashtwin.synthesis import OrderChanges, PumpPrior, simulate_changes
-from swashtwin.synthesis.pump_prior import _draw_values
 
 CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
 RATE = 16384.0
@@ -75,31 +73,6 @@ def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
     alone = simulate_changes(PumpPrior(), 1, seed=3)
     assert np.array_equal(alone.change, changes().change[: len(alone.change)])
     assert set(alone.label.tolist()) == {"normal", "swash_plate", "piston", "cylinder_block", "valve_plate"}
-
-
-def test_virtual_pumps_of_a_population_have_values_like_its_pumps() -> None:
-    letters = ("C_sw", "K_v")
-    center = np.log([3e4, 7e8])
-    population = Population(
-        ("A", "B"), letters, center, np.diag([0.03, 1e-3]) ** 2, np.array([0.04, 0.1]), np.ones((2, 2))
-    )
-    draws = np.log([_draw_values(PumpPrior(population=population), np.random.default_rng(n)) for n in range(400)])
-    of_drawing = np.log([_draw_values(PumpPrior(), np.random.default_rng(n)) for n in range(400)])
-    index = [list(LETTERS.values()).index(letter) for letter in letters]
-    others = [n for n in range(6) if n not in index]
-    np.testing.assert_allclose(draws[:, index].mean(axis=0), center, atol=0.02)
-    np.testing.assert_allclose(draws[:, index].std(axis=0), [0.05, 0.1], rtol=0.1)
-    np.testing.assert_allclose(draws[:, others].std(axis=0), of_drawing[:, others].std(axis=0), rtol=0.15)
-
-
-def test_a_value_that_a_population_does_not_tell_of_spreads_as_around_the_drawing() -> None:
-    far = np.log(load_pump("25scy14-1b").interfaces.values())[:1] + 3
-    population = Population(("A", "B"), ("C_sw",), far, np.eye(1) * 100, np.array([0.4]), np.ones((1, 2)))
-    draws = np.log([_draw_values(PumpPrior(population=population), np.random.default_rng(n))[0] for n in range(600)])
-    assert draws.mean() == pytest.approx(far[0] - 3, abs=0.1)
-    assert draws.std() == pytest.approx(PumpPrior().interfaces, rel=0.1)
-    with pytest.raises(InputError, match="the population knows m_1, none of which is an interface value"):
-        PumpPrior(population=replace(population, names=("m_1",)))
 
 
 def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> None:
@@ -283,16 +256,5 @@ def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     result = run("twin", "prior", "--out", out, "--count", "10", "--speed", "900 rpm to 1000 rpm", "--json")
     assert json.loads(result.stdout)["pumps"] == 10
     assert load_prior(out).speed == pytest.approx((rpm(900), rpm(1000)))
-    population = Population(("A", "B"), ("C_sw",), np.zeros(1), np.eye(1), np.ones(1), np.ones((1, 2)))
-    population = replace(population, manifest=manifest_of([recording("normal", 5)]))
-    file = population.save(tmp_path / "population.json")
-    assert json.loads(run("twin", "prior", "--out", out, "--count", "10", "--population", file, "--json").stdout)[
-        "population"
-    ] == str(file)
-    assert load_prior(out).manifest == population.manifest
-    verdict = load_prior(out).adapt(healthy()).diagnose(recording("normal", 5))
-    assert "one of the recordings that the classifier learned from" in " ".join(verdict.notes)
-    refusal = run("twin", "prior", "--out", out, "--population", tmp_path / "none.json", code=3)
-    assert "no such population" in " ".join(refusal.stderr.split())
     refused = run("twin", "prior", "--out", out, "--speed", "900 rpm", code=2)
     assert "is no range" in " ".join(refused.stderr.split())

@@ -73,7 +73,6 @@ COMMANDS: dict[str, Command] = {
         after=("split",),
         **SEARCHED,
     ),
-    "compare": Command("twin compare healthy.json worn.json", after=("calibrate_healthy", "calibrate"), **SEARCHED),
     "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
     "synthesize": Command(
         "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +24,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.foundation import VERSION, mm, parallel
 from swashtwin.physics import Twin
-from swashtwin.pump import load_pump
+from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 
 METRICS = {
@@ -145,6 +145,12 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
         for (recording, run), severity in zip(trend_pairs, trend.estimates, strict=True):
             cases += _cases(kind, seed, recording, run, severity)
     return cases
+
+
+def _start(kind: str) -> Fault:
+    fault = FAULT_KINDS[kind]
+    assert fault is not None
+    return replace(fault, length=START) if isinstance(fault, SwashPlateDefect) else fault
 
 
 def _cases(

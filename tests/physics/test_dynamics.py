@@ -81,7 +81,7 @@ def test_discrete_rings_sum_to_the_closed_forms(pump: Pump) -> None:
 def scalar_right_hand_side(
     pump: Pump, q: np.ndarray, v: np.ndarray, load: np.ndarray, depth: float, rate: float
 ) -> np.ndarray:
-    """The 13 scalar equations of physics.md 2.4, before dividing by mass."""
+    """The 13 scalar equations behind the matrices of physics.md 2.3, before dividing by mass."""
     x_f, y_f, z_f, a_f, b_f, x_c, y_c, z_c, a_c, b_c, x_p, y_p, z_p = range(13)
     mount, masses, positions, joints = pump.mount, pump.masses, pump.positions, pump.interfaces
     zeta_f, zeta_c = positions.shell, positions.rotor

@@ -1,4 +1,4 @@
-"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, contacts, and the twin made of them."""
+"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, and the twin made of them."""
 
 import lazy_loader
 

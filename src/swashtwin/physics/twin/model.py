@@ -100,7 +100,7 @@ class Twin:
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
-        """Shaft orders at which there is anything to compute (`forces.active_orders`)."""
+        """Shaft orders at which there is anything to compute (`fault_forcing.active_orders`)."""
         return self.drive.orders
 
     def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:

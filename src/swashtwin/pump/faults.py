@@ -315,8 +315,8 @@ class LooseSlipper(Fault):
     pulse: float = 2e-4
     """Duration of one impact [s]; 0.1...0.3 ms."""
     motion: Literal["simulated", "pulses"] = "simulated"
-    """How its piston moves: marched between the stops of its joint (`loose_slipper.loose_motion`), which gives the force
-    its sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of
+    """How its piston moves: marched between the stops of its joint (`physics.loose_slipper`), which gives the force its
+    sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of
     docs/explanation/physics.md."""
 
 

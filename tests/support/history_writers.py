@@ -23,7 +23,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
         facts = judgment(number)
         path = history.waveforms.write(machine, facts.time, facts.content, waveform(number))
         with history.machine(machine) as transaction:
-            if transaction.recording_id(facts.content) is not None:
+            if transaction.recording_of(facts.content) is not None:
                 continue
             point = transaction.point("a")
             filed = 0 if point is None or point.test is None else point.test["filed"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.monitoring.history import Judgment
+from swashtwin.monitoring.history import Judgment, Rejection
 from swashtwin.recordings import Recording
 
 START = datetime(2026, 3, 1, 6, tzinfo=UTC)
@@ -22,7 +22,7 @@ def judgment(number: int, **changes: Any) -> Judgment:
         "received": time + timedelta(seconds=2),
         "source": "folder",
         "file": f"{number}.wav",
-        "channels": ("x", "y"),
+        "channels": ["x", "y"],
         "unit": "m/s^2",
         "sample_rate": 1000.0,
         "duration": 0.1,
@@ -36,3 +36,17 @@ def waveform(number: int) -> Recording:
     """Samples of recording `number`."""
     signal = np.random.default_rng(number).standard_normal((2, 100)).astype(np.float32)
     return Recording(signal, 1000.0, str(number), channels=("x", "y"))
+
+
+def rejection(file: str, content: str, **changes: Any) -> Rejection:
+    """Rejection of a broken file."""
+    facts: dict[str, Any] = {
+        "received": START,
+        "source": "folder",
+        "file": file,
+        "machine": "",
+        "content": content,
+        "reason": "broken",
+        "detail": "no header",
+    }
+    return Rejection(**{**facts, **changes})

@@ -101,7 +101,6 @@ WATCH: Mapping[str, Callable[..., None]] = {
     "init": watching.init,
     "demo": watch_demo.demo,
     "event": watching.event,
-    "recalibrate": watching.recalibrate,
     "user": watching.user,
 }
 """Commands of ``swashtwin watch``."""

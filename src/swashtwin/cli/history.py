@@ -1,6 +1,5 @@
 """Commands of the group history: export."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,19 +10,11 @@ from swashtwin.cli.options import Json
 from swashtwin.foundation import InputError
 
 
-class TableFormat(StrEnum):
-    """Formats of an export."""
-
-    csv = "csv"
-    parquet = "parquet"
-
-
 def export(
     database: Annotated[
         str, typer.Argument(metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the tables.")],
-    table_format: Annotated[TableFormat, typer.Option("--format", help="Format of the tables.")] = TableFormat.csv,
     as_json: Json = False,
 ) -> None:
     """Write the history to tables: recordings, indicators by machine, alarms, events and the rest."""
@@ -35,16 +26,16 @@ def export(
         url, folder = database, out
     else:
         config = load_watch_config(Path(database))
-        url, folder = config.history.reveal(), config.folder
+        url, folder = config.history_url, config.folder
     history = History.open(url, folder, is_new=False)
     try:
-        counts = history.export(out, table_format, note)
+        counts = history.export(out, note)
     finally:
         history.close()
-    rows = [(f"{name}.{table_format}", count) for name, count in counts.items()]
+    rows = [(f"{name}.csv", count) for name, count in counts.items()]
 
     def show() -> None:
         table("history", ("file", "rows"), rows)
         say(f"Tables are in {out}.")
 
-    tell({"folder": str(out), "format": table_format.value, "rows": counts}, as_json, show)
+    tell({"folder": str(out), "rows": counts}, as_json, show)

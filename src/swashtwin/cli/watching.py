@@ -4,19 +4,17 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.options import Json, Seed
-from swashtwin.foundation import plural
+from swashtwin.cli.console import note, say, tell
+from swashtwin.cli.options import Json
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring import Estimate, Outcome, WatchConfig, WatchStatus
+    from swashtwin.monitoring import Outcome, WatchConfig, WatchStatus
 
 _CONFIG = typer.Argument(metavar="CONFIG", help="Configuration that watch init wrote.")
 ConfigFile = Annotated[Path, _CONFIG]
@@ -82,50 +80,13 @@ def event(
     from swashtwin.monitoring import History, record_event
 
     watch = _config(config)
-    history = History.open(watch.history.reveal(), watch.folder, watch.retention)
+    history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
         number = record_event(watch, history, machine, who=who or _user(), note=text, maintenance=maintenance)
     finally:
         history.close()
     after = "its baseline is learned anew, and its alarms are closed" if maintenance else "kept in the history"
     tell({"event": number, "machine": machine}, as_json, lambda: say(f"{machine}: {after}."))
-
-
-def recalibrate(
-    config: ConfigFile,
-    machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Name of the machine.")],
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """Calibrate a machine's twin on its newest healthy recordings, and keep the values in the history.
-
-    A running watch does so by itself, once after each maintenance, for machines with a twin.
-    """
-    require_extra()
-    from swashtwin.monitoring import History, update_twin
-
-    watch = _config(config)
-    history = History.open(watch.history.reveal(), watch.folder, watch.retention)
-    try:
-        with progress(f"calibrating the twin of {machine}"):
-            update = update_twin(watch, history, machine, seed=seed)
-    finally:
-        history.close()
-
-    def show() -> None:
-        title = f"Twin of {machine}, from {plural(update.recordings, 'healthy recording')}"
-        rows = [(item.name, f"{item.value:.4g}", _interval(item), item.unit) for item in update.estimates]
-        table(title, ["value of", "estimate", "interval of 90 %", "unit"], rows)
-        for change in update.changes:
-            note(f"note: {change}; the intervals do not meet.")
-        note(f"{update.calibration} is written.")
-
-    tell(asdict(update) | {"calibration": str(update.calibration)}, as_json, show)
-
-
-def _interval(estimate: "Estimate") -> str:
-    ends = (estimate.low, estimate.high)
-    return "" if None in ends else " to ".join(f"{end:.4g}" for end in ends)
 
 
 def user(
@@ -145,10 +106,9 @@ def user(
 
     if control and not token:
         raise InputError("--control is of a program's token; give --token too.")
-    page = _config(config).page
-    path, key = (page.tokens or page.users, "tokens") if token else (page.users or page.tokens, "users")
+    path = _config(config).page.users
     if path is None:
-        raise InputError(f'{config} names no file for this; add {key} = "users.json" under [page].')
+        raise InputError(f'{config} names no file for this; add users = "users.json" under [page].')
     secret = ""
     if remove:
         remove_entry(path, name)

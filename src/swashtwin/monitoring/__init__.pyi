@@ -7,21 +7,17 @@ from .alarms import SensorFinding as SensorFinding
 from .config import WatchConfig as WatchConfig
 from .config import load_watch_config as load_watch_config
 from .config import write_example as write_example
-from .history import Estimate as Estimate
 from .history import History as History
 from .history import HistoryError as HistoryError
 from .page.security.users import add_token as add_token
 from .page.security.users import add_user as add_user
 from .page.security.users import remove_entry as remove_entry
 from .service import Outcome as Outcome
-from .service import TwinUpdate as TwinUpdate
 from .service import WatchStatus as WatchStatus
 from .service import record_event as record_event
 from .service import run_watch as run_watch
-from .service import update_twin as update_twin
 
 __all__ = [
-    "Estimate",
     "History",
     "HistoryError",
     "Outcome",
@@ -29,7 +25,6 @@ __all__ = [
     "PointMonitor",
     "PointState",
     "SensorFinding",
-    "TwinUpdate",
     "WatchConfig",
     "WatchStatus",
     "add_token",
@@ -38,6 +33,5 @@ __all__ = [
     "record_event",
     "remove_entry",
     "run_watch",
-    "update_twin",
     "write_example",
 ]

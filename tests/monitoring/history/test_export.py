@@ -4,16 +4,14 @@ import csv
 import json
 import subprocess
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 
-import polars
 import pytest
 from commandline import run
-from judgments import START, judgment
+from judgments import START, judgment, rejection
 
 from swashtwin.monitoring.config import write_example
-from swashtwin.monitoring.history import Estimate, History, Rejection
+from swashtwin.monitoring.history import History
 
 
 @pytest.fixture
@@ -28,11 +26,10 @@ def filled(history: History) -> History:
         transaction.open_alarm("pump", None, START, {"rise": 9.0}, 1)
         transaction.silence(START, "-operator", "@home")
         transaction.add_event("maintenance", "+fitter", "new slippers")
-        transaction.add_recalibration(START, (Estimate("k", 1.0, 0.5, 2.0, "N/m"), Estimate("s", 0.1)))
         transaction.post("log", {"text": "=cmd"})
     with history.machine("pump-2") as transaction:
         transaction.add_event("note", "me")
-    history.reject(Rejection(START, "folder", "=a.wav", None, "c", "broken", "no header"))
+    history.reject(rejection("=a.wav", "c"))
     return history
 
 
@@ -43,7 +40,6 @@ COUNTS = {
     "events": 2,
     "rejections": 1,
     "outbox": 1,
-    "recalibrations": 2,
     "indicators/_pump": 3,
     "indicators/pump-2": 0,
 }
@@ -65,23 +61,6 @@ def test_csv_holds_every_row_and_no_formula(filled: History, tmp_path: Path) -> 
     assert [line["x kurtosis"] for line in tables["indicators/_pump"]] == ["", "", "3.0"]
 
 
-def test_parquet_holds_texts_as_they_are_and_types(
-    filled: History, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("swashtwin.monitoring.history.export._BATCH", 2)  # so that parts are joined
-    assert filled.export(tmp_path / "out", "parquet") == COUNTS
-    recordings = polars.read_parquet(tmp_path / "out" / "recordings.parquet")
-    assert recordings["machine"].to_list() == ["=pump"] * 3
-    assert recordings["time"][0] == datetime(2026, 3, 1, 6, tzinfo=UTC)
-    assert recordings["probability"].dtype == polars.Float64
-    indicators = polars.read_parquet(tmp_path / "out" / "indicators" / "_pump.parquet")
-    assert indicators["x kurtosis"].to_list() == [None, None, 3.0]
-    assert indicators["x rms"].to_list() == pytest.approx([0, 1 / 3, 2])
-    assert polars.read_parquet(tmp_path / "out" / "indicators" / "pump-2.parquet").height == 0
-    assert polars.read_parquet(tmp_path / "out" / "recalibrations.parquet")["high"].to_list() == [2.0, None]
-    assert not list((tmp_path / "out").rglob("0*.parquet"))
-
-
 def test_the_command_exports_what_a_configuration_names(tmp_path: Path) -> None:
     (tmp_path / "watch.toml").write_text(
         'folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n', encoding="utf-8"
@@ -95,7 +74,7 @@ def test_the_command_exports_what_a_configuration_names(tmp_path: Path) -> None:
     assert answer["rows"]["recordings"] == 1
     assert (out / "recordings.csv").is_file()
     url = f"sqlite:///{tmp_path / 'data' / 'history.sqlite'}"
-    assert "recordings.parquet" in run("history", "export", url, "--out", str(out), "--format", "parquet").stdout
+    assert "recordings.csv" in run("history", "export", url, "--out", str(out)).stdout
 
 
 def test_exporting_makes_no_database(tmp_path: Path, postgresql_url: str) -> None:

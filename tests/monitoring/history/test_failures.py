@@ -15,8 +15,8 @@ from judgments import START, judgment, waveform
 from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.history import History, HistoryError, migrations, waveforms
-from swashtwin.monitoring.history.engine import open_engine
+from swashtwin.monitoring.history import History, HistoryError, waveforms
+from swashtwin.monitoring.history.database import _open_engine
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the writers are forked before they thread
 KILLS = 25
@@ -43,7 +43,7 @@ def start() -> Any:
 
 def _is_consistent(history: History, machine: str, count: int) -> None:
     stored = history.read.recordings(machine, limit=10_000)
-    assert sorted(item.judgment.content for item in stored) == sorted(judgment(n).content for n in range(count))
+    assert sorted(item.content for item in stored) == sorted(judgment(n).content for n in range(count))
     point = history.read.point(machine, "a")
     assert point is not None
     assert point.test == {"filed": count}
@@ -51,9 +51,10 @@ def _is_consistent(history: History, machine: str, count: int) -> None:
     assert overview.recordings == count
     assert overview.last == stored[0]
     assert history.read.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(range(count))
-    assert all(item.waveform.is_file() for item in stored if item.waveform is not None)
+    assert all((history.waveforms.folder / item.waveform).is_file() for item in stored if item.waveform is not None)
 
 
+@pytest.mark.nightly
 def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice(
     start: Any, history_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,11 +76,16 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     assert history.outbox.waiting(["log"]) == count
     monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
     history.waveforms.sweep()
-    rows = [item.waveform for item in history.read.recordings("pump-1", limit=10_000) if item.waveform]
+    rows = [
+        history.waveforms.folder / item.waveform
+        for item in history.read.recordings("pump-1", limit=10_000)
+        if item.waveform
+    ]
     assert sorted(history.waveforms.folder.rglob("*.h5")) == sorted(rows)
     history.close()
 
 
+@pytest.mark.nightly
 def test_processes_that_get_the_same_deliveries_file_each_once_and_send_each_message_once(
     start: Any, history_url: str, tmp_path: Path
 ) -> None:
@@ -105,7 +111,7 @@ def test_a_claimed_message_is_due_again_after_its_lease(history: History) -> Non
         transaction.post("log", {"text": "grün"}, alarm=7)
     (message,) = history.outbox.claim(["log"], lease=60)
     assert (message.channel, message.body, message.alarm, message.attempts) == ("log", {"text": "grün"}, 7, 1)
-    assert history.outbox.claim(["log"]) == ()
+    assert history.outbox.claim(["log"]) == []
     assert history.outbox.waiting(["mail"]) == 0
     history.outbox.failed(message.id, "no route", again_in=0)
     assert history.outbox.claim(["mail"]) == ()
@@ -137,7 +143,7 @@ def test_recordings_before_the_newest_are_filed_in_their_order(history: History)
         transaction.add_recording(judgment(5))
         transaction.add_recording(judgment(2))
         assert transaction.newest() == START + timedelta(hours=5)
-    assert [item.judgment for item in history.read.recordings()] == [judgment(5), judgment(2)]
+    assert [item.file for item in history.read.recordings()] == ["5.wav", "2.wav"]
     assert history.read.machines()[0].last == history.read.recordings()[0]
 
 
@@ -145,7 +151,7 @@ def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_pat
     history = History.open("", tmp_path)
     pages = [60]
 
-    @event.listens_for(history._engine, "checkout")
+    @event.listens_for(history._database._engine, "checkout")
     def limit(connection: Any, *_: object) -> None:
         connection.execute(f"PRAGMA max_page_count = {pages[0]}")
 
@@ -181,7 +187,7 @@ def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
     postgresql_url: str, tmp_path: Path, code: str
 ) -> None:
     history = History.open(postgresql_url, tmp_path)
-    with history._engine.begin() as connection:
+    with history._database._engine.begin() as connection:
         connection.exec_driver_sql(
             "CREATE FUNCTION fail() RETURNS trigger LANGUAGE plpgsql AS "
             f"$$ BEGIN RAISE EXCEPTION 'no room' USING ERRCODE = '{code}'; END $$"
@@ -189,8 +195,8 @@ def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
         connection.exec_driver_sql("CREATE TRIGGER fail BEFORE INSERT ON outbox FOR EACH ROW EXECUTE FUNCTION fail()")
     with pytest.raises(HistoryError, match="no room"), history.machine("pump-1") as transaction:
         transaction.post(str(transaction.add_recording(judgment(1))), {})
-    assert history.read.recordings() == ()
-    with history._engine.begin() as connection:
+    assert history.read.recordings() == []
+    with history._database._engine.begin() as connection:
         connection.exec_driver_sql("DROP TRIGGER fail ON outbox")
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1))
@@ -198,6 +204,7 @@ def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
     history.close()
 
 
+@pytest.mark.nightly
 def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
     postgres_server: Any, postgresql_url: str, tmp_path: Path
 ) -> None:
@@ -220,6 +227,7 @@ def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
     history.close()
 
 
+@pytest.mark.nightly
 def test_a_postgresql_stopped_within_a_transaction_undoes_it(
     postgres_server: Any, postgresql_url: str, tmp_path: Path
 ) -> None:
@@ -236,7 +244,7 @@ def test_a_postgresql_stopped_within_a_transaction_undoes_it(
             interrupted()
     finally:
         postgres_server.start()
-    assert history.read.recordings() == ()
+    assert history.read.recordings() == []
     history.close()
 
 
@@ -246,45 +254,20 @@ def test_a_damaged_sqlite_file_is_one_error(tmp_path: Path) -> None:
         History.open("", tmp_path)
 
 
-def test_a_database_of_a_newer_version_is_refused(history: History, history_url: str, tmp_path: Path) -> None:
-    with history._engine.begin() as connection:
+def test_a_database_of_another_version_is_refused(history: History, history_url: str, tmp_path: Path) -> None:
+    with history._database._engine.begin() as connection:
         connection.execute(text("UPDATE swashtwin_history SET version = 99"))
     with pytest.raises(DataError, match="version 99"):
         History.open(history_url, tmp_path)
 
 
 def test_a_database_with_tables_of_another_program_is_refused(history_url: str, tmp_path: Path) -> None:
-    engine = open_engine(history_url, tmp_path)
+    engine = _open_engine(history_url, tmp_path, is_new=True)
     with engine.begin() as connection:
         connection.execute(text("CREATE TABLE events (id INTEGER)"))
     engine.dispose()
     with pytest.raises(DataError, match=r"another program \(events\)"):
         History.open(history_url, tmp_path)
-
-
-def test_an_older_database_is_migrated_once_and_whole(
-    history: History, history_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(1))
-
-    def add_column(connection: Any) -> None:
-        connection.execute(text("ALTER TABLE machines ADD COLUMN place VARCHAR"))
-
-    def fail(_: Any) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(migrations, "MIGRATIONS", (add_column, fail))
-    with pytest.raises(ZeroDivisionError):
-        History.open(history_url, tmp_path)
-    monkeypatch.setattr(migrations, "MIGRATIONS", (add_column,))
-    for _ in range(2):
-        again = History.open(history_url, tmp_path)
-        assert len(again.read.recordings()) == 1
-        with again._engine.begin() as connection:
-            assert connection.execute(text("SELECT version FROM swashtwin_history")).scalar_one() == 2
-            assert connection.execute(text("SELECT place FROM machines WHERE name = 'pump-1'")).scalar() is None
-        again.close()
 
 
 @pytest.mark.parametrize("url", ["mysql://host/name", "nonsense", "postgresql:/x:hunter2"])

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from judgments import START, judgment, waveform
+from judgments import START, judgment, rejection, waveform
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.config import Retention
-from swashtwin.monitoring.history import Estimate, History, Judgment, Rejection
-from swashtwin.monitoring.history.records import PointKey
+from swashtwin.monitoring.history import History, Judgment
 
 
 def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
@@ -32,18 +31,21 @@ def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
         number = transaction.add_recording(written, {("x", "rms"): 0.1, ("y", "rms"): -3.0})
     stored = history.read.recording(number)
     assert stored is not None
-    assert (stored.id, stored.machine, stored.judgment, stored.waveform) == (number, "pump-1", written, None)
+    assert stored == written
+    assert (stored.id, stored.machine, stored.waveform) == (number, "pump-1", None)
     assert history.read.indicator_names("pump-1") == (("x", "rms"), ("y", "rms"))
-    assert history.read.recordings("pump-1") == (stored,)
-    assert history.read.recordings("pump-2") == ()
+    assert history.read.recordings("pump-1") == [stored]
+    assert history.read.recordings("pump-2") == []
     assert history.read.recording(number + 1) is None
 
 
 def test_no_content_is_filed_twice_for_a_machine(history: History) -> None:
     with history.machine("pump-1") as transaction:
-        assert transaction.recording_id(judgment(1).content) is None
+        assert transaction.recording_of(judgment(1).content) is None
         number = transaction.add_recording(judgment(1))
-        assert transaction.recording_id(judgment(1).content) == number
+        stored = transaction.recording_of(judgment(1).content)
+        assert stored is not None
+        assert stored.id == number
     with pytest.raises(InputError, match="already"), history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1))
     with history.machine("pump-2") as transaction:
@@ -64,7 +66,7 @@ def test_an_error_within_a_transaction_undoes_all_of_it(history: History) -> Non
 
     with pytest.raises(ZeroDivisionError):
         fail()
-    assert history.read.recordings() == ()
+    assert history.read.recordings() == []
     assert history.outbox.waiting(["log"]) == 0
     assert history.read.sequence() == before
 
@@ -77,7 +79,7 @@ def test_the_sequence_grows_with_each_change(history: History) -> None:
     with history.machine("pump-2") as transaction:
         transaction.silence(datetime.now(UTC), "me")
     numbers.append(history.read.sequence())
-    history.reject(Rejection(START, "folder", "a.wav", None, "c", "broken", "no header"))
+    history.reject(rejection("a.wav", "c"))
     numbers.append(history.read.sequence())
     assert numbers == sorted(set(numbers))
     assert history.read.sequence() == numbers[-1]
@@ -89,9 +91,9 @@ def test_numbers_that_are_not_finite_become_null_or_the_largest(history: History
         number = transaction.add_recording(odd)
     stored = history.read.recording(number)
     assert stored is not None
-    assert stored.judgment.ood_p is None
-    assert stored.judgment.capital == pytest.approx(1.797e308, rel=1e-3)
-    assert stored.judgment.reasons == {"p": None, "a": [0, 1]}
+    assert stored.ood_p is None
+    assert stored.capital == pytest.approx(1.797e308, rel=1e-3)
+    assert stored.reasons == {"p": None, "a": [0, 1]}
 
 
 def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -> None:
@@ -104,7 +106,7 @@ def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -
 
     def numbers(**options: object) -> list[int]:
         results = read.recordings("pump-1", **options)  # type: ignore[arg-type]
-        return [int(stored.judgment.file.removesuffix(".wav")) for stored in results]
+        return [int(stored.file.removesuffix(".wav")) for stored in results]
 
     assert numbers() == [4, 3, 2, 1, 0]
     assert numbers(limit=2) == [4, 3]
@@ -140,22 +142,20 @@ def test_the_state_of_a_point_is_kept_in_two_parts(history: History) -> None:
         transaction.save_point("a", speed=157.0, baseline={"levels": [["x", "1 kHz", 3.0]]}, test={"capital": 1.0})
         transaction.save_point("b", test={})
     with history.machine("pump-1") as transaction:
-        transaction.save_point("a", test={"capital": 2.0})
+        transaction.save_point("a", speed=157.0, test={"capital": 2.0})
         point = transaction.point("a")
         assert point is not None
-        assert point.baseline == {"levels": [["x", "1 kHz", 3.0]]}
+        assert transaction.baseline("a") == {"levels": [["x", "1 kHz", 3.0]]}
         assert (point.test, point.speed, point.pressure) == ({"capital": 2.0}, 157.0, None)
         assert transaction.point("c") is None
-        assert transaction.points() == (PointKey("a", 157.0, None), PointKey("b", None, None))
-        transaction.forget_points("a")
-        transaction.save_point("a", test={})
-    assert [key.name for key in history.read.points("pump-1")] == ["a", "b"]
-    learned = history.read.point("pump-1", "a")
-    assert learned is not None
-    assert learned.baseline is None
+        assert [point.name for point in transaction.points()] == ["a", "b"]
+    assert history.read.baseline("pump-1", "a") == {"levels": [["x", "1 kHz", 3.0]]}
+    assert history.read.baseline("pump-1", "b") is None
     with history.machine("pump-1") as transaction:
         transaction.forget_points()
-    assert history.read.points("pump-1") == ()
+        transaction.save_point("a", test={})
+        assert transaction.baseline("a") is None
+    assert [point.name for point in history.read.points("pump-1")] == ["a"]
 
 
 def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: History) -> None:
@@ -179,7 +179,7 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
     assert alarm is not None
     assert (alarm.state, alarm.who, alarm.note, alarm.evidence) == ("closed", "operator", "seen", {"rise": 9.0})
     assert [alarm.id for alarm in history.read.alarms("pump-1")] == [second, first]
-    assert history.read.alarms(state="open") == ()
+    assert history.read.alarms(state="open") == []
     assert history.read.alarm(999) is None
 
 
@@ -207,19 +207,14 @@ def test_a_silence_ends_by_itself_or_by_hand(history: History) -> None:
     assert history.read.machines()[0].silenced is None
 
 
-def test_events_and_recalibrations_are_read_back(history: History) -> None:
-    estimates = (Estimate("slipper_swash.stiffness", 1e9, 0.9e9, 1.1e9, "N/m"), Estimate("severity", 0.2))
+def test_events_are_read_back(history: History) -> None:
     with history.machine("pump-1") as transaction:
         transaction.add_event("maintenance", "fitter", "new slippers", START)
         transaction.add_event("note", "fitter", time=START + timedelta(hours=1))
-        transaction.add_recalibration(START, estimates, "after maintenance")
-        event = transaction.last_event("maintenance")
-        assert event is not None
-        assert (event.who, event.note, event.time, event.machine) == ("fitter", "new slippers", START, "pump-1")
-        assert transaction.last_event("other") is None
-    assert [event.kind for event in history.read.events()] == ["note", "maintenance"]
-    recalibration = history.read.recalibrations("pump-1")[0]
-    assert (recalibration.estimates, recalibration.note) == (estimates, "after maintenance")
+    note, event = history.read.events()
+    assert note.kind == "note"
+    assert (event.who, event.note, event.time, event.machine) == ("fitter", "new slippers", START, "pump-1")
+    assert history.read.machines()[0].maintained == START
 
 
 def test_the_overview_has_each_machine_with_its_newest_recording(history: History) -> None:
@@ -233,7 +228,7 @@ def test_the_overview_has_each_machine_with_its_newest_recording(history: Histor
     assert (first.name, first.recordings, first.last, first.alarms) == ("pump-1", 0, None, ())
     assert (second.name, second.recordings) == ("pump-2", 3)
     assert second.last is not None
-    assert second.last.judgment == judgment(3, state="alarm")
+    assert (second.last.file, second.last.state) == ("3.wav", "alarm")
     assert [alarm.kind for alarm in second.alarms] == ["pump"]
     counts = history.read.counts()
     assert counts.recordings == {("pump-2", "normal"): 2, ("pump-2", "alarm"): 1}
@@ -243,19 +238,19 @@ def test_the_overview_has_each_machine_with_its_newest_recording(history: Histor
 def test_a_rejection_of_the_same_content_is_counted(history: History) -> None:
     for hour in range(3):
         time = START + timedelta(hours=hour)
-        history.reject(Rejection(time, "folder", "a.wav", "pump-1", "c", "double", "filed already"))
-    history.reject(Rejection(START, "http", "b.wav", None, None, "broken", "no header", "b.wav"))
+        history.reject(rejection("a.wav", "c", received=time, machine="pump-1", reason="double"))
+    history.reject(rejection("b.wav", "", source="http", copy="b.wav"))
     last, first = history.read.rejections()
     assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
-    assert (first.times, first.machine, first.copy) == (1, None, "b.wav")
+    assert (first.times, first.machine, first.copy) == (1, "", "b.wav")
     assert history.read.counts().rejections == {"double": 3, "broken": 1}
 
 
 def test_rejections_are_bounded(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swashtwin.monitoring.history.database._REJECTIONS", 5)
+    monkeypatch.setattr("swashtwin.monitoring.history.history._REJECTIONS", 5)
     for number in range(9):
-        history.reject(Rejection(START, "folder", f"{number}.wav", None, str(number), "broken", ""))
-        history.reject(Rejection(START, "folder", "again.wav", None, "again", "broken", ""))
+        history.reject(rejection(f"{number}.wav", str(number)))
+        history.reject(rejection("again.wav", "again"))
     assert len(history.read.rejections()) == 5
 
 
@@ -272,8 +267,8 @@ def test_times_of_other_zones_are_read_in_utc(history: History) -> None:
         number = transaction.add_recording(judgment(1, time=time))
     stored = history.read.recording(number)
     assert stored is not None
-    assert stored.judgment.time == datetime(2026, 7, 1, 10, tzinfo=UTC)
-    assert stored.judgment.time.utcoffset() == timedelta(0)
+    assert stored.time == datetime(2026, 7, 1, 10, tzinfo=UTC)
+    assert stored.time.utcoffset() == timedelta(0)
 
 
 def test_a_history_opens_again_as_it_was_left(history_url: str, tmp_path: Path) -> None:
@@ -283,7 +278,7 @@ def test_a_history_opens_again_as_it_was_left(history_url: str, tmp_path: Path) 
         transaction.save_point("a", test={"capital": 3.0})
     history.close()
     again = History.open(history_url, tmp_path)
-    assert [stored.judgment for stored in again.read.recordings()] == [judgment(1)]
+    assert [stored.content for stored in again.read.recordings()] == [judgment(1).content]
     point = again.read.point("pump-1", "a")
     assert point is not None
     assert point.test == {"capital": 3.0}
@@ -291,7 +286,7 @@ def test_a_history_opens_again_as_it_was_left(history_url: str, tmp_path: Path) 
 
 
 def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_path: Path) -> None:
-    history = History.open(history_url, tmp_path, Retention(alarms=None, per_day=1, last=3))
+    history = History.open(history_url, tmp_path, Retention(per_day=1, last=3))
     states = {30: "alarm", 31: "alarm"}
     for number in range(60):
         facts: Judgment = judgment(number, state=states.get(number, "normal"))
@@ -299,11 +294,11 @@ def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_pat
         with history.machine("pump-1") as transaction:
             transaction.add_recording(facts, waveform=path)
     stored = history.read.recordings("pump-1", limit=100)
-    numbers = [int(item.judgment.file[:-4]) for item in reversed(stored) if item.waveform is not None]
+    numbers = [int(item.file[:-4]) for item in reversed(stored) if item.waveform is not None]
     # Recordings begin at six o'clock, so days begin with numbers 0, 18 and 42.
     assert numbers == [0, 18, 30, 31, 42, 57, 58, 59]
     assert len(list(history.waveforms.folder.rglob("*.h5"))) == len(numbers)
-    alarm = next(item for item in stored if item.judgment.file == "30.wav")
+    alarm = next(item for item in stored if item.file == "30.wav")
     samples = history.read.waveform(alarm.id)
     assert samples is not None
     np.testing.assert_array_equal(samples.signal, waveform(30).signal)
@@ -321,7 +316,7 @@ def test_an_alarm_keeps_the_waveforms_before_it(history_url: str, tmp_path: Path
             if number == 4:
                 transaction.open_alarm("pump", "a", facts.time, {}, added)
     stored = history.read.recordings("pump-1")
-    assert [int(item.judgment.file[:-4]) for item in stored if item.waveform] == [9, 8, 7, 4, 3, 2]
+    assert [int(item.file[:-4]) for item in stored if item.waveform] == [9, 8, 7, 4, 3, 2]
     history.close()
 
 

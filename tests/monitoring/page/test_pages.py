@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from starlette.testclient import TestClient
+from swashtwin.monitoring.page.content.languages import Language
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history import HistoryError
 from swashtwin.monitoring.page.content.charts import sparkline
-from swashtwin.monitoring.page.content.languages import Language
 from swashtwin.monitoring.page.content.machine_states import STATES
 from swashtwin.monitoring.page.content.wording import RECORDING_STATES, REJECTION_REASONS, VERDICT_NAMES, level_name
 from swashtwin.pump import CLASSES

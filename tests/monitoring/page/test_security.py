@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
+from swashtwin.monitoring.page.security.throttle import FREE_ATTEMPTS, Throttle
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.routes import live
 from swashtwin.monitoring.page.security import access as access_module
 from swashtwin.monitoring.page.security.access import COOKIE, is_loopback, required_users
-from swashtwin.monitoring.page.security.throttle import FREE_ATTEMPTS, Throttle
 from swashtwin.monitoring.page.security.users import UserFile, add_token, add_user, remove_entry
 
 PASSWORD = "correct horse battery"

@@ -12,12 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+import pytest
 from mqtt_broker import Broker, free_port
 from watched_pumps import RATE, hum, watch_config, write_hum
 
 from swashtwin.monitoring import History, Outcome, run_watch
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.recordings import write_recording
+
+pytestmark = pytest.mark.nightly
 
 
 def page() -> str:
@@ -73,9 +76,9 @@ def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
 
 
 def contents(configs: Sequence[WatchConfig]) -> list[str]:
-    history = History.open(configs[0].history.reveal(), configs[0].folder)
+    history = History.open(configs[0].history_url, configs[0].folder)
     try:
-        return [item.judgment.content for item in history.read.recordings(limit=10_000)]
+        return [item.content for item in history.read.recordings(limit=10_000)]
     finally:
         history.close()
 

@@ -10,7 +10,7 @@ from swashtwin.foundation import InputError
 from swashtwin.monitoring import History, Outcome, record_event, run_watch
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import HistoryError
-from swashtwin.monitoring.service import points, running
+from swashtwin.monitoring.service import judging, running
 from swashtwin.monitoring.sources import Delivery, Spool, lock_folder
 from swashtwin.recordings import write_recording
 
@@ -22,7 +22,7 @@ def judge(config: WatchConfig) -> list[Outcome]:
 
 
 def opened(config: WatchConfig) -> History:
-    return History.open(config.history.reveal(), config.folder)
+    return History.open(config.history_url, config.folder)
 
 
 def reasons(config: WatchConfig) -> dict[str, str]:
@@ -229,7 +229,7 @@ def test_a_file_that_vanished_from_the_spool_is_forgotten(tmp_path: Path) -> Non
 
 
 def test_a_machine_has_a_bounded_number_of_operating_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(points, "_MOST", 1)
+    monkeypatch.setattr(judging, "_MOST_POINTS", 1)
     config = watch_config(tmp_path)
     spool = Spool(config.folder / "spool")
     for number, speed in enumerate(("1500 rpm", "1000 rpm", "1510 rpm")):

@@ -10,6 +10,7 @@ import ssl
 import threading
 from base64 import b64encode
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from email.message import EmailMessage
 from pathlib import Path
 from typing import Any
@@ -115,7 +116,7 @@ def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> Non
     kind = http.client.HTTPSConnection if url.scheme == "https" else http.client.HTTPConnection
     connection = kind(url.hostname, url.port, timeout=timeout)
     headers = {"Content-Type": "application/json", "User-Agent": "swashtwin", **_login(url, channel)}
-    body = json.dumps({**message.to_dict(), "title": message.title}, ensure_ascii=False).encode()
+    body = json.dumps({**asdict(message), "title": message.title}, ensure_ascii=False).encode()
     with contextlib.closing(connection), _deadline(timeout, lambda: connection.sock):
         connection.request("POST", (url.path or "/") + (f"?{url.query}" if url.query else ""), body, headers)
         status = connection.getresponse().status
@@ -162,7 +163,7 @@ def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> Non
             raise TimeoutError
         if refusals:
             raise _RefusedError(refusals[0])
-        body = json.dumps({**message.to_dict(), "title": message.title}, ensure_ascii=False)
+        body = json.dumps({**asdict(message), "title": message.title}, ensure_ascii=False)
         handed_over = client.publish(channel.topic, body, qos=1)
         handed_over.wait_for_publish(timeout)
         if not handed_over.is_published():

@@ -1,14 +1,10 @@
 """What is told of an alarm, to people and to programs."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from swashtwin.foundation import escape_controls
-
-Kind = Literal["pump", "sensor"]
-Event = Literal["opened", "cleared", "closed"]
 
 
 @dataclass(frozen=True)
@@ -19,15 +15,15 @@ class AlarmMessage:
     """Name of the machine."""
     point: str
     """Name of the operating point."""
-    kind: Kind
-    """Alarm of the pump or of a sensor."""
-    event: Event
-    """What happened to the alarm."""
+    kind: str
+    """Alarm of the ``pump`` or of a ``sensor``."""
+    event: str
+    """What happened to the alarm: ``opened``, ``cleared`` or ``closed``."""
     time: str
     """When, ISO 8601 in UTC."""
     identity: str
     """Unique for each message, such as ``alarm-17-opened``."""
-    reasons: tuple[str, ...] = ()
+    reasons: Sequence[str] = ()
     """What moved or what is wrong, in sentences."""
     link: str | None = None
     """Address of the alarm on the page."""
@@ -58,12 +54,3 @@ class AlarmMessage:
     def reference(self) -> str:
         """`identity` in characters that a mail's header allows."""
         return re.sub(r"[^\w.-]", "-", self.identity, flags=re.ASCII)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Words that JSON can hold."""
-        return {**asdict(self), "reasons": list(self.reasons)}
-
-    @classmethod
-    def from_dict(cls, body: Mapping[str, Any]) -> "AlarmMessage":
-        """The message that `to_dict` described."""
-        return cls(**{**body, "reasons": tuple(body["reasons"])})

@@ -1,7 +1,7 @@
 """`PointMonitor`: what one recording says about a machine at an operating point, given all before it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -69,19 +69,9 @@ class PointJudgment:
 
     def to_dict(self) -> dict[str, Any]:
         """The evidence, in numbers and words that JSON can hold."""
-        return {
-            "stage": self.stage,
-            "learned": self.learned,
-            "score": self.score,
-            "p_value": self.p_value,
-            "capital": self.capital,
-            "is_large": self.is_large,
-            "is_alarm": self.is_alarm,
-            "moved": [change.to_dict() for change in self.moved],
-            "reasons": list(self.reasons),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "notes": list(self.notes),
-        }
+        words = {name: value for name, value in vars(self).items() if name not in ("state", "levels", "pump", "sensor")}
+        moved = [change.to_dict() for change in self.moved]
+        return {**words, "moved": moved, "findings": [finding.to_dict() for finding in self.findings]}
 
 
 @dataclass(frozen=True)
@@ -105,14 +95,14 @@ class _Memory:
         return cls(
             PointBaseline.from_dict(state.baseline),
             ConformalTest.from_dict(parts["test"]),
-            Condition.from_dict(parts["pump"]),
-            Condition.from_dict(parts["sensor"]),
+            Condition(**parts["pump"]),
+            Condition(**parts["sensor"]),
         )
 
     def state(self, before: PointState | None = None) -> PointState:
         """The state to store; the baseline is described as `before`, if given."""
         description = self.baseline.to_dict() if before is None else before.baseline
-        parts = {"test": self.test.to_dict(), "pump": self.pump.to_dict(), "sensor": self.sensor.to_dict()}
+        parts = {"test": self.test.to_dict(), "pump": asdict(self.pump), "sensor": asdict(self.sensor)}
         return PointState(description, parts)
 
 

@@ -1,8 +1,8 @@
 """When an alarm condition begins and ends: persistence, and hysteresis."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 PERSISTENCE = 2
 """Recordings that must speak for an alarm, of the last `RECENT`."""
@@ -24,7 +24,7 @@ class Condition:
 
     is_active: bool = False
     """Whether it holds."""
-    recent: tuple[bool, ...] = ()
+    recent: Sequence[bool] = ()
     """Whether each of the last recordings spoke for it, the newest last, `RECENT` at most."""
     quiet: int = 0
     """Recordings in a row that did not speak for it, `QUIET` at most."""
@@ -44,12 +44,3 @@ class Condition:
         if self.is_active and quiet == QUIET:
             return Condition(False, recent, quiet), "cleared"
         return Condition(self.is_active, recent, quiet), None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Values that JSON can hold."""
-        return {"is_active": self.is_active, "recent": list(self.recent), "quiet": self.quiet}
-
-    @classmethod
-    def from_dict(cls, state: Mapping[str, Any]) -> "Condition":
-        """The condition that `to_dict` described."""
-        return cls(bool(state["is_active"]), tuple(map(bool, state["recent"])), int(state["quiet"]))

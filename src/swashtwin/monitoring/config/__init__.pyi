@@ -2,7 +2,6 @@
 
 from .loading import load_watch_config as load_watch_config
 from .loading import write_example as write_example
-from .secret import Secret as Secret
 from .settings import AlarmSettings as AlarmSettings
 from .settings import Broker as Broker
 from .settings import Channel as Channel
@@ -15,6 +14,7 @@ from .settings import MqttChannel as MqttChannel
 from .settings import MqttSource as MqttSource
 from .settings import PageSettings as PageSettings
 from .settings import Retention as Retention
+from .settings import Secret as Secret
 from .settings import Source as Source
 from .settings import WatchConfig as WatchConfig
 from .settings import WebhookChannel as WebhookChannel

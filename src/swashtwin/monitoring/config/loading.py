@@ -1,15 +1,17 @@
 """The configuration of a watch, read from its file and checked as a whole."""
 
+import math
 import os
+import re
 import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
 from importlib import resources
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, urlsplit
 
 from swashtwin.foundation import (
     DataError,
@@ -18,31 +20,24 @@ from swashtwin.foundation import (
     SwashTwinError,
     UnitError,
     file_name,
+    from_table,
+    parse,
     read_text,
     write_text,
 )
-from swashtwin.monitoring.config.entries import Surroundings, read_table, refuse_unknown
 from swashtwin.monitoring.config.settings import (
-    AlarmSettings,
-    EmailChannel,
-    FolderSource,
     HttpSource,
-    LogChannel,
     Machine,
-    MqttChannel,
-    MqttSource,
-    PageSettings,
-    Retention,
+    PumpName,
+    Quantity,
+    Secret,
+    SecretUrl,
     WatchConfig,
-    WebhookChannel,
 )
 from swashtwin.pump import load_pump
 
-_PARTS = {"alarms": AlarmSettings, "retention": Retention, "page": PageSettings}
-_SOURCES = {kind.kind: kind for kind in (FolderSource, MqttSource, HttpSource)}
-_CHANNELS = {kind.kind: kind for kind in (LogChannel, WebhookChannel, MqttChannel, EmailChannel)}
-_TEXTS = ("folder", "history", "language")
-_ENTRIES = (*_TEXTS, "machine", "source", "channel", *_PARTS)
+_ITEM = re.compile(r"^(\w+)\[(\d+)\](?:\.|: )")
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
 def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) -> WatchConfig:
@@ -55,7 +50,7 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
 
     Raises
     ------
-    MissingFileError, DataError, InputError, UnitError
+    MissingFileError, DataError, InputError
         The file or one that it names is not there, an entry is unknown, missing, or cannot be. One line names the
         file and the entry, and no secret.
     """
@@ -66,11 +61,21 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         table = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{path}: not valid TOML: {cause}.") from cause
-    surroundings = Surroundings(path.absolute().parent, os.environ if environment is None else environment)
+    variables = os.environ if environment is None else environment
+
+    def read(kind: type, value: Any) -> Any:
+        if not isinstance(value, str):
+            raise ValueError("it must be a text in quotes")
+        return _read(kind, value, path.absolute().parent, variables)
+
     try:
-        config = _config(path.absolute(), table, surroundings)
+        config = from_table({**table, "(file)": str(path.absolute())}, WatchConfig, to_array=read)
         _check(config)
-    except (MissingFileError, DataError, UnitError, InputError) as cause:
+    except InputError as cause:
+        text = _ITEM.sub(lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", str(cause))
+        hint = "; the kinds are folder, mqtt, http, and of channels log, webhook, mqtt, email" * ("kind: " in text)
+        raise InputError(f"{path}: {text.rstrip('.')}{hint}.") from cause
+    except SwashTwinError as cause:
         raise type(cause)(f"{path}: {cause}") from cause
     return config
 
@@ -89,49 +94,45 @@ def write_example(path: Path) -> Path:
     return write_text(path, (resources.files(__package__) / "example.toml").read_text(encoding="utf-8"))
 
 
-def _config(path: Path, table: dict[str, Any], surroundings: Surroundings) -> WatchConfig:
-    refuse_unknown(table, _ENTRIES, "the file")
-    texts = {name: table[name] for name in _TEXTS if name in table}
-    machines = [
-        Machine(**read_table(Machine, entries, _title("machine", number, entries), surroundings))
-        for number, entries in enumerate(_tables(table, "machine"), 1)
-    ]
-    return WatchConfig(
-        path=path,
-        **read_table(WatchConfig, texts, "the file", surroundings),
-        machines=tuple(machines),
-        sources=_variants(table, "source", _SOURCES, surroundings),
-        channels=_variants(table, "channel", _CHANNELS, surroundings),
-        **{
-            name: kind(**read_table(kind, table[name], f"[{name}]", surroundings))
-            for name, kind in _PARTS.items()
-            if name in table
-        },
-    )
+def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) -> Any:
+    """A path, secret or quantity of the text in the file; a `ValueError` where it cannot be."""
+    if issubclass(kind, Path):
+        return folder / Path(value).expanduser()
+    if issubclass(kind, PumpName):
+        return kind(folder / Path(value).expanduser() if value.endswith(".toml") else value)
+    if issubclass(kind, Quantity):
+        try:
+            number = parse(value, kind.unit, name="it")
+        except UnitError as cause:
+            raise ValueError(str(cause).rstrip(".")) from cause
+        if not (math.isfinite(number) and number > 0):
+            raise ValueError(f"{value!r} must be above 0 {kind.unit}")
+        return kind(number)
+    return _secret(kind, value, environment)
 
 
-def _tables(table: dict[str, Any], key: str) -> list[Any]:
-    tables = table.get(key, [])
-    if not isinstance(tables, list):
-        raise DataError(f"[{key}] must be written with two brackets: [[{key}]].")
-    return tables
+def _secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
+    if issubclass(kind, SecretUrl):
+        if "://" not in value:
+            raise ValueError("it must be a URL, such as scheme://host/name")
+        if (password := _password(value)) and not _VARIABLE.fullmatch(password):
+            raise ValueError("a password is written out; write scheme://user:${NAME}@host and set NAME")
+    elif not _VARIABLE.fullmatch(value):
+        raise ValueError('it is written out; write "${NAME}" and set the environment variable NAME')
+
+    def variable(match: re.Match[str]) -> str:
+        if match[1] not in environment:
+            raise ValueError(f"it needs the environment variable {match[1]}, which is not set")
+        return quote(environment[match[1]], safe="") if kind is SecretUrl else environment[match[1]]
+
+    return (SecretUrl if kind is SecretUrl else Secret)(_VARIABLE.sub(variable, value))
 
 
-def _title(key: str, number: int, entries: Any) -> str:
-    name = entries.get("name") if isinstance(entries, dict) else None
-    return f"[[{key}]] {name!r}" if isinstance(name, str) else f"[[{key}]] number {number}"
-
-
-def _variants(table: dict[str, Any], key: str, kinds: Mapping[str, Any], surroundings: Surroundings) -> tuple[Any, ...]:
-    """Tables of which each has a kind, and a name that is by default the kind."""
-    results = []
-    for number, entries in enumerate(_tables(table, key), 1):
-        kind = entries.get("kind") if isinstance(entries, dict) else None
-        if not isinstance(kind, str) or kind not in kinds:
-            raise DataError(f"[[{key}]] number {number}: kind = {kind!r} must be one of {', '.join(map(repr, kinds))}.")
-        named = {"name": kind, **{name: value for name, value in entries.items() if name != "kind"}}
-        results.append(kinds[kind](**read_table(kinds[kind], named, _title(key, number, named), surroundings)))
-    return tuple(results)
+def _password(url: str) -> str | None:
+    try:
+        return urlsplit(url).password
+    except ValueError:
+        return None
 
 
 def _check(config: WatchConfig) -> None:
@@ -140,36 +141,35 @@ def _check(config: WatchConfig) -> None:
         raise DataError("the file has no [[machine]]; add one with its name.")
     if not config.sources:
         raise DataError('the file has no [[source]]; add one, such as kind = "folder" with its path.')
-    names = tuple(machine.name for machine in config.machines)
+    names = [machine.name for machine in config.machines]
     _refuse_repetition(names, "[[machine]]")
     _refuse_repetition([source.name for source in config.sources], "[[source]]")
     _refuse_repetition([channel.name for channel in config.channels], "[[channel]]")
     for machine in config.machines:
-        _check_machine(machine)
+        try:
+            _check_machine(machine)
+        except SwashTwinError as cause:
+            raise type(cause)(f"[[machine]] {machine.name!r}: {cause}") from cause
     for source in config.sources:
-        machine_name = None if isinstance(source, HttpSource) else source.machine
-        if machine_name is not None and machine_name not in names:
-            near = get_close_matches(machine_name, names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"add a [[machine]] with name = {machine_name!r}."
-            raise DataError(f"[[source]] {source.name!r}: machine {machine_name!r} is not in the file; {hint}")
-    page = config.page
-    if not _is_loopback(page.host) and page.users is None and page.tokens is None:
+        if isinstance(source, HttpSource) or source.machine is None or source.machine in names:
+            continue
+        near = get_close_matches(source.machine, names, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"add a [[machine]] with name = {source.machine!r}."
+        raise DataError(f"[[source]] {source.name!r}: machine {source.machine!r} is not in the file; {hint}")
+    if not config.page.is_local and config.page.users is None:
         raise InputError(
-            f"[page]: host = {page.host!r} lets other computers read and acknowledge; add users or tokens, "
-            'or take host = "127.0.0.1".'
+            f"[page]: host = {config.page.host!r} lets other computers read and acknowledge; add users = "
+            '"users.json", or take host = "127.0.0.1".'
         )
 
 
 def _check_machine(machine: Machine) -> None:
     if file_name(machine.name) != machine.name:
-        raise InputError(
-            f"[[machine]] {machine.name!r}: the name also names a folder; write it as {file_name(machine.name)!r}."
-        )
+        raise InputError(f"the name also names a folder; write it as {file_name(machine.name)!r}.")
+    if machine.model is not None and not machine.model.is_file():
+        raise MissingFileError(f"model: {machine.model} is no file.")
     if machine.pump is not None:
-        try:
-            _require_pump(machine.pump)
-        except SwashTwinError as cause:
-            raise DataError(f"[[machine]] {machine.name!r}: {cause}") from cause
+        _require_pump(machine.pump)
 
 
 @cache
@@ -181,10 +181,3 @@ def _refuse_repetition(names: Sequence[str], title: str) -> None:
     name, count = Counter(names).most_common(1)[0] if names else ("", 1)
     if count > 1:
         raise DataError(f"{count} of {title} have the name {name!r}; give each a name of its own.")
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -1,241 +1,340 @@
 """What a watch is told: machines, sources of recordings, alarms, channels, retention and the page."""
 
-from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from swashtwin.monitoring.config import entries as read
-from swashtwin.monitoring.config.secret import NO_SECRET, Secret
+from msgspec import Meta, Struct, field
+from msgspec.structs import force_setattr
 
-_PORT = read.whole(1, 65535)
+Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]
+Port = Annotated[int, Meta(ge=1, le=65535)]
 _MAIL_PORTS = {"starttls": 587, "tls": 465, "none": 25}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
+class Secret:
+    """A password or token, which the file names as ``${NAME}`` and the environment holds; nothing shows it.
+
+    Examples
+    --------
+    >>> Secret("hunter2"), str(Secret("hunter2")), bool(Secret(""))
+    (Secret(***), '***', False)
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def reveal(self) -> str:
+        """The secret itself, to be handed to a server and to nothing else."""
+        return self._text
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.reveal() == self._text
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __repr__(self) -> str:
+        return "Secret(***)"
+
+    def __str__(self) -> str:
+        return "***"
+
+    def __bool__(self) -> bool:
+        return bool(self._text)
+
+
+class SecretUrl(Secret):
+    """A URL, shown nowhere because it may hold a secret; one with a password takes it from the environment."""
+
+
+class PumpName(str):
+    """Name of a pump of the catalog, or path of a pump file."""
+
+
+class Quantity(float):
+    """A number above zero that the file states with its unit."""
+
+    unit: ClassVar[str]
+    """SI unit of the number."""
+
+
+class Speed(Quantity):
+    """Angular speed [rad/s]."""
+
+    unit = "rad/s"
+
+
+class Pressure(Quantity):
+    """Pressure [Pa]."""
+
+    unit = "Pa"
+
+
+class Rate(Quantity):
+    """Samples per second [Hz]."""
+
+    unit = "Hz"
+
+
+class Seconds(Quantity):
+    """Time [s]."""
+
+    unit = "s"
+
+
+NO_SECRET = Secret("")
+"""Stands where no secret is needed."""
+
+
+class Entries(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file."""
+
+
+class Machine(Entries, frozen=True, kw_only=True):
     """A pump that is watched."""
 
-    name: Annotated[str, read.text]
+    name: Text
     """Unique; also the name of its folder of waveforms."""
-    pump: Annotated[str | None, read.pump] = None
+    pump: PumpName | None = None
     """Name of a pump of the catalog, or path of a pump file."""
-    model: Annotated[Path | None, read.file] = None
+    model: Path | None = None
     """Saved `FaultClassifier` or `AnomalyDetector`."""
-    twin: Annotated[Path | None, read.file] = None
-    """Saved calibration."""
-    channels: Annotated[tuple[str, ...], read.texts] = ()
+    channels: tuple[Text, ...] = ()
     """Channels that each recording must have, in this order; empty: those of the first recording."""
-    speed: Annotated[float | None, read.quantity("rad/s")] = None
+    speed: Speed | None = None
     """Angular speed of the shaft where it is constant [rad/s]."""
-    discharge_pressure: Annotated[float | None, read.quantity("Pa")] = None
+    discharge_pressure: Pressure | None = None
     """Pressure at the outlet where it is constant [Pa]."""
-    tags: Annotated[Path | None, read.path] = None
+    tags: Path | None = None
     """CSV with time, speed and pressure; another system may write it later."""
-    sample_rate: Annotated[float | None, read.quantity("Hz")] = None
+    sample_rate: Rate | None = None
     """Rate of files that state none [Hz]."""
-    unit: Annotated[str | None, read.text] = None
+    unit: Text | None = None
     """Unit of files that state none."""
 
+    def __post_init__(self) -> None:
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"channels = {list(self.channels)} names something twice")
 
-@dataclass(frozen=True, kw_only=True)
-class Broker:
+
+class Broker(Entries, frozen=True, kw_only=True):
     """An MQTT broker and how to log in."""
 
-    host: Annotated[str, read.text]
+    host: Text
     """Name or address."""
-    port: Annotated[int, _PORT] = 0
+    port: Port | Literal[0] = 0
     """By default 1883, with TLS 8883."""
-    user: Annotated[str | None, read.text] = None
+    user: Text | None = None
     """User name."""
-    password: Annotated[Secret, read.password] = NO_SECRET
+    password: Secret = NO_SECRET
     """Password of that user."""
-    tls: Annotated[bool, read.switch] = False
+    tls: bool = False
     """Whether the connection is encrypted."""
-    ca: Annotated[Path | None, read.file] = None
+    ca: Path | None = None
     """Certificates that are trusted; by default the system's."""
 
     def __post_init__(self) -> None:
         if not self.port:
-            object.__setattr__(self, "port", 8883 if self.tls else 1883)
+            force_setattr(self, "port", 8883 if self.tls else 1883)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FolderSource:
+class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="folder"):
     """Files that another program writes into a folder."""
 
     kind: ClassVar[str] = "folder"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    path: Annotated[Path, read.path]
+    name: Text = "folder"
+    """Unique."""
+    path: Path
     """Folder, searched with its sub-folders."""
-    pattern: Annotated[str, read.text] = "*"
+    pattern: Text = "*"
     """Names of the files, such as ``*.wav``."""
-    settle: Annotated[float, read.quantity("s")] = 1.0
+    settle: Seconds = Seconds(1.0)
     """Time for which a file's size and date stay the same before it is read [s]."""
-    machine: Annotated[str | None, read.text] = None
+    machine: Text | None = None
     """Machine of all files; by default the name of the first sub-folder."""
-    remove: Annotated[bool, read.switch] = False
+    remove: bool = False
     """Whether a file is deleted once it is in the watch's own folder."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MqttSource(Broker):
+class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"):
     """Recordings as messages of an MQTT broker."""
 
     kind: ClassVar[str] = "mqtt"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    topic: Annotated[str, read.text]
+    name: Text = "mqtt"
+    """Unique."""
+    topic: Text
     """Topic, with ``+`` where the machine's name stands."""
-    machine: Annotated[str | None, read.text] = None
+    machine: Text | None = None
     """Machine of all messages; by default what stands at the first ``+``."""
-    group: Annotated[str | None, read.text] = None
+    group: Text | None = None
     """Shared subscription: each message goes to one watch of this group."""
-    client: Annotated[str | None, read.text] = None
+    client: Text | None = None
     """Client name at the broker, which keeps messages for it; by default made from the folder."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class HttpSource:
+class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http"):
     """Recordings that are sent to the page's ``POST /api/recordings``."""
 
     kind: ClassVar[str] = "http"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
+    name: Text = "http"
+    """Unique."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class AlarmSettings:
+class AlarmSettings(Entries, frozen=True, kw_only=True):
     """The alarm's promise."""
 
-    false_alarm_rate: Annotated[float, read.fraction(0.5)] = 0.01
+    false_alarm_rate: Annotated[float, Meta(gt=0, le=0.5)] = 0.01
     """Chance that a healthy machine ever raises an alarm at one operating point."""
-    learning: Annotated[int, read.whole(10, 1000)] = 20
+    learning: Annotated[int, Meta(ge=10, le=1000)] = 20
     """Recordings from which a baseline is learned."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogChannel:
+class LogChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="log"):
     """Messages as lines of a file."""
 
     kind: ClassVar[str] = "log"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    path: Annotated[Path | None, read.path] = None
+    name: Text = "log"
+    """Unique."""
+    path: Path | None = None
     """File; by default ``alarms.log`` in the watch's folder."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class WebhookChannel:
+class WebhookChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="webhook"):
     """Messages as JSON, posted to a URL."""
 
     kind: ClassVar[str] = "webhook"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    url: Annotated[Secret, read.secret_url]
+    name: Text = "webhook"
+    """Unique."""
+    url: SecretUrl
     """Where to post."""
-    token: Annotated[Secret, read.password] = NO_SECRET
+    token: Secret = NO_SECRET
     """Sent as ``Authorization: Bearer``."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MqttChannel(Broker):
+class MqttChannel(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"):
     """Messages as JSON, published to a topic."""
 
     kind: ClassVar[str] = "mqtt"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    topic: Annotated[str, read.text]
+    name: Text = "mqtt"
+    """Unique."""
+    topic: Text
     """Topic to publish to."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class EmailChannel:
+class EmailChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="email"):
     """Messages by e-mail."""
 
     kind: ClassVar[str] = "email"
-    name: Annotated[str, read.text]
-    """Unique; by default the kind."""
-    host: Annotated[str, read.text]
+    name: Text = "email"
+    """Unique."""
+    host: Text
     """Mail server."""
-    port: Annotated[int, _PORT] = 0
+    port: Port | Literal[0] = 0
     """By default 587, 465 or 25, by `tls`."""
-    sender: Annotated[str, read.text]
+    sender: Text
     """Address of the sender."""
-    recipients: Annotated[tuple[str, ...], read.texts]
+    recipients: Annotated[tuple[Text, ...], Meta(min_length=1)]
     """Addresses of the recipients."""
-    user: Annotated[str | None, read.text] = None
+    user: Text | None = None
     """User name."""
-    password: Annotated[Secret, read.password] = NO_SECRET
+    password: Secret = NO_SECRET
     """Password of that user."""
-    tls: Annotated[str, read.choice(*_MAIL_PORTS)] = "starttls"
-    """``starttls``, ``tls``, or ``none``."""
+    tls: Literal["starttls", "tls", "none"] = "starttls"
+    """Whether, and how, the connection is encrypted."""
 
     def __post_init__(self) -> None:
         if not self.port:
-            object.__setattr__(self, "port", _MAIL_PORTS[self.tls])
+            force_setattr(self, "port", _MAIL_PORTS[self.tls])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Retention:
+class Retention(Entries, frozen=True, kw_only=True):
     """Which waveforms stay; verdicts and indicators stay always."""
 
-    alarms: Annotated[int | None, read.whole_or_all(0, 1_000_000)] = None
-    """Those of alarms, at most this many of the latest by machine; None is all."""
-    per_day: Annotated[int, read.whole(0, 1000)] = 1
+    alarms: Annotated[int, Meta(ge=0)] | Literal["all"] = "all"
+    """Those of alarms, at most this many of the latest by machine."""
+    per_day: Annotated[int, Meta(ge=0)] = 1
     """The first so many of each machine and day."""
-    last: Annotated[int, read.whole(0, 100_000)] = 100
+    last: Annotated[int, Meta(ge=0)] = 100
     """The last so many of each machine that stay for no other reason."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageSettings:
+class PageSettings(Entries, frozen=True, kw_only=True):
     """Where the page is served, and to whom."""
 
-    host: Annotated[str, read.text] = "127.0.0.1"
-    """Address to listen at; beyond this computer only with `users` or `tokens`."""
-    port: Annotated[int, _PORT] = 8642
+    host: Text = "127.0.0.1"
+    """Address to listen at; beyond this computer only with `users`."""
+    port: Port = 8642
     """Port."""
-    users: Annotated[Path | None, read.path] = None
-    """File of users with hashed passwords, as ``swashtwin watch user`` writes it."""
-    tokens: Annotated[Path | None, read.path] = None
-    """File of hashed tokens for programs, as ``swashtwin watch user`` writes it."""
-    hosts: Annotated[tuple[str, ...], read.texts] = ()
+    users: Path | None = None
+    """File of people's hashed passwords and programs' hashed tokens, as ``swashtwin watch user`` writes it."""
+    hosts: tuple[Text, ...] = ()
     """Further names under which browsers reach the page, such as that of a proxy."""
-    secure: Annotated[bool, read.switch] = False
+    secure: bool = False
     """Whether a proxy before the page serves it by HTTPS."""
-    proxy: Annotated[str | None, read.address] = None
+    proxy: Text | None = None
     """Address of that proxy, which states the address of each client in ``X-Forwarded-For``."""
+
+    def __post_init__(self) -> None:
+        if self.proxy is not None:
+            try:
+                ip_address(self.proxy)
+            except ValueError:
+                raise ValueError(f'proxy = {self.proxy!r} must be an IP address, such as "127.0.0.1"') from None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this computer can reach the page."""
+        try:
+            return ip_address(self.host.strip("[]")).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    @property
+    def address(self) -> str:
+        """Where people find the page: at the proxy that serves it, if one is configured.
+
+        Examples
+        --------
+        >>> PageSettings().address, PageSettings(hosts=("watch.plant.example",), secure=True).address
+        ('http://127.0.0.1:8642', 'https://watch.plant.example')
+        """
+        if self.hosts and self.secure:
+            return f"https://{self.hosts[0]}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}"
 
 
 Source: TypeAlias = FolderSource | MqttSource | HttpSource
 Channel: TypeAlias = LogChannel | WebhookChannel | MqttChannel | EmailChannel
 
 
-@dataclass(frozen=True, kw_only=True)
-class WatchConfig:
+class WatchConfig(Entries, frozen=True, kw_only=True):
     """Everything a watch is told."""
 
-    path: Path
+    path: Path = field(name="(file)")
     """File that it comes from."""
-    folder: Annotated[Path, read.path]
+    folder: Path
     """Folder of history, waveforms and files that wait."""
-    history: Annotated[Secret, read.secret_url] = NO_SECRET
-    """URL of the database; empty: SQLite in `folder`."""
-    language: Annotated[str, read.choice("en", "de")] = "en"
-    """Language of page and messages."""
-    machines: tuple[Machine, ...]
+    history: SecretUrl | None = None
+    """URL of the database; None: SQLite in `folder`."""
+    machines: tuple[Machine, ...] = field(name="machine", default=())
     """Machines that are watched."""
-    sources: tuple[Source, ...]
+    sources: tuple[Source, ...] = field(name="source", default=())
     """Where recordings come from."""
     alarms: AlarmSettings = AlarmSettings()
     """The alarm's promise."""
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[Channel, ...] = field(name="channel", default=())
     """Where messages go, besides the page."""
     retention: Retention = Retention()
     """Which waveforms stay."""
     page: PageSettings = PageSettings()
     """Where the page is served, and to whom."""
+
+    @property
+    def history_url(self) -> str:
+        """URL of the database; empty for SQLite in `folder`."""
+        return "" if self.history is None else self.history.reveal()
 
     def machine(self, name: str) -> Machine | None:
         """Machine of that name, or None."""

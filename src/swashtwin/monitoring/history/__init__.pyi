@@ -1,26 +1,24 @@
 """Names that the rest of the room imports, and where each lives."""
 
-from .database import History as History
-from .engine import HistoryError as HistoryError
-from .records import Alarm as Alarm
-from .records import Counts as Counts
-from .records import Estimate as Estimate
-from .records import Event as Event
-from .records import Judgment as Judgment
-from .records import MachineOverview as MachineOverview
-from .records import Message as Message
-from .records import Point as Point
-from .records import Recalibration as Recalibration
-from .records import Rejection as Rejection
-from .records import Silence as Silence
-from .records import StoredRecording as StoredRecording
-from .records import Trend as Trend
+from .database import HistoryError as HistoryError
+from .history import History as History
+from .reading import FACTS as FACTS
+from .reading import Counts as Counts
+from .reading import MachineOverview as MachineOverview
+from .reading import Trend as Trend
+from .tables import Alarm as Alarm
+from .tables import Event as Event
+from .tables import Judgment as Judgment
+from .tables import Message as Message
+from .tables import Point as Point
+from .tables import Rejection as Rejection
+from .tables import Silence as Silence
 from .transaction import MachineTransaction as MachineTransaction
 
 __all__ = [
+    "FACTS",
     "Alarm",
     "Counts",
-    "Estimate",
     "Event",
     "History",
     "HistoryError",
@@ -29,9 +27,7 @@ __all__ = [
     "MachineTransaction",
     "Message",
     "Point",
-    "Recalibration",
     "Rejection",
     "Silence",
-    "StoredRecording",
     "Trend",
 ]

@@ -1,104 +1,233 @@
-"""The history of watched machines as a whole."""
+"""The database of the history: its transactions, its version, and one error for all that may befall it."""
 
-from collections.abc import Callable, Iterator
+import json
+import math
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from sqlalchemy import Engine, delete, select
+import numpy as np
+from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, select, text
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import (
+    ArgumentError,
+    DatabaseError,
+    IntegrityError,
+    InterfaceError,
+    NotSupportedError,
+    ProgrammingError,
+)  # fmt: skip
+from sqlalchemy.exc import (
+    DataError as ValueMistake,
+)
+from sqlalchemy.exc import (
+    TimeoutError as PoolTimeoutError,
+)
+from sqlalchemy.orm import Session
 
-from swashtwin.monitoring.config import Retention
-from swashtwin.monitoring.history.engine import open_engine, write_transaction
-from swashtwin.monitoring.history.export import export_history
-from swashtwin.monitoring.history.migrations import migrate
-from swashtwin.monitoring.history.outbox import Outbox
-from swashtwin.monitoring.history.reading import Reads
-from swashtwin.monitoring.history.records import Rejection
-from swashtwin.monitoring.history.schema import rejections
-from swashtwin.monitoring.history.transaction import MachineTransaction, lock_machine, upsert
-from swashtwin.monitoring.history.waveforms import Waveforms
+from swashtwin.foundation import DataError, InputError, MissingExtraError, MissingFileError, SwashTwinError
+from swashtwin.monitoring.history.tables import Machine, Row, Version
 
-_REJECTIONS = 10_000
-"""Rejections that are kept."""
+FILE = "history.sqlite"
+"""Name of the SQLite database in the watch's folder."""
+VERSION = 1
+"""Version of the tables."""
+_WAIT = 30
+"""Seconds that a transaction waits for another one."""
+_LOCK = 0x73776173
+"""Number under which PostgreSQL lets one process at a time make the tables."""
+_MISTAKES = (ValueMistake, IntegrityError, ProgrammingError, NotSupportedError)
+"""Errors of a program; every other error of a database may be gone at the next attempt."""
 
 
-class History:
-    """Database of verdicts, indicators and alarms, with waveforms beside it; used from any thread and process."""
+class HistoryError(SwashTwinError):
+    """The database of the history cannot be reached, is full, locked or damaged; what was begun was not done."""
 
-    def __init__(self, engine: Engine, folder: Path, retention: Retention) -> None:
-        self._engine = engine
-        self._retention = retention
-        self.waveforms = Waveforms(folder / "waveforms", engine)
-        self.read = Reads(engine, self.waveforms)
-        self.outbox = Outbox(engine)
 
-    @classmethod
-    def open(cls, url: str, folder: Path, retention: Retention | None = None, *, is_new: bool = True) -> "History":
-        """History of a database and a folder; its tables are made, or brought to this version.
+class Database:
+    """The tables in SQLite or PostgreSQL, used from any thread."""
+
+    def __init__(self, url: str, folder: Path, *, is_new: bool = True) -> None:
+        """Open the database at `url`, or the SQLite file in `folder` where the URL is empty.
 
         Parameters
         ----------
-        url : ``postgresql://user@host/database``; empty for SQLite in `folder`.
-        folder : folder of the waveforms.
         is_new : whether the tables may be made.
-        retention : which waveforms stay; by default as in a configuration that does not say.
 
         Raises
         ------
+        MissingFileError, DataError
+            The database or its tables are not there though they must be, or are of another version or program.
+        InputError
+            The URL is none of SQLite or PostgreSQL. The message does not show it: it may hold a password.
+        MissingExtraError
+            The driver of PostgreSQL is not installed.
         HistoryError
             The database cannot be used now.
-        InputError, DataError, MissingExtraError
-            The URL is none, the database is another program's, of a newer version or not there though it must be, or
-            a driver is missing.
         """
-        engine = open_engine(url, Path(folder), is_new=is_new)
+        self._engine = _open_engine(url, folder, is_new=is_new)
+        self._writer = self._engine.execution_options(is_write=True)
         try:
-            migrate(engine, is_new=is_new)
+            self._prepare(is_new)
         except BaseException:
-            engine.dispose()
+            self.close()
             raise
-        return cls(engine, Path(folder), retention or Retention())
 
-    def __repr__(self) -> str:
-        return f"History({self._engine.dialect.name}, {self.waveforms.folder.parent})"
+    @property
+    def kind(self) -> str:
+        """``sqlite`` or ``postgresql``."""
+        return self._engine.dialect.name
 
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
 
     @contextmanager
-    def machine(self, name: str) -> Iterator[MachineTransaction]:
-        """Transaction that locks a machine; committed at the end of the block, undone by any error.
-
-        SQLite has one writer at a time, so slow work is done before the block.
+    def reading(self) -> Iterator[Session]:
+        """Session whose transaction only reads.
 
         Raises
         ------
         HistoryError
-            The database cannot be written, or the machine stays locked by another process.
+            The database cannot be read.
         """
-        with write_transaction(self._engine) as connection:
-            transaction = MachineTransaction(connection, name, self._retention)
-            yield transaction
-        self.waveforms.remove(transaction.dropped)
+        with _one_error(), Session(self._engine, autoflush=False) as session:
+            yield session
 
-    def export(
-        self, folder: Path, table_format: str = "csv", progress: Callable[[str], None] = lambda _: None
-    ) -> dict[str, int]:
-        """Rows of each file that was written to `folder` (`export_history`)."""
-        return export_history(self._engine, self.read, folder, table_format, progress)
-
-    def reject(self, rejection: Rejection) -> None:
-        """File a delivery that became no recording; the same one again is counted.
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Session whose transaction is committed at the end of the block, or undone by an error.
 
         Raises
         ------
         HistoryError
             The database cannot be written.
         """
-        content = rejection.content or f"{rejection.source}/{rejection.file}"
-        values = {**vars(rejection), "content": content, "machine": rejection.machine or ""}
-        with write_transaction(self._engine) as connection:
-            lock_machine(connection, "")  # so that the page's number grows
-            upsert(connection, rejections, values, ("content", "machine", "reason"), counter="times")
-            surplus = select(rejections.c.id).order_by(rejections.c.id.desc()).offset(_REJECTIONS).limit(1)
-            connection.execute(delete(rejections).where(rejections.c.id <= surplus.scalar_subquery()))
+        with _one_error(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def _prepare(self, is_new: bool) -> None:
+        """Make the tables where they may be new; refuse those of another version or program."""
+        with self.writing() as session:
+            connection = session.connection()
+            if self.kind == "postgresql":
+                session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+            present = set(inspect(connection).get_table_names())
+            if Version.__tablename__ in present:
+                version = session.scalars(select(Version.version)).one()
+                if version != VERSION:
+                    raise DataError(
+                        f"the history is of version {version}, this swashtwin reads version {VERSION}; use the "
+                        "swashtwin that made it, or give the watch a new folder."
+                    )
+                return
+            if not is_new:
+                raise DataError("the database has no history yet; a watch makes it.")
+            if others := present & set(Row.metadata.tables):
+                raise DataError(
+                    f"the database has tables of another program ({', '.join(sorted(others))}); "
+                    "give the history a database of its own."
+                )
+            Row.metadata.create_all(connection)
+            session.add_all([Version(version=VERSION), Machine(name="", sequence=0)])
+
+
+def lock_machine(session: Session, name: str) -> None:
+    """Lock a machine until the transaction ends, and file it if it is new."""
+    lock = text("UPDATE machines SET sequence = sequence + 1 WHERE name = :name RETURNING name")
+    if session.execute(lock, {"name": name}).first() is None:
+        new = text("INSERT INTO machines (name, sequence) VALUES (:name, 0) ON CONFLICT DO NOTHING")
+        session.execute(new, {"name": name})
+        session.execute(lock, {"name": name})
+
+
+def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
+    try:
+        address = make_url(url) if url else URL.create("sqlite", database=str(folder / FILE))
+    except ArgumentError as cause:
+        raise InputError("history is no URL; write postgresql://user@host/database.") from cause
+    if address.get_backend_name() == "sqlite":
+        return _sqlite_engine(address, is_new)
+    if address.get_backend_name() not in ("postgresql", "postgres"):
+        raise InputError(
+            f"history begins with {address.drivername}://; the history is kept in postgresql:// or sqlite://."
+        )
+    try:
+        return create_engine(
+            address.set(drivername="postgresql+psycopg"),
+            json_serializer=json_text,
+            pool_size=8,
+            pool_timeout=_WAIT,
+            pool_pre_ping=True,
+            connect_args={
+                "connect_timeout": 5,
+                "keepalives_idle": _WAIT,
+                "tcp_user_timeout": 1000 * _WAIT,
+                "application_name": "swashtwin",
+                "options": f"-c timezone=UTC -c lock_timeout={_WAIT}s -c idle_in_transaction_session_timeout=300s",
+            },
+        )
+    except ImportError as cause:
+        raise MissingExtraError(
+            'PostgreSQL needs psycopg, which is not installed: pip install "swashtwin[postgresql]".'
+        ) from cause
+
+
+def _sqlite_engine(address: URL, is_new: bool) -> Engine:
+    file = Path(address.database or "")
+    if not is_new and not file.is_file():
+        raise MissingFileError(f"{file} does not exist; a watch makes it.")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(address, json_serializer=json_text, connect_args={"timeout": _WAIT})
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: sqlite3.Connection, _: object) -> None:
+        connection.isolation_level = None  # transactions begin where `begin` below says, not where the driver guesses
+        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        is_write = connection.get_execution_options().get("is_write", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if is_write else "BEGIN")
+
+    return engine
+
+
+@contextmanager
+def _one_error() -> Iterator[None]:
+    try:
+        yield
+    except _MISTAKES:
+        raise
+    except (DatabaseError, InterfaceError, PoolTimeoutError) as cause:
+        reason = " ".join(str(getattr(cause, "orig", None) or cause).split())
+        raise HistoryError(f"the history cannot be used: {reason}") from cause
+
+
+def json_text(value: Any) -> str:
+    """`value` as JSON: arrays as lists, numbers that are not finite as null.
+
+    Examples
+    --------
+    >>> json_text({"a": np.arange(2), "b": math.nan})
+    '{"a": [0, 1], "b": null}'
+    """
+    try:
+        return json.dumps(value, allow_nan=False, ensure_ascii=False)
+    except (TypeError, ValueError):
+        return json.dumps(_plain(value), allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,38 +1,84 @@
 """What the page and other readers ask of the history."""
 
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from sqlalchemy import Engine, Select, func, null, select
+from jaxtyping import Float, Int, Shaped
+from sqlalchemy import ColumnElement, Select, func, select
+from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.history import rows, schema
-from swashtwin.monitoring.history.engine import read_transaction
-from swashtwin.monitoring.history.records import (
+from swashtwin.monitoring.history.database import Database
+from swashtwin.monitoring.history.tables import (
     Alarm,
-    Counts,
-    Estimate,
+    Baseline,
     Event,
+    Indicators,
     Judgment,
-    MachineOverview,
-    Names,
+    Layout,
+    Machine,
+    Message,
     Point,
-    PointKey,
-    Recalibration,
     Rejection,
     Silence,
-    StoredRecording,
-    Trend,
+    Tally,
 )
 from swashtwin.monitoring.history.waveforms import Waveforms
 from swashtwin.recordings import Recording
 
-_FACTS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
+FACTS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
 """Columns of recordings that have a trend; their channel is empty."""
+
+Names = tuple[tuple[str, str], ...]
+"""Channel and name of each indicator."""
+
+
+@dataclass(frozen=True)
+class MachineOverview:
+    """One machine at a glance."""
+
+    name: str
+    """Name."""
+    recordings: int = 0
+    """How many recordings it has."""
+    last: Judgment | None = None
+    """The newest by time of measurement."""
+    alarms: Sequence[Alarm] = ()
+    """Alarms that are not closed."""
+    silenced: datetime | None = None
+    """Until when it is silent, or None."""
+    maintained: datetime | None = None
+    """When its newest maintenance was noted, or None."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One indicator of a machine over time, oldest first."""
+
+    ids: Int[np.ndarray, " recording"]
+    """Recordings."""
+    times: Shaped[np.ndarray, " recording"]
+    """When they were measured, as datetime64 in UTC."""
+    values: Float[np.ndarray, " recording"]
+    """The indicator; NaN where a recording has none."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Totals, for measuring programs; they cost the same however long the history is."""
+
+    recordings: dict[tuple[str, str], int]
+    """By machine and state."""
+    alarms: dict[tuple[str, str], int]
+    """Not closed, by machine and kind."""
+    rejections: dict[str, int]
+    """Deliveries among the newest rejections, by reason."""
+    waiting: int
+    """Messages that wait."""
 
 
 class Reads:
@@ -41,52 +87,40 @@ class Reads:
     Every method raises `HistoryError` where the database cannot be read.
     """
 
-    def __init__(self, engine: Engine, waveforms: Waveforms) -> None:
-        self._engine = engine
+    def __init__(self, database: Database, waveforms: Waveforms) -> None:
+        self._database = database
         self._waveforms = waveforms
+
+    def _all(self, query: Select[Any]) -> Sequence[Any]:
+        with self._database.reading() as session:
+            return session.scalars(query).all()
 
     def sequence(self) -> int:
         """A number that grows with each change of the history."""
-        with read_transaction(self._engine) as connection:
-            return int(connection.execute(select(func.sum(schema.machines.c.sequence))).scalar_one())
+        return int(self._all(select(func.sum(Machine.sequence)))[0])
 
-    def machines(self) -> tuple[MachineOverview, ...]:
+    def machines(self) -> Sequence[MachineOverview]:
         """Each machine at a glance, by name."""
-        table, recordings = schema.machines, schema.recordings
-        latest = (
-            select(*recordings.c, table.c.name.label("machine"))
-            .select_from(table.outerjoin(recordings, recordings.c.id == table.c.last))
-            .where(table.c.name != "")
-            .order_by(table.c.name)
-        )
-        tallies = rows.of_machine(schema.tallies)
+        latest = select(Machine.name, Judgment).outerjoin(Judgment, Judgment.id == Machine.last)
+        tallies = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
+        open_alarms = select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)
         now = datetime.now(UTC)
-        current = rows.of_machine(schema.silences).where(schema.silences.c.since <= now, schema.silences.c.until > now)
-        events = rows.of_machine(schema.events).where(schema.events.c.kind == "maintenance")
-        with read_transaction(self._engine) as connection:
-            maintained = {
-                event.machine: event.time for event in rows.records(Event, connection, events.order_by("time"))
-            }
+        silences = select(Silence.machine, func.max(Silence.until)).where(Silence.since <= now, Silence.until > now)
+        events = select(Event.machine, func.max(Event.time)).where(Event.kind == "maintenance")
+        with self._database.reading() as session:
+            counts = _pairs(session, tallies)
+            silenced = _pairs(session, silences.group_by(Silence.machine))
+            maintained = _pairs(session, events.group_by(Event.machine))
             alarms: dict[str, list[Alarm]] = defaultdict(list)
-            for alarm in rows.open_alarms(connection):
+            for alarm in session.scalars(open_alarms):
                 alarms[alarm.machine].append(alarm)
-            counts: dict[str, int] = defaultdict(int)
-            for row in connection.execute(tallies):
-                counts[row.machine] += row.recordings
-            silences: dict[str, datetime] = {}
-            for silence in rows.records(Silence, connection, current):
-                silences[silence.machine] = max(silence.until, silences.get(silence.machine, silence.until))
-            return tuple(
-                MachineOverview(
-                    name=row["machine"],
-                    recordings=counts[row["machine"]],
-                    last=None if row["id"] is None else self._stored(row),
-                    alarms=tuple(alarms[row["machine"]]),
-                    silenced=silences.get(row["machine"]),
-                    maintained=maintained.get(row["machine"]),
-                )
-                for row in connection.execute(latest).mappings()
+            rows = session.execute(latest.where(Machine.name != "").order_by(Machine.name)).all()
+        return [
+            MachineOverview(
+                name, int(counts.get(name, 0)), last, tuple(alarms[name]), silenced.get(name), maintained.get(name)
             )
+            for name, last in rows
+        ]
 
     def recordings(
         self,
@@ -98,7 +132,7 @@ class Reads:
         until: datetime | None = None,
         before: int | None = None,
         limit: int = 100,
-    ) -> tuple[StoredRecording, ...]:
+    ) -> Sequence[Judgment]:
         """Recordings, newest first by time of measurement.
 
         Parameters
@@ -107,53 +141,39 @@ class Reads:
         until : time of measurement from which on recordings are left out.
         before : number of a recording: the next older ones follow.
         """
-        table = schema.recordings
-        query = _within(rows.of_machine(table, machine), point, since, until)
-        query = query if state is None else query.where(table.c.state == state)
+        query = select(Judgment).where(*_within(machine, point, since, until))
+        if state is not None:
+            query = query.where(Judgment.state == state)
         if before is not None:
-            time = select(table.c.time).where(table.c.id == before).scalar_subquery()
-            query = query.where((table.c.time < time) | ((table.c.time == time) & (table.c.id < before)))
-        query = query.order_by(table.c.time.desc(), table.c.id.desc()).limit(limit)
-        with read_transaction(self._engine) as connection:
-            return tuple(self._stored(row) for row in connection.execute(query).mappings())
+            time = select(Judgment.time).where(Judgment.id == before).scalar_subquery()
+            query = query.where((Judgment.time < time) | ((Judgment.time == time) & (Judgment.id < before)))
+        return self._all(query.order_by(Judgment.time.desc(), Judgment.id.desc()).limit(limit))
 
-    def recording(self, number: int) -> StoredRecording | None:
+    def recording(self, number: int) -> Judgment | None:
         """Recording of that number, or None."""
-        query = rows.of_machine(schema.recordings).where(schema.recordings.c.id == number)
-        with read_transaction(self._engine) as connection:
-            row = connection.execute(query).mappings().first()
-        return None if row is None else self._stored(row)
+        with self._database.reading() as session:
+            return session.get(Judgment, number)
 
     def later_recording(self, number: int) -> int | None:
         """Number of the recording of the same machine that was measured next, or None."""
-        table = schema.recordings
-        this = select(table.c.machine_id, table.c.time).where(table.c.id == number).subquery()
+        this = select(Judgment.machine, Judgment.time).where(Judgment.id == number).subquery()
         query = (
-            select(table.c.id)
-            .join(this, table.c.machine_id == this.c.machine_id)
-            .where((table.c.time > this.c.time) | ((table.c.time == this.c.time) & (table.c.id > number)))
-            .order_by(table.c.time, table.c.id)
+            select(Judgment.id)
+            .join(this, Judgment.machine == this.c.machine)
+            .where((Judgment.time > this.c.time) | ((Judgment.time == this.c.time) & (Judgment.id > number)))
+            .order_by(Judgment.time, Judgment.id)
             .limit(1)
         )
-        with read_transaction(self._engine) as connection:
-            return connection.execute(query).scalar_one_or_none()
-
-    def _stored(self, row: Mapping[Any, Any]) -> StoredRecording:
-        values = {item.name: row[item.name] for item in fields(Judgment)}
-        judgment = Judgment(**{**values, "channels": tuple(values["channels"])})
-        waveform = None if row["waveform"] is None else self._waveforms.folder / row["waveform"]
-        return StoredRecording(row["id"], row["machine"], judgment, waveform)
+        return next(iter(self._all(query)), None)
 
     def waveform(self, number: int) -> Recording | None:
         """Samples of a recording, or None where they are not kept."""
-        recording = self.recording(number)
-        return None if recording is None or recording.waveform is None else self._waveforms.read(recording.waveform)
+        stored = self.recording(number)
+        return None if stored is None or stored.waveform is None else self._waveforms.read(stored.waveform)
 
     def indicator_names(self, machine: str) -> Names:
         """Channel and name of each indicator that recordings of the machine have."""
-        query = rows.of_machine(schema.layouts, machine).order_by(schema.layouts.c.id.desc())
-        with read_transaction(self._engine) as connection:
-            layouts = [row["names"] for row in connection.execute(query).mappings()]
+        layouts = self._all(select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc()))
         return tuple({(channel, name): None for names in layouts for channel, name in names})
 
     def trend(
@@ -174,132 +194,102 @@ class Reads:
         channel : empty for facts of the whole recording: ``alarm_p``, ``capital``, ``probability``, ``confidence``,
             ``ood_p``, ``speed`` [rad/s], ``pressure`` [Pa].
         """
-        table = schema.recordings
-        with read_transaction(self._engine) as connection:
-            if channel == "":
-                if name not in _FACTS:
-                    raise InputError(f"{name!r} has no trend; {', '.join(_FACTS)} have one.")
-                queries = [_trend_query(machine, table.c[name], null())]
-            else:
-                layouts = connection.execute(rows.of_machine(schema.layouts, machine)).mappings().all()
-                queries = [
-                    _trend_query(machine, null(), func.substr(schema.indicators.c["values"], 4 * position + 1, 4))
-                    .join(schema.indicators, schema.indicators.c.recording_id == table.c.id)
-                    .where(schema.indicators.c.layout_id == layout["id"])
-                    for layout in layouts
-                    for position, names in enumerate(layout["names"])
-                    if names == [channel, name]
-                ]
-            results: list[Any] = []
+        queries: list[Select[Any]] = []
+        if channel == "":
+            if name not in FACTS:
+                raise InputError(f"{name!r} has no trend; {', '.join(FACTS)} have one.")
+            queries = [select(Judgment.id, Judgment.time, getattr(Judgment, name))]
+        else:
+            for layout in self._all(select(Layout).where(Layout.machine == machine)):
+                if [channel, name] in layout.names:
+                    value = func.substr(Indicators.values, 4 * layout.names.index([channel, name]) + 1, 4)
+                    query = select(Judgment.id, Judgment.time, value).where(Indicators.layout == layout.id)
+                    queries.append(query.join(Indicators, Indicators.recording == Judgment.id))
+        results: list[Any] = []
+        with self._database.reading() as session:
             for query in queries:
-                newest = _within(query, point, since, until).order_by(table.c.time.desc(), table.c.id.desc())
-                results += connection.execute(newest.limit(limit)).all()
-        results.sort(key=lambda row: (row.time, row.id))
-        results = results[-limit:]
+                newest = query.where(*_within(machine, point, since, until))
+                newest = newest.order_by(Judgment.time.desc(), Judgment.id.desc()).limit(limit)
+                results += session.execute(newest)
+        results = sorted(results, key=lambda row: (row[1], row[0]))[-limit:]
         return Trend(
-            np.array([row.id for row in results], np.int64),
-            np.array([row.time.replace(tzinfo=None) for row in results], "datetime64[us]"),
-            np.array([_value(row.number, row.packed) for row in results], np.float64),
+            np.array([number for number, _, _ in results], np.int64),
+            np.array([time.replace(tzinfo=None) for _, time, _ in results], "datetime64[us]"),
+            np.array([_number(value) for _, _, value in results], np.float64),
         )
 
-    def points(self, machine: str) -> tuple[PointKey, ...]:
+    def points(self, machine: str) -> Sequence[Point]:
         """Operating points of a machine by name, without what was learned there, which is large."""
-        query = rows.of_machine(schema.points, machine).order_by(schema.points.c.name)
-        with read_transaction(self._engine) as connection:
-            return rows.records(PointKey, connection, query)
+        return self._all(select(Point).where(Point.machine == machine).order_by(Point.name))
 
     def point(self, machine: str, name: str) -> Point | None:
-        """Operating point of a machine with what the alarm learned there, or None."""
-        with read_transaction(self._engine) as connection:
-            return rows.point(connection, machine, name)
+        """Operating point of a machine, or None."""
+        with self._database.reading() as session:
+            return session.get(Point, (machine, name))
 
-    def alarms(self, machine: str | None = None, *, state: str | None = None, limit: int = 100) -> tuple[Alarm, ...]:
+    def baseline(self, machine: str, point: str) -> dict[str, Any] | None:
+        """What the alarm learned at an operating point, or None."""
+        query = select(Baseline.baseline).where(Baseline.machine == machine, Baseline.point == point)
+        return next(iter(self._all(query)), None)
+
+    def alarms(self, machine: str | None = None, *, state: str | None = None, limit: int = 100) -> Sequence[Alarm]:
         """Alarms of a machine or of all, latest first."""
-        table = schema.alarms
-        query = rows.of_machine(table, machine)
-        query = query if state is None else query.where(table.c.state == state)
-        with read_transaction(self._engine) as connection:
-            return rows.records(Alarm, connection, query.order_by(table.c.id.desc()).limit(limit))
+        query = select(Alarm).order_by(Alarm.id.desc()).limit(limit)
+        query = query if machine is None else query.where(Alarm.machine == machine)
+        return self._all(query if state is None else query.where(Alarm.state == state))
 
     def alarm(self, number: int) -> Alarm | None:
         """Alarm of that number, or None."""
-        with read_transaction(self._engine) as connection:
-            query = rows.of_machine(schema.alarms).where(schema.alarms.c.id == number)
-            return next(iter(rows.records(Alarm, connection, query)), None)
+        with self._database.reading() as session:
+            return session.get(Alarm, number)
 
-    def events(self, machine: str | None = None, limit: int = 100) -> tuple[Event, ...]:
+    def events(self, machine: str | None = None, limit: int = 100) -> Sequence[Event]:
         """Events of a machine or of all, latest first."""
-        table = schema.events
-        query = rows.of_machine(table, machine).order_by(table.c.time.desc(), table.c.id.desc()).limit(limit)
-        with read_transaction(self._engine) as connection:
-            return rows.records(Event, connection, query)
+        query = select(Event).order_by(Event.time.desc(), Event.id.desc()).limit(limit)
+        return self._all(query if machine is None else query.where(Event.machine == machine))
 
-    def rejections(self, limit: int = 100) -> tuple[Rejection, ...]:
+    def rejections(self, limit: int = 100) -> Sequence[Rejection]:
         """Deliveries that became no recording, latest first."""
-        table = schema.rejections
-        query = select(table).order_by(table.c.received.desc(), table.c.id.desc()).limit(limit)
-        with read_transaction(self._engine) as connection:
-            results = connection.execute(query).mappings().all()
-        return tuple(
-            rows.record(Rejection, {**row, "machine": row["machine"] or None, "content": row["content"] or None})
-            for row in results
-        )
-
-    def recalibrations(self, machine: str) -> tuple[Recalibration, ...]:
-        """Values of the machine's twin, oldest first."""
-        query = rows.of_machine(schema.recalibrations, machine).order_by(schema.recalibrations.c.time)
-        with read_transaction(self._engine) as connection:
-            results = connection.execute(query).mappings().all()
-        return tuple(
-            rows.record(Recalibration, {**row, "estimates": tuple(Estimate(**item) for item in row["estimates"])})
-            for row in results
-        )
+        return self._all(select(Rejection).order_by(Rejection.received.desc(), Rejection.id.desc()).limit(limit))
 
     def counts(self) -> Counts:
-        """Totals, for measuring programs; they cost the same however long the history is."""
-        alarms, rejections, outbox = schema.alarms, schema.rejections, schema.outbox
-        by_kind = rows.of_machine(alarms).where(alarms.c.state != "closed")
-        by_reason = select(rejections.c.reason, func.sum(rejections.c.times)).group_by(rejections.c.reason)
-        waiting = select(func.count()).select_from(outbox).where(outbox.c.sent.is_(None))
-        with read_transaction(self._engine) as connection:
-            open_alarms: dict[tuple[str, str], int] = defaultdict(int)
-            for row in connection.execute(by_kind):
-                open_alarms[row.machine, row.kind] += 1
+        """Totals, for measuring programs."""
+        alarms = select(Alarm.machine, Alarm.kind, func.count()).where(Alarm.closed.is_(None))
+        rejections = select(Rejection.reason, func.sum(Rejection.times)).group_by(Rejection.reason)
+        with self._database.reading() as session:
             return Counts(
-                recordings={
-                    (row.machine, row.state): row.recordings
-                    for row in connection.execute(rows.of_machine(schema.tallies))
+                {(tally.machine, tally.state): tally.recordings for tally in session.scalars(select(Tally))},
+                {
+                    (machine, kind): count
+                    for machine, kind, count in session.execute(alarms.group_by(Alarm.machine, Alarm.kind))
                 },
-                alarms=dict(open_alarms),
-                rejections={reason: int(count) for reason, count in connection.execute(by_reason)},
-                waiting=connection.execute(waiting).scalar_one(),
+                {reason: int(count) for reason, count in session.execute(rejections)},
+                session.scalars(select(func.count()).where(Message.sent.is_(None))).one(),
             )
 
 
-def unpack(packed: bytes) -> np.ndarray:
+def _pairs(session: Session, query: Select[Any]) -> dict[str, Any]:
+    return {row[0]: row[1] for row in session.execute(query)}
+
+
+def unpack(packed: bytes) -> Float[np.ndarray, " indicator"]:
     """Values of indicators, in the order of their layout."""
     return np.frombuffer(packed, "<f4")
 
 
-def _trend_query(machine: str, number: Any, packed: Any) -> Select[Any]:
-    table, machines = schema.recordings, schema.machines
-    return (
-        select(table.c.id, table.c.time, number.label("number"), packed.label("packed"))
-        .join(machines, machines.c.id == table.c.machine_id)
-        .where(machines.c.name == machine)
-    )
+def _within(
+    machine: str | None, point: str | None, since: datetime | None, until: datetime | None
+) -> list[ColumnElement[bool]]:
+    """Conditions of recordings; what is None takes all."""
+    return [
+        *([] if machine is None else [Judgment.machine == machine]),
+        *([] if point is None else [Judgment.point == point]),
+        *([] if since is None else [Judgment.time >= since]),
+        *([] if until is None else [Judgment.time < until]),
+    ]
 
 
-def _within(query: Select[Any], point: str | None, since: datetime | None, until: datetime | None) -> Select[Any]:
-    table = schema.recordings
-    if point is not None:
-        query = query.where(table.c.point == point)
-    if since is not None:
-        query = query.where(table.c.time >= since)
-    return query if until is None else query.where(table.c.time < until)
-
-
-def _value(number: float | None, packed: bytes | None) -> float:
-    if packed is not None:
-        return float(unpack(packed)[0])
-    return np.nan if number is None else number
+def _number(value: float | bytes | None) -> float:
+    if isinstance(value, bytes):
+        return float(unpack(value)[0])
+    return np.nan if value is None else value

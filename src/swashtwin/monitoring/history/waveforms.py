@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 
-from sqlalchemy import Engine, select
+from sqlalchemy import select
 
 from swashtwin.foundation import InputError, file_name
-from swashtwin.monitoring.history.engine import read_transaction
-from swashtwin.monitoring.history.schema import recordings
+from swashtwin.monitoring.history.database import Database
+from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.recordings import Recording, load_recordings, write_store
 
 _AGE = 3600
@@ -26,9 +26,9 @@ _BATCH = 500
 class Waveforms:
     """Files of the samples of recordings, by machine and month."""
 
-    def __init__(self, folder: Path, engine: Engine) -> None:
+    def __init__(self, folder: Path, database: Database) -> None:
         self.folder = folder
-        self._engine = engine
+        self._database = database
 
     def write(self, machine: str, moment: datetime, content: str, recording: Recording) -> str:
         """Path below the folder, after the samples are on the disk for good; a file of the same content is replaced.
@@ -79,9 +79,10 @@ class Waveforms:
         files = (path for path in self.folder.rglob("*.h5") if path.stat().st_mtime < limit)
         count = 0
         while batch := [path.relative_to(self.folder).as_posix() for path in islice(files, _BATCH)]:
-            with read_transaction(self._engine) as connection:
-                query = select(recordings.c.waveform).where(recordings.c.waveform.in_(batch))
-                orphans = set(batch) - set(connection.execute(query).scalars())
+            with self._database.reading() as session:
+                orphans = set(batch) - set(
+                    session.scalars(select(Judgment.waveform).where(Judgment.waveform.in_(batch)))
+                )
             self.remove(orphans)
             count += len(orphans)
         return count

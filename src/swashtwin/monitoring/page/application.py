@@ -14,13 +14,12 @@ from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History, HistoryError
 from swashtwin.monitoring.page.routes.actions import action_routes, visit_routes
 from swashtwin.monitoring.page.routes.api import change_routes, machine_answers, record_answers
-from swashtwin.monitoring.page.routes.charts import chart_routes
 from swashtwin.monitoring.page.routes.live import live_routes
 from swashtwin.monitoring.page.routes.metrics import metric_routes
 from swashtwin.monitoring.page.routes.pages import page_routes
 from swashtwin.monitoring.page.routes.static_files import static_routes
 from swashtwin.monitoring.page.routes.uploads import upload_routes
-from swashtwin.monitoring.page.security.access import Access, required_users
+from swashtwin.monitoring.page.security.access import Access
 from swashtwin.monitoring.page.security.guard import Guard
 from swashtwin.monitoring.page.site import Site, Upload
 from swashtwin.monitoring.service import WatchStatus
@@ -45,12 +44,12 @@ def build_app(
     Raises
     ------
     InputError
-        The page can be reached by other computers, but its files of users and tokens name nobody.
+        The page can be reached by other computers, but its file of users names nobody.
     DataError
-        Such a file is absent or damaged.
+        That file is absent or damaged.
     """
     settings = config.page
-    access = Access(required_users(settings.host, (settings.users, settings.tokens)), settings.secure, settings.proxy)
+    access = Access(settings)
     site = Site(config, history, access, upload, status)
     hosts = (*_LOCAL_NAMES, *settings.hosts, *(() if settings.host in _ANY else (settings.host,)))
     application = FastAPI(
@@ -66,7 +65,6 @@ def build_app(
         page_routes(site),
         action_routes(site),
         visit_routes(site),
-        chart_routes(site),
         live_routes(site, access),
         static_routes(),
         metric_routes(site),

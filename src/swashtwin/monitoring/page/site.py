@@ -16,18 +16,9 @@ from starlette.responses import HTMLResponse
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History
-from swashtwin.monitoring.page.content.languages import LANGUAGES, Language, language_of
-from swashtwin.monitoring.page.content.wording import (
-    RECORDING_STATES,
-    REJECTION_REASONS,
-    label_words,
-    level_name,
-    stored_name,
-)
+from swashtwin.monitoring.page.content import wording
 from swashtwin.monitoring.page.security.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service import WatchStatus
-
-LANGUAGE_COOKIE = "swashtwin_language"
 
 
 @runtime_checkable
@@ -51,7 +42,7 @@ class Site:
     """One page of one watch."""
 
     config: WatchConfig
-    """Machines, language and settings of the page."""
+    """Machines and settings of the page."""
     history: History
     """What the page shows."""
     access: Access
@@ -63,21 +54,14 @@ class Site:
     clock: Callable[[], datetime] = field(default=lambda: datetime.now(UTC))
     """Time of day."""
 
-    def language(self, request: Request) -> Language:
-        """Language of an answer: the visitor's choice, else the configuration's."""
-        return language_of(request.cookies.get(LANGUAGE_COOKIE), self.config.language)
-
     def render(self, request: Request, template: str, code: int = 200, **values: Any) -> HTMLResponse:
         """The page that `template` makes of `values`; its forms carry the visit's token."""
         visit = request.cookies.get(COOKIE) or secrets.token_urlsafe(32)
         visitor: Visitor | None = request.state.visitor
-        language = self.language(request)
         text = (
             _templates()
             .get_template(template)
             .render(
-                t=language,
-                language=language.code,
                 visitor=visitor,
                 form_token=self.access.form_token(visit),
                 here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
@@ -96,6 +80,10 @@ class Site:
         return 1 / self.config.alarms.false_alarm_rate
 
 
+_WORDS = ("ago", "label_words", "moment_text", "number", "percent", "signed", "stored_name")
+"""Functions that write values in templates."""
+
+
 @cache
 def _templates() -> Environment:
     """The pages' templates; what they are given is escaped."""
@@ -109,13 +97,10 @@ def _templates() -> Environment:
     environment.filters["segment"] = lambda text: quote(str(text), safe="")
     environment.globals.update(
         version=VERSION,
-        languages=LANGUAGES,
         query=urlencode,
-        recording_states=RECORDING_STATES,
-        rejection_reasons=REJECTION_REASONS,
-        label_words=label_words,
-        level_name=level_name,
-        stored_name=stored_name,
+        recording_states=wording.RECORDING_STATES,
+        rejection_reasons=wording.REJECTION_REASONS,
+        **{name: getattr(wording, name) for name in _WORDS},
     )
     return environment
 

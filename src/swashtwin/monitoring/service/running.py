@@ -8,21 +8,19 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import InputError, SwashTwinError, return_memory
+from swashtwin.monitoring.alarms import AlarmMessage, send
 from swashtwin.monitoring.config import FolderSource, HttpSource, MqttSource, WatchConfig
-from swashtwin.monitoring.history import History, HistoryError
-from swashtwin.monitoring.service.addresses import page_address
-from swashtwin.monitoring.service.outbox import Sender
-from swashtwin.monitoring.service.status import SourceStatus, WatchStatus
-from swashtwin.monitoring.service.twins import TwinKeeper
+from swashtwin.monitoring.history import History, HistoryError, Message
 from swashtwin.monitoring.sources import Delivery, FolderWatch, MqttWatch, Spool, Standing, check_facts, lock_folder
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring.service.pipeline import Outcome, Pipeline
+    from swashtwin.monitoring.service.judging import Outcome, Pipeline
 
 _PATIENCE = 0.5
 """Seconds between looks at whether to stop."""
@@ -32,7 +30,46 @@ _END = 20.0
 """Seconds that threads have to come to their end."""
 _SWEEP = 600.0
 """Seconds between two looks for waveforms that retention gave up, and between giving back memory."""
+_FIRST_DELAY, _LONGEST_DELAY = 2.0, 600.0
+"""Seconds before another attempt at a message; each is twice the one before."""
 _log = logging.getLogger("swashtwin.watch")
+
+
+@dataclass(frozen=True)
+class SourceStatus:
+    """How a source of recordings is doing."""
+
+    name: str
+    """Its name in the configuration."""
+    kind: str
+    """``folder``, ``mqtt`` or ``http``."""
+    connected: bool
+    """Whether it is reached."""
+    detail: str
+    """What is wrong, in one line without secrets; empty while it works."""
+    received: int
+    """Recordings that it delivered since the start."""
+
+
+@dataclass(frozen=True)
+class WatchStatus:
+    """How a watch is doing."""
+
+    started: datetime
+    """When it started (UTC)."""
+    waiting: int
+    """Recordings that arrived and are not judged yet."""
+    outbox: int
+    """Messages that are not sent yet."""
+    sources: tuple[SourceStatus, ...]
+    """Each source."""
+    free_bytes: int
+    """Free space on the disk of the watch's folder."""
+    counters: Mapping[str, float]
+    """What was counted since the start: ``judged``, ``rejected``, ``failures`` (recordings that our own error stopped),
+    and ``seconds_judging``."""
+    problems: tuple[str, ...] = ()
+    """What keeps the watch from its work, one line each; empty while all is well."""
 
 
 class Watch:
@@ -46,7 +83,6 @@ class Watch:
         self._stop = threading.Event()
         self._spool = Spool(config.folder / "spool")
         self._sender = Sender(config, history)
-        self._twins = TwinKeeper(config, history)
         name = hashlib.sha256(f"{socket.gethostname()} {config.folder.resolve()}".encode()).hexdigest()[:16]
         self._folders = [
             FolderWatch(source, self._spool.add, config.folder)
@@ -79,7 +115,6 @@ class Watch:
                 *sources,
                 threading.Thread(target=self._judge_all, name="judge"),
                 threading.Thread(target=self._sender.run, args=(self._stop, self._sweep), name="outbox"),
-                threading.Thread(target=self._twins.run, args=(self._stop,), name="twins"),
             ]
             for thread in threads:
                 thread.daemon = True
@@ -155,7 +190,7 @@ class Watch:
 
     def _open_pipeline(self) -> "Pipeline":
         """What judges, with its models; importing it takes a second, in which the page answers already."""
-        from swashtwin.monitoring.service.pipeline import Pipeline
+        from swashtwin.monitoring.service.judging import Pipeline
 
         pipeline = Pipeline(self.config, self.history)
         self._model_problems = pipeline.load_models()
@@ -208,7 +243,49 @@ class Watch:
             time.sleep(0.01)
         if not thread.is_alive():
             raise InputError(f"the page cannot be served at {host}:{port}; is another program there?")
-        return page_address(self.config.page)
+        return self.config.page.address
+
+
+class Sender:
+    """Sends what is in the outbox for the channels of one configuration; others' messages are left to others."""
+
+    def __init__(self, config: WatchConfig, history: History) -> None:
+        self._history = history
+        self._channels = {channel.name: channel for channel in config.channels}
+        self._folder = config.folder
+        self.waiting = 0
+        """Messages that are not sent yet."""
+        self.problem: str | None = None
+        """What keeps the messages from being sent, in one line."""
+
+    def run(self, stop: threading.Event, every: Callable[[], None] = lambda: None) -> None:
+        """Send messages until `stop` is set; `every` is called at each look."""
+        while not stop.wait(_PATIENCE):
+            self.send_all()
+            every()
+
+    def send_all(self) -> None:
+        """Send what may be sent now."""
+        try:
+            while messages := self._history.outbox.claim(tuple(self._channels)):
+                for message in messages:
+                    self._send(message)
+            self.waiting = self._history.outbox.waiting(tuple(self._channels))
+            if not self.waiting:
+                self.problem = None
+        except HistoryError as cause:
+            self.problem = str(cause)
+
+    def _send(self, message: Message) -> None:
+        try:
+            send(AlarmMessage(**message.body), self._channels[message.channel], folder=self._folder)
+        except (SwashTwinError, OSError, ValueError, TypeError, KeyError) as cause:
+            self.problem = str(cause)
+            _log.warning("%s", self.problem)
+            delay = min(_FIRST_DELAY * 2.0 ** min(message.attempts, 20), _LONGEST_DELAY)
+            self._history.outbox.failed(message.id, str(cause), delay)
+        else:
+            self._history.outbox.sent(message.id)
 
 
 def run_watch(
@@ -236,7 +313,7 @@ def run_watch(
     """
     stop = threading.Event() if stop is None else stop
     with lock_folder(config.folder):
-        history = History.open(config.history.reveal(), config.folder, config.retention)
+        history = History.open(config.history_url, config.folder, config.retention)
         try:
             watch = Watch(config, history, progress)
             if once:

@@ -12,6 +12,7 @@ from .folder import FolderWatch as FolderWatch
 from .mqtt import MqttWatch as MqttWatch
 from .spool import Spool as Spool
 from .spool import SpoolFile as SpoolFile
+from .spool import lock_file as lock_file
 from .spool import lock_folder as lock_folder
 from .standing import Standing as Standing
 from .tags import Tags as Tags
@@ -29,6 +30,7 @@ __all__ = [
     "Tags",
     "UnfitError",
     "check_facts",
+    "lock_file",
     "lock_folder",
     "read_contents",
     "safe_name",

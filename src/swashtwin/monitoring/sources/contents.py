@@ -142,7 +142,7 @@ def _with_condition(
     """The recording at its operating point: of the file, else of the message, the tags, or the configuration."""
     if recording.condition is not None:
         return recording, ()
-    values = {
+    values: dict[str, float] = {
         name: value
         for name, value in (("speed", machine.speed), ("discharge_pressure", machine.discharge_pressure))
         if value is not None

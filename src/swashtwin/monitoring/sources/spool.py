@@ -140,20 +140,26 @@ def lock_folder(folder: Path) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def lock_file(path: Path) -> Iterator[None]:
+    """Hold a file so that others who lock it wait; it is made if it is not there."""
+    with path.open("a+", encoding="utf-8") as file:
+        while not _is_locked(file.fileno()):
+            time.sleep(0.02)
+        yield
+
+
 def _is_locked(descriptor: int) -> bool:
     """Whether this process now holds the lock of an open file."""
     try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
+        if os.name == "nt":
+            import msvcrt
 
-        try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        except OSError:
-            return False
-        return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False
     return True

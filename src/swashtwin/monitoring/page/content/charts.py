@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.monitoring.history import Alarm, Recalibration, Trend
-from swashtwin.monitoring.page.content.languages import Language
+from swashtwin.monitoring.history import Alarm, Trend
 from swashtwin.monitoring.page.content.spectra import SpectrumComparison
 
 BAND_SPREADS = 3.0
@@ -25,7 +24,6 @@ def trend_figure(
     title: str,
     unit: str,
     alarms: Sequence[Alarm],
-    language: Language,
     *,
     band: tuple[float, float] | None = None,
     limit: float | None = None,
@@ -34,7 +32,7 @@ def trend_figure(
 
     Parameters
     ----------
-    title : name of the indicator in the visitor's language.
+    title : name of the indicator.
     unit : of the indicator, empty where it has none.
     band : (median, spread) of the baseline.
     limit : value at which an alarm is raised; the axis is then logarithmic.
@@ -46,8 +44,9 @@ def trend_figure(
     if band is not None:
         median, spread = band
         low, high = median - BAND_SPREADS * spread, median + BAND_SPREADS * spread
-        ends = _ends(trend)
-        name = language("Healthy baseline ± {count} spreads", count=int(BAND_SPREADS))
+        times = _times(trend)
+        ends = times[:1] + times[-1:]
+        name = f"Healthy baseline ± {BAND_SPREADS:g} spreads"
         edge = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
         traces += [
             {**edge, "x": ends, "y": [low, low], "showlegend": False, "meta": {"role": "edge"}},
@@ -79,7 +78,7 @@ def trend_figure(
     }
 
 
-def spectrum_figure(comparison: SpectrumComparison, language: Language) -> Figure:
+def spectrum_figure(comparison: SpectrumComparison) -> Figure:
     """The spectrum of each channel over those of healthy recordings, one panel each."""
     count = len(comparison.channels)
     traces: list[dict[str, Any]] = []
@@ -87,7 +86,7 @@ def spectrum_figure(comparison: SpectrumComparison, language: Language) -> Figur
     gap = 0.06 if count > 1 else 0.0
     height = (1 - gap * (count - 1)) / count
     x = comparison.frequency.tolist()
-    healthy = language("Healthy recordings ({count})", count=comparison.n_healthy)
+    healthy = f"Healthy recordings ({comparison.n_healthy})"
     for row, channel in enumerate(comparison.channels):
         suffix = "" if row == 0 else str(row + 1)
         top = 1 - row * (height + gap)
@@ -110,7 +109,7 @@ def spectrum_figure(comparison: SpectrumComparison, language: Language) -> Figur
                 **common,
                 "y": _positive(comparison.amplitude[row]),
                 "line": {"width": 1},
-                "name": language("This recording"),
+                "name": "This recording",
                 "legendgroup": "recording",
                 "hovertemplate": f"{channel}: %{{x:.0f}} Hz%{{text}}<br>%{{y:.2e}} {comparison.unit}<extra></extra>",
                 "text": comparison.orders(),
@@ -124,44 +123,11 @@ def spectrum_figure(comparison: SpectrumComparison, language: Language) -> Figur
             {"x": frequency, "y": 1, "yref": "paper", "yanchor": "bottom", "text": text, "showarrow": False}
         )
     layout["xaxis"] = {
-        "title": {"text": language("Frequency [Hz]")},
+        "title": {"text": "Frequency [Hz]"},
         "anchor": f"y{count if count > 1 else ''}",
         "range": [0, comparison.end],
     }
     return {"data": traces, "layout": layout}
-
-
-def interval_figure(recalibrations: Sequence[Recalibration], name: str) -> Figure:
-    """One value of the twin over its recalibrations, with its intervals."""
-    points = [
-        (event.time, estimate)
-        for event in recalibrations
-        for estimate in event.estimates
-        if estimate.name == name
-    ]  # fmt: skip
-    units = {estimate.unit for _, estimate in points if estimate.unit != "1"}
-    return {
-        "data": [
-            {
-                "type": "scatter",
-                "mode": "markers+lines",
-                "x": [time.isoformat() for time, _ in points],
-                "y": [estimate.value for _, estimate in points],
-                "error_y": {
-                    "type": "data",
-                    "symmetric": False,
-                    "array": [_distance(estimate.high, estimate.value) for _, estimate in points],
-                    "arrayminus": [_distance(estimate.low, estimate.value) for _, estimate in points],
-                },
-                "meta": {"role": "main"},
-            }
-        ],
-        "layout": {
-            "yaxis": {"title": {"text": f"{name} [{units.pop()}]" if units else name}, "exponentformat": "E"},
-            "xaxis": {"type": "date"},
-            "showlegend": False,
-        },
-    }
 
 
 def sparkline(values: Sequence[float], limit: float, width: int = 120, height: int = 28) -> Mapping[str, Any] | None:
@@ -183,10 +149,6 @@ def sparkline(values: Sequence[float], limit: float, width: int = 120, height: i
     }
 
 
-def _distance(end: float | None, value: float) -> float:
-    return 0.0 if end is None else abs(end - value)
-
-
 def _decades() -> dict[str, Any]:
     """A logarithmic axis with powers of ten in plain signs: raised text would need a style in the page."""
     exponents = range(-9, 10)
@@ -197,11 +159,6 @@ def _decades() -> dict[str, Any]:
 
 def _times(trend: Trend) -> list[str]:
     return [f"{time}Z" for time in np.datetime_as_string(trend.times, unit="ms").tolist()]
-
-
-def _ends(trend: Trend) -> list[str]:
-    times = _times(trend)
-    return [times[0], times[-1]] if times else []
 
 
 def _positive(values: Float[np.ndarray, " line"]) -> list[float | None]:

@@ -7,8 +7,7 @@ from urllib.parse import quote, urlencode
 
 from swashtwin.monitoring.alarms import baseline_levels
 from swashtwin.monitoring.history import MachineOverview
-from swashtwin.monitoring.page.content.languages import Language
-from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, grouped_levels, level_name, stored_name
+from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, grouped_levels, stored_name
 from swashtwin.monitoring.page.site import Site
 
 
@@ -32,26 +31,16 @@ class LevelChoice:
     """Operating points to choose from."""
 
     @property
-    def unit(self) -> str:
-        """Unit of the level."""
-        return VERDICT_NAMES[self.level][1] if self.level in VERDICT_NAMES else "dB"
-
-    def title(self, language: Language) -> str:
+    def title(self) -> str:
         """Name of the level and its channel."""
-        if self.level in VERDICT_NAMES:
-            return language(VERDICT_NAMES[self.level][0])
-        return f"{self.channel}: {level_name(self.level, language)}"
+        return VERDICT_NAMES[self.level][0] if self.level in VERDICT_NAMES else f"{self.channel}: {self.level}"
 
     def address(self, channel: str, level: str) -> str:
         """Address of the figure of a level at this choice's operating point."""
         query = urlencode({"channel": channel, "level": level, "point": self.point})
         return f"/charts/machines/{quote(self.machine, safe='')}/trend?{query}"
 
-    def estimate_address(self, name: str) -> str:
-        """Address of the figure of one of the twin's values."""
-        return f"/charts/machines/{quote(self.machine, safe='')}/twin?{urlencode({'estimate': name})}"
-
-    def context(self, language: Language) -> dict[str, Any]:
+    def context(self) -> dict[str, Any]:
         """What the template of the machine's page needs."""
         return {
             "channel": self.channel,
@@ -60,7 +49,7 @@ class LevelChoice:
             "channels": self.channels,
             "levels": self.levels,
             "points": self.points,
-            "level_title": self.title(language),
+            "level_title": self.title,
             "verdict_names": {name: title for name, (title, _) in VERDICT_NAMES.items()},
             "figure_addresses": {
                 "evidence": self.address("", "capital"),
@@ -80,7 +69,7 @@ def chosen_level(
     by_channel[""] = list(VERDICT_NAMES)
     points = tuple(key.name for key in site.history.read.points(machine.name))
     if point is None:
-        point = (machine.last.judgment.point if machine.last is not None else None) or ""
+        point = (machine.last.point if machine.last is not None else None) or ""
     if channel is None:
         channel, level = _most_moved(machine) or (next(iter(by_channel)), None)
     if channel not in by_channel:
@@ -100,10 +89,8 @@ def chosen_level(
 
 def baseline_band(site: Site, machine: str, point: str, channel: str, level: str) -> tuple[float, float] | None:
     """(median, spread) of a level's healthy baseline [dB]; None where there is none yet."""
-    stored = site.history.read.point(machine, point)
-    if stored is None or not stored.baseline:
-        return None
-    return baseline_levels(stored.baseline).get((channel, level))
+    baseline = site.history.read.baseline(machine, point)
+    return baseline_levels(baseline).get((channel, level)) if baseline else None
 
 
 def _most_moved(machine: MachineOverview) -> tuple[str, str] | None:

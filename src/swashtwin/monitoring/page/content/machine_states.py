@@ -34,7 +34,7 @@ _BY_CODE = {state.code: state for state in STATES}
 
 def state_of(machine: MachineOverview) -> MachineState:
     """The most urgent state of a machine."""
-    last = None if machine.last is None else machine.last.judgment
+    last = machine.last
     if last is not None and machine.maintained is not None and machine.maintained > last.received:
         return _BY_CODE[_code(machine.alarms, "learning")]  # it tells of the machine before the maintenance
     return _BY_CODE[_code(machine.alarms, None if last is None else last.state)]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.history import History, StoredRecording
+from swashtwin.monitoring.history import History, Judgment
 from swashtwin.monitoring.page.site import Site
 from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
@@ -58,7 +58,7 @@ class SpectrumComparison:
         return [f" ({frequency / self.shaft:.2f}×)" for frequency in self.frequency.tolist()]
 
 
-def compared_spectrum(site: Site, stored: StoredRecording) -> SpectrumComparison | None:
+def compared_spectrum(site: Site, stored: Judgment) -> SpectrumComparison | None:
     """Spectrum of a stored recording; None where its samples are not kept any more or have none, as a dead channel."""
     history = site.history
     recording = history.read.waveform(stored.id)
@@ -74,7 +74,7 @@ def compared_spectrum(site: Site, stored: StoredRecording) -> SpectrumComparison
         if (spectrum := _stored_points(history, identity)) is not None and spectrum.shape == amplitude.shape
     ]
     nothing = np.full_like(amplitude, math.nan)
-    shaft = None if stored.judgment.speed is None else stored.judgment.speed / (2 * math.pi)
+    shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
     return SpectrumComparison(
         recording.channels,
         recording.unit,
@@ -88,11 +88,11 @@ def compared_spectrum(site: Site, stored: StoredRecording) -> SpectrumComparison
     )
 
 
-def _healthy_ids(history: History, stored: StoredRecording) -> Sequence[int]:
+def _healthy_ids(history: History, stored: Judgment) -> Sequence[int]:
     """Healthy recordings of the same operating point with samples, those of the baseline first."""
     ids: list[int] = []
     for state in ("learning", "normal"):
-        others = history.read.recordings(stored.machine, point=stored.judgment.point, state=state, limit=_SEARCH)
+        others = history.read.recordings(stored.machine, point=stored.point, state=state, limit=_SEARCH)
         ids += [other.id for other in others if other.waveform is not None and other.id != stored.id]
     return ids[:MOST_HEALTHY]
 

@@ -1,10 +1,10 @@
-"""Names and groups of what the page shows, in English; the languages translate them."""
+"""Words, numbers and times as the pages show them."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from types import MappingProxyType
-
-from swashtwin.monitoring.page.content.languages import Language
 
 RECORDING_STATES: Mapping[str, str] = MappingProxyType(
     {"learning": "Learning", "normal": "Normal", "unusual": "Unusual", "alarm": "Alarm", "sensor": "Sensor alarm"}
@@ -40,47 +40,57 @@ VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Name and unit of what is stored of each recording beside its levels."""
 
-_DECIMAL = re.compile(r"(\d)\.(\d)")
 _FREQUENCY = re.compile(r" \([^()]* Hz\)$")
-_SENTENCE_WORDS = (
-    (" of the envelope", " der Hüllkurve"),
-    ("shaft order ", "Wellenordnung "),
-    (" to ", " bis "),
-    (" dB at ", " dB bei "),
-    (" dB in all bands of channel ", " dB in allen Bändern von Kanal "),
-    (
-        ": a changed gain, sensor or mounting does that",
-        ": so wirkt eine andere Verstärkung, Befestigung oder ein anderer Sensor",
-    ),
-    (", channel ", ", Kanal "),
-    ("channel ", "Kanal "),
-    (" does not move in ", " bewegt sich nicht in "),
-    (" of the recording.", " der Aufnahme."),
-    (" has single samples ", " hat einzelne Werte, "),
-    (" times as far from the middle as the others: spikes.", "-mal so weit von der Mitte wie die anderen: Ausreißer."),
-    (" stands at the end of its range in ", " steht am Ende seines Bereichs in "),
-    (" of the samples.", " der Abtastwerte."),
-    (" has ", " hat "),
-    (
-        " of its power below the speed of the shaft: a loose plug or cable?",
-        " seiner Leistung unter der Drehfrequenz: loser Stecker oder loses Kabel?",
-    ),
-)
 _GROUPS = ("Orders", "Orders of the envelope", "Bands", "Bands of the envelope", "Verdict and conditions")
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """So many significant digits, ``—`` for None and what is not finite.
+
+    Examples
+    --------
+    >>> number(0.01234), number(123456.0), number(None)
+    ('0.0123', '1.23e+05', '—')
+    """
+    if value is None or not math.isfinite(value):
+        return "—"
+    if value != 0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits - 1}e}"
+    magnitude = 0 if value == 0 else math.floor(math.log10(abs(value)))
+    return f"{value:.{max(0, digits - 1 - magnitude)}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share in percent, never rounded up to all or down to nothing."""
+    if share is None or not math.isfinite(share):
+        return "—"
+    if share > 0.995 and share < 1:
+        return "> 99 %"
+    return "< 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+
+
+def signed(value: float) -> str:
+    """A change with its sign and one decimal."""
+    return f"{value:+.1f}".replace("-", "−")
+
+
+def moment_text(time: datetime | None) -> str:
+    """A time to the second in UTC; the browser shows it in its own zone."""
+    return "—" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def ago(time: datetime, now: datetime) -> str:
+    """How long ago a time was, in its largest unit."""
+    seconds = max(0.0, (now - time).total_seconds())
+    for length, unit in ((86400, "d"), (3600, "h"), (60, "min")):
+        if seconds >= length:
+            return f"{int(seconds // length)} {unit} ago"
+    return "just now"
 
 
 def label_words(label: str | None) -> str:
     """A class as a reader should see it: ``Swash plate``; ``—`` for none."""
     return "—" if label is None else label.replace("_", " ").capitalize()
-
-
-def level_name(name: str, language: Language) -> str:
-    """Name of a level, or a sentence of levels and sensors, in a language: ``shaft order 9 (129 Hz)``."""
-    if language.code == "de":
-        for english, german in _SENTENCE_WORDS:
-            name = name.replace(english, german)
-        name = _DECIMAL.sub(r"\1,\2", name)
-    return name
 
 
 def stored_name(level: str) -> str:
@@ -98,12 +108,7 @@ def grouped_levels(names: Iterable[str]) -> Sequence[tuple[str, Sequence[str]]]:
     """Names of levels by kind, orders first, in their own order."""
     groups: dict[str, list[str]] = {group: [] for group in _GROUPS}
     for name in names:
-        groups[_group(name)].append(name)
+        is_envelope = "envelope" in name
+        kind = 4 if name in VERDICT_NAMES else is_envelope if "order" in name else 2 + is_envelope
+        groups[_GROUPS[kind]].append(name)
     return [(group, members) for group, members in groups.items() if members]
-
-
-def _group(name: str) -> str:
-    if name in VERDICT_NAMES:
-        return _GROUPS[4]
-    is_envelope = "envelope" in name
-    return _GROUPS[is_envelope if "order" in name else 2 + is_envelope]

@@ -1,4 +1,4 @@
-"""What forms do: log in and out, choose a language, acknowledge, silence, add an event."""
+"""What forms do: log in and out, acknowledge, silence, add an event."""
 
 from collections.abc import Callable
 from typing import Annotated
@@ -6,12 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, HTTPException, Query, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from swashtwin.monitoring.page.content.languages import LANGUAGES
 from swashtwin.monitoring.page.routes.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
 from swashtwin.monitoring.page.security.access import COOKIE
-from swashtwin.monitoring.page.site import LANGUAGE_COOKIE, Site, local_path, visitor_name
-
-_YEAR = 365 * 24 * 3600
+from swashtwin.monitoring.page.site import Site, local_path, visitor_name
 
 Text = Annotated[str, Form(max_length=500)]
 Name = Annotated[str, Form(max_length=64)]
@@ -64,7 +61,7 @@ def action_routes(site: Site) -> APIRouter:
 
 
 def visit_routes(site: Site) -> APIRouter:
-    """Addresses to log in and out and to choose a language."""
+    """Addresses to log in and out."""
     routes = APIRouter(include_in_schema=False)
     checked = [Depends(_require_form_token(site))]
 
@@ -81,9 +78,7 @@ def visit_routes(site: Site) -> APIRouter:
             answer = _back(target)
             site.access.set_cookie(answer, session)
             return answer
-        language = site.language(request)
-        wrong = language("The name or the password is wrong.")
-        message = language("Too many attempts. Wait {count} s.", count=session) if session else wrong
+        message = f"Too many attempts. Wait {session} s." if session else "The name or the password is wrong."
         code = 429 if session else 403
         refusal = site.render(request, "login.html.jinja", code, target=local_path(target), message=message)
         if session:
@@ -95,14 +90,6 @@ def visit_routes(site: Site) -> APIRouter:
         site.access.logout(request)
         answer = _back("/")
         answer.delete_cookie(COOKIE)
-        return answer
-
-    @routes.post("/language", dependencies=checked)
-    def choose_language(code: Annotated[str, Form(max_length=5)], target: Address = "/") -> Response:
-        answer = _back(target)
-        if code in LANGUAGES:
-            secure = site.access.is_secure
-            answer.set_cookie(LANGUAGE_COOKIE, code, max_age=_YEAR, httponly=True, samesite="lax", secure=secure)
         return answer
 
     return routes

@@ -1,29 +1,16 @@
-"""``/api`` for other programs: the same as the pages show, as JSON."""
+"""``/api`` for other programs: what the pages show, as JSON. Answers have the columns of the history's tables."""
 
 import math
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, HTTPException, Query, Request
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from swashtwin.monitoring.page.routes.answers import (
-    AlarmAnswer,
-    EventAnswer,
-    EventRequest,
-    LevelAnswer,
-    MachineAnswer,
-    Note,
-    RecordingAnswer,
-    RejectionAnswer,
-    SilenceRequest,
-    TrendAnswer,
-    alarm_answer,
-    event_answer,
-    machine_answer,
-    recording_answer,
-    rejection_answer,
-)
+from swashtwin.monitoring.history import FACTS, Alarm, Event, Judgment, MachineOverview, Rejection
+from swashtwin.monitoring.page.content.machine_states import state_of
 from swashtwin.monitoring.page.routes.records import (
+    MOST_HOURS,
     acknowledge,
     add_event,
     all_machines,
@@ -41,6 +28,77 @@ Short = Annotated[str, Query(max_length=200)]
 Since = Annotated[datetime | None, Query(description="ISO 8601; UTC where no zone is stated")]
 
 
+def _answer(table: Any, *, without: tuple[str, ...] = ()) -> Any:
+    """Form of an answer with the columns of a table."""
+    columns: dict[str, Any] = {
+        column.name: (_type(column) | None if column.nullable else _type(column), ...)
+        for column in table.__table__.columns
+        if column.name not in without
+    }
+    name = f"{table.__name__}Answer"
+    return create_model(name, __config__=ConfigDict(from_attributes=True), __doc__=table.__doc__, **columns)
+
+
+def _type(column: Any) -> Any:
+    kind = column.type.python_type
+    return (list[str] if column.name == "channels" else dict[str, Any]) if kind is dict else kind
+
+
+def _many(form: Any) -> Any:
+    return list[form]
+
+
+_RECORDING = _answer(Judgment, without=("retention",))
+_ALARM = _answer(Alarm)
+_EVENT = _answer(Event)
+_REJECTION = _answer(Rejection, without=("copy",))
+
+
+class MachineAnswer(BaseModel):
+    """A machine."""
+
+    model_config = ConfigDict(from_attributes=True)
+    name: str
+    state: str = Field(description="`alarm`, `sensor`, `acknowledged`, `unusual`, `normal`, `learning` or `empty`")
+    recordings: int
+    silenced_until: datetime | None
+    last: _RECORDING | None  # type: ignore[valid-type]
+    alarms: list[_ALARM]  # type: ignore[valid-type]
+
+
+class TrendAnswer(BaseModel):
+    """One indicator over time."""
+
+    recordings: list[int]
+    times: list[datetime]
+    values: list[float | None]
+
+
+class LevelAnswer(BaseModel):
+    """An indicator that a machine has."""
+
+    channel: str
+    name: str
+
+
+class Note(BaseModel):
+    """A remark of the one who acts."""
+
+    note: str = Field("", max_length=500)
+
+
+class SilenceRequest(Note):
+    """How long no messages are sent."""
+
+    hours: float = Field(gt=0, le=MOST_HOURS)
+
+
+class EventRequest(Note):
+    """An event to add."""
+
+    kind: str = Field("note", pattern="^(note|maintenance)$")
+
+
 def machine_answers(site: Site) -> APIRouter:
     """Addresses of machines."""
     routes = APIRouter(prefix="/api")
@@ -51,15 +109,15 @@ def machine_answers(site: Site) -> APIRouter:
         """A number that changes with everything new in the history: ask it before asking all."""
         return read.sequence()
 
-    @routes.get("/machines", tags=["machines"])
-    def machines() -> list[MachineAnswer]:
+    @routes.get("/machines", tags=["machines"], response_model=list[MachineAnswer])
+    def machines() -> Any:
         """All machines with their state, their newest recording and their alarms."""
-        return [machine_answer(machine) for machine in all_machines(site)]
+        return [_machine(machine) for machine in all_machines(site)]
 
-    @routes.get("/machines/{name}", tags=["machines"])
-    def machine(name: str) -> MachineAnswer:
+    @routes.get("/machines/{name}", tags=["machines"], response_model=MachineAnswer)
+    def machine(name: str) -> Any:
         """One machine."""
-        return machine_answer(find_machine(site, name))
+        return _machine(find_machine(site, name))
 
     @routes.get("/machines/{name}/levels", tags=["machines"])
     def levels(name: str) -> list[LevelAnswer]:
@@ -79,6 +137,8 @@ def machine_answers(site: Site) -> APIRouter:
     ) -> TrendAnswer:
         """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`, `probability`."""
         find_machine(site, name)
+        if not channel and level not in FACTS:
+            raise HTTPException(422, f"Without a channel the level is one of {', '.join(FACTS)}.")
         values = read.trend(
             name, channel, level, point=point or None, since=_utc(since), until=_utc(until), limit=limit
         )
@@ -88,11 +148,11 @@ def machine_answers(site: Site) -> APIRouter:
             values=[value if math.isfinite(value) else None for value in values.values.tolist()],
         )
 
-    @routes.get("/machines/{name}/events", tags=["machines"])
-    def events(name: str, limit: Limit = 100) -> list[EventAnswer]:
+    @routes.get("/machines/{name}/events", tags=["machines"], response_model=_many(_EVENT))
+    def events(name: str, limit: Limit = 100) -> Any:
         """What happened to a machine, newest first."""
         find_machine(site, name)
-        return [event_answer(event) for event in read.events(name, limit=limit)]
+        return read.events(name, limit=limit)
 
     return routes
 
@@ -102,7 +162,7 @@ def record_answers(site: Site) -> APIRouter:
     routes = APIRouter(prefix="/api")
     read = site.history.read
 
-    @routes.get("/recordings", tags=["recordings"])
+    @routes.get("/recordings", tags=["recordings"], response_model=_many(_RECORDING))
     def recordings(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(max_length=20)] = None,
@@ -110,34 +170,33 @@ def record_answers(site: Site) -> APIRouter:
         since: Since = None,
         until: Since = None,
         limit: Limit = 100,
-    ) -> list[RecordingAnswer]:
+    ) -> Any:
         """Recordings, newest first."""
-        rows = read.recordings(machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit)
-        return [recording_answer(row) for row in rows]
+        return read.recordings(machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit)
 
-    @routes.get("/recordings/{identity}", tags=["recordings"])
-    def recording(identity: int) -> RecordingAnswer:
+    @routes.get("/recordings/{identity}", tags=["recordings"], response_model=_RECORDING)
+    def recording(identity: int) -> Any:
         """One recording."""
-        return recording_answer(find_recording(site, identity))
+        return find_recording(site, identity)
 
-    @routes.get("/alarms", tags=["alarms"])
+    @routes.get("/alarms", tags=["alarms"], response_model=_many(_ALARM))
     def alarms(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(pattern="^(open|acknowledged|closed)$")] = None,
         limit: Limit = 100,
-    ) -> list[AlarmAnswer]:
+    ) -> Any:
         """Alarms, newest first."""
-        return [alarm_answer(alarm) for alarm in read.alarms(machine, state=state, limit=limit)]
+        return read.alarms(machine, state=state, limit=limit)
 
-    @routes.get("/alarms/{identity}", tags=["alarms"])
-    def alarm(identity: int) -> AlarmAnswer:
+    @routes.get("/alarms/{identity}", tags=["alarms"], response_model=_ALARM)
+    def alarm(identity: int) -> Any:
         """One alarm."""
-        return alarm_answer(find_alarm(site, identity))
+        return find_alarm(site, identity)
 
-    @routes.get("/rejections", tags=["recordings"])
-    def rejections(limit: Limit = 100) -> list[RejectionAnswer]:
+    @routes.get("/rejections", tags=["recordings"], response_model=_many(_REJECTION))
+    def rejections(limit: Limit = 100) -> Any:
         """Recordings that were not judged, and why, newest first."""
-        return [rejection_answer(rejection) for rejection in read.rejections(limit=limit)]
+        return read.rejections(limit=limit)
 
     return routes
 
@@ -161,13 +220,17 @@ def change_routes(site: Site) -> APIRouter:
         """Send messages again."""
         end_silence(site, name)
 
-    @routes.post("/alarms/{identity}/acknowledge", tags=["alarms"])
-    def post_acknowledgment(request: Request, identity: int, remark: Note) -> AlarmAnswer:
+    @routes.post("/alarms/{identity}/acknowledge", tags=["alarms"], response_model=_ALARM)
+    def post_acknowledgment(request: Request, identity: int, remark: Note) -> Any:
         """Acknowledge an alarm; 409 where it is not open."""
         acknowledge(site, identity, visitor_name(request), remark.note)
-        return alarm_answer(find_alarm(site, identity))
+        return find_alarm(site, identity)
 
     return routes
+
+
+def _machine(machine: MachineOverview) -> dict[str, Any]:
+    return {**vars(machine), "state": state_of(machine).code, "silenced_until": machine.silenced}
 
 
 def _require_program(request: Request) -> None:
@@ -182,4 +245,8 @@ def _require_program(request: Request) -> None:
 
 
 def _utc(time: datetime | None) -> datetime | None:
-    return time.replace(tzinfo=UTC) if time is not None and time.tzinfo is None else time
+    """A time in UTC; 422 at the ends of time, where another zone's year is none."""
+    try:
+        return None if time is None else time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except OverflowError:
+        raise HTTPException(422, "since and until must lie between the years 1 and 9999 in UTC.") from None

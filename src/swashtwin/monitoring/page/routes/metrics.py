@@ -41,7 +41,7 @@ class WatchCollector(Collector):
 
     def _history_metrics(self) -> Iterator[Metric]:
         machines = all_machines(self._site)
-        newest = [(machine.name, machine.last.judgment) for machine in machines if machine.last is not None]
+        newest = [(machine.name, machine.last) for machine in machines if machine.last is not None]
         for name, text, field in (
             ("alarm_capital", "Evidence against luck of the newest recording.", "capital"),
             ("verdict_probability", "Probability of the newest recording's verdict.", "probability"),

@@ -1,19 +1,21 @@
-"""The pages: machines, one machine, one recording, alarms, log."""
+"""The pages: machines, one machine, one recording, alarms, log; and their figures as JSON for the page's own script."""
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import timedelta
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, HTTPException, Query, Request
 from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
-from swashtwin.monitoring.history import Alarm, MachineOverview, StoredRecording
-from swashtwin.monitoring.page.content.charts import sparkline
-from swashtwin.monitoring.page.content.languages import Language
-from swashtwin.monitoring.page.content.levels import chosen_level
+from swashtwin.monitoring.history import FACTS, Alarm, Judgment, MachineOverview
+from swashtwin.monitoring.page.content.charts import Figure, sparkline, spectrum_figure, trend_figure
+from swashtwin.monitoring.page.content.levels import baseline_band, chosen_level
 from swashtwin.monitoring.page.content.machine_states import STATES, alarm_state, by_urgency, state_of
+from swashtwin.monitoring.page.content.spectra import compared_spectrum
+from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, moment_text, number
 from swashtwin.monitoring.page.routes.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
 
@@ -23,22 +25,30 @@ ROWS = 25
 """Recordings in one table."""
 QUIET = timedelta(days=1)
 """A machine that sent nothing for so long is marked."""
+MOST_POINTS = 2000
+"""Points of a trend; the newest."""
 _SPARKS = 60
 _PAST_ALARMS = 200
 
+Short = Annotated[str, Query(max_length=200)]
 
-def page_routes(site: Site) -> APIRouter:
-    """Addresses of the pages."""
-    routes = APIRouter(default_response_class=HTMLResponse, include_in_schema=False)
-    read = site.history.read
 
-    @routes.get("/")
+class Pages:
+    """The pages of one site."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._read = site.history.read
+
     def overview(
+        self,
         request: Request,
         state: str = "",
         text: Annotated[str, Query(max_length=100)] = "",
         page: Annotated[int, Query(ge=1, le=100_000)] = 1,
     ) -> HTMLResponse:
+        """All machines, the most urgent first."""
+        site = self._site
         machines = sorted(all_machines(site), key=by_urgency)
         counts = Counter(state_of(machine) for machine in machines)
         fitting = [
@@ -51,7 +61,7 @@ def page_routes(site: Site) -> APIRouter:
         return site.render(
             request,
             "overview.html.jinja",
-            cards=[_card(site, machine) for machine in shown],
+            cards=[self._card(machine) for machine in shown],
             summary=[(state, counts[state]) for state in STATES if counts[state]],
             chosen=state,
             text=text,
@@ -61,8 +71,21 @@ def page_routes(site: Site) -> APIRouter:
             problems=() if site.status is None else site.status().problems,
         )
 
-    @routes.get("/machines/{name}")
+    def _card(self, machine: MachineOverview) -> dict[str, Any]:
+        capital = self._read.trend(machine.name, "", "capital", limit=_SPARKS).values
+        return {
+            "machine": machine,
+            "state": state_of(machine),
+            "is_silenced": self._is_silenced(machine),
+            "is_quiet": machine.last is not None and self._site.clock() - machine.last.time > QUIET,
+            "line": sparkline(capital.tolist(), self._site.alarm_capital),
+        }
+
+    def _is_silenced(self, machine: MachineOverview) -> bool:
+        return machine.silenced is not None and machine.silenced > self._site.clock()
+
     def machine(
+        self,
         request: Request,
         name: str,
         channel: str | None = None,
@@ -70,146 +93,151 @@ def page_routes(site: Site) -> APIRouter:
         point: str | None = None,
         before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
     ) -> HTMLResponse:
+        """One machine: its alarms, trends, recordings and events."""
+        site = self._site
         overview = find_machine(site, name)
-        level_choice = chosen_level(site, overview, channel, level, point)
-        rows = read.recordings(name, before=before, limit=ROWS)
+        rows = self._read.recordings(name, before=before, limit=ROWS)
         setting = site.config.machine(name)
-        recalibrations = read.recalibrations(name)
-        estimates = {estimate.name for recalibration in recalibrations for estimate in recalibration.estimates}
         return site.render(
             request,
             "machine.html.jinja",
             machine=overview,
             state=state_of(overview),
             pump=None if setting is None else setting.pump,
-            is_silenced=_is_silenced(site, overview),
+            is_silenced=self._is_silenced(overview),
             alarms=_with_states(overview.alarms),
-            past_alarms=read.alarms(name, state="closed", limit=10),
+            past_alarms=self._read.alarms(name, state="closed", limit=10),
             rate=site.config.alarms.false_alarm_rate,
             limit=site.alarm_capital,
             recordings=rows,
             older=rows[-1].id if len(rows) == ROWS else None,
-            events=read.events(name, limit=20),
-            estimates=[(estimate, level_choice.estimate_address(estimate)) for estimate in sorted(estimates)],
-            **level_choice.context(site.language(request)),
+            events=self._read.events(name, limit=20),
+            **chosen_level(site, overview, channel, level, point).context(),
         )
 
-    @routes.get("/recordings/{identity}")
-    def recording(request: Request, identity: int) -> HTMLResponse:
-        stored = find_recording(site, identity)
-        reasons = stored.judgment.reasons
-        language = site.language(request)
-        before = read.recordings(stored.machine, before=stored.id, limit=1)
-        past_alarms = read.alarms(stored.machine, state="closed", limit=ROWS)
-        open_alarms = find_machine(site, stored.machine).alarms
+    def recording(self, request: Request, identity: int) -> HTMLResponse:
+        """One recording: verdict, evidence, spectrum, facts."""
+        judgment = find_recording(self._site, identity)
+        reasons = judgment.reasons
+        moved = reasons.get("moved") or []
+        findings = [finding["sentence"] for finding in reasons.get("findings") or []]
+        before = self._read.recordings(judgment.machine, before=judgment.id, limit=1)
+        past_alarms = self._read.alarms(judgment.machine, state="closed", limit=ROWS)
         alarms = [
             alarm
-            for alarm in (*open_alarms, *past_alarms)
-            if alarm.recording == stored.id or (alarm.state != "closed" and alarm.opened <= stored.judgment.time)
+            for alarm in (*find_machine(self._site, judgment.machine).alarms, *past_alarms)
+            if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
-        verdict: Mapping[str, Any] = reasons.get("verdict") or {}
-        probabilities: Mapping[str, float] = verdict.get("probabilities") or {}
-        return site.render(
+        probabilities: dict[str, float] = reasons.get("probabilities") or {}
+        return self._site.render(
             request,
             "recording.html.jinja",
-            recording=stored,
+            judgment=judgment,
             reasons=reasons,
             alarms=_with_states(alarms),
             probabilities=sorted(probabilities.items(), key=lambda item: -item[1]),
-            no_verdict=verdict.get("no_verdict"),
-            is_unknown=_is_unknown(stored),
-            checks=_checks(stored),
-            moved=reasons.get("moved") or [],
-            sentences=_sentences(stored),
+            no_verdict=reasons.get("no_verdict"),
+            is_unknown=bool(reasons.get("is_unknown")),
+            checks=_checks(judgment),
+            moved=moved,
+            sentences=findings if moved else [*findings, *(reasons.get("sentences") or [])],
             notes=reasons.get("notes") or [],
-            learning=site.config.alarms.learning,
-            limit=site.alarm_capital,
-            facts=_facts(stored, language),
+            learning=self._site.config.alarms.learning,
+            limit=self._site.alarm_capital,
+            facts=_facts(judgment),
             earlier=before[0].id if before else None,
-            later=read.later_recording(identity),
+            later=self._read.later_recording(identity),
         )
 
-    @routes.get("/alarms")
-    def alarms(request: Request, state: str = "") -> HTMLResponse:
+    def alarms(self, request: Request, state: str = "") -> HTMLResponse:
+        """Alarms of all machines, newest first."""
         chosen = state if state in ("open", "acknowledged", "closed") else ""
         if chosen == "closed":
-            shown = list(read.alarms(state=chosen, limit=_PAST_ALARMS))
+            shown = list(self._read.alarms(state=chosen, limit=_PAST_ALARMS))
         else:
-            waiting = (alarm for machine in read.machines() for alarm in machine.alarms)
+            waiting = (alarm for machine in self._read.machines() for alarm in machine.alarms)
             shown = sorted((alarm for alarm in waiting if chosen in ("", alarm.state)), key=lambda alarm: -alarm.id)
-        return site.render(request, "alarms.html.jinja", alarms=_with_states(shown), chosen=chosen)
+        return self._site.render(request, "alarms.html.jinja", alarms=_with_states(shown), chosen=chosen)
 
-    @routes.get("/alarms/{identity}")
-    def alarm(request: Request, identity: int) -> HTMLResponse:
-        stored = find_alarm(site, identity)
-        return site.render(request, "alarm.html.jinja", alarm=stored, state=alarm_state(stored))
+    def alarm(self, request: Request, identity: int) -> HTMLResponse:
+        """One alarm."""
+        stored = find_alarm(self._site, identity)
+        return self._site.render(request, "alarm.html.jinja", alarm=stored, state=alarm_state(stored))
 
-    @routes.get("/log")
-    def log(request: Request) -> HTMLResponse:
-        return site.render(
+    def log(self, request: Request) -> HTMLResponse:
+        """How the watch is doing, what was not judged, and events."""
+        return self._site.render(
             request,
             "log.html.jinja",
-            status=None if site.status is None else site.status(),
-            rejections=read.rejections(limit=100),
-            events=read.events(limit=100),
+            status=None if self._site.status is None else self._site.status(),
+            rejections=self._read.rejections(limit=100),
+            events=self._read.events(limit=100),
         )
 
+    def trend_chart(self, name: str, level: Short, channel: Short = "", point: Short = "") -> Figure:
+        """One indicator over time, with its baseline and the times of alarms."""
+        find_machine(self._site, name)
+        if not channel and level not in FACTS:
+            raise HTTPException(404, "There is no such trend.")
+        title, unit = VERDICT_NAMES.get(level, (level, "dB"))
+        return trend_figure(
+            self._read.trend(name, channel, level, point=point or None, limit=MOST_POINTS),
+            title,
+            unit,
+            [alarm for alarm in self._read.alarms(name, limit=_PAST_ALARMS) if point in ("", alarm.point)],
+            band=baseline_band(self._site, name, point, channel, level),
+            limit=self._site.alarm_capital if level == "capital" else None,
+        )
+
+    def spectrum_chart(self, identity: int) -> Figure:
+        """The spectrum of a recording over those of healthy ones."""
+        comparison = compared_spectrum(self._site, find_recording(self._site, identity))
+        if comparison is None:
+            raise HTTPException(404, "This recording has no spectrum.")
+        return spectrum_figure(comparison)
+
+
+def page_routes(site: Site) -> APIRouter:
+    """Addresses of the pages and their figures."""
+    routes = APIRouter(include_in_schema=False)
+    pages = Pages(site)
+    for path, page in (
+        ("/", pages.overview),
+        ("/machines/{name}", pages.machine),
+        ("/recordings/{identity}", pages.recording),
+        ("/alarms", pages.alarms),
+        ("/alarms/{identity}", pages.alarm),
+        ("/log", pages.log),
+    ):
+        routes.get(path, response_class=HTMLResponse)(page)
+    routes.get("/charts/machines/{name}/trend")(pages.trend_chart)
+    routes.get("/charts/recordings/{identity}")(pages.spectrum_chart)
     return routes
-
-
-def _card(site: Site, machine: MachineOverview) -> dict[str, Any]:
-    capital = site.history.read.trend(machine.name, "", "capital", limit=_SPARKS).values
-    last = machine.last
-    return {
-        "machine": machine,
-        "state": state_of(machine),
-        "is_silenced": _is_silenced(site, machine),
-        "is_quiet": last is not None and site.clock() - last.judgment.time > QUIET,
-        "line": sparkline(capital.tolist(), site.alarm_capital),
-    }
-
-
-def _is_silenced(site: Site, machine: MachineOverview) -> bool:
-    return machine.silenced is not None and machine.silenced > site.clock()
 
 
 def _with_states(alarms: Sequence[Alarm]) -> list[tuple[Alarm, Any]]:
     return [(alarm, alarm_state(alarm)) for alarm in alarms]
 
 
-def _sentences(stored: StoredRecording) -> Sequence[str]:
-    reasons = stored.judgment.reasons
-    findings = [finding["sentence"] for finding in reasons.get("findings") or []]
-    return [*findings, *(reasons.get("sentences") or [])] if not reasons.get("moved") else findings
-
-
-def _is_unknown(stored: StoredRecording) -> bool:
-    """Whether the model calls the recording unlike those of its training."""
-    verdict = stored.judgment.reasons.get("verdict") or {}
-    return bool((verdict.get("trust") or {}).get("unknown"))
-
-
-def _checks(stored: StoredRecording) -> Sequence[Check]:
-    judgment = stored.judgment
+def _checks(judgment: Judgment) -> Sequence[Check]:
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
-    return next_checks(judgment.label, unknown=_is_unknown(stored))
+    return next_checks(judgment.label, unknown=bool(judgment.reasons.get("is_unknown")))
 
 
-def _facts(stored: StoredRecording, language: Language) -> Sequence[tuple[str, str]]:
-    judgment = stored.judgment
-    speed = None if judgment.speed is None else judgment.speed * 30 / 3.141592653589793
+def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:
+    speed = None if judgment.speed is None else judgment.speed * 30 / math.pi
     pressure = None if judgment.pressure is None else judgment.pressure / 1e6
     return (
         ("Operating point", judgment.point or "—"),
-        ("Speed", f"{language.number(speed, 4)} rpm"),
-        ("Discharge pressure", f"{language.number(pressure)} MPa"),
-        ("Duration", f"{language.number(judgment.duration)} s"),
-        ("Sample rate", f"{language.number(judgment.sample_rate, 5)} Hz"),
+        ("Speed", f"{number(speed, 4)} rpm"),
+        ("Discharge pressure", f"{number(pressure)} MPa"),
+        ("Duration", f"{number(judgment.duration)} s"),
+        ("Sample rate", f"{number(judgment.sample_rate, 5)} Hz"),
         ("Channels", ", ".join(judgment.channels)),
         ("Source", judgment.source),
         ("File", judgment.file or "—"),
-        ("Received", language.moment(judgment.received)),
+        ("Received", moment_text(judgment.received)),
         ("Model", judgment.model or "—"),
         ("Content", judgment.content),
     )

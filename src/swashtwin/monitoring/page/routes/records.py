@@ -1,12 +1,12 @@
 """Machines, recordings and alarms by their addresses, and the changes that a visitor may make."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import timedelta
 
 from fastapi import HTTPException
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.history import Alarm, MachineOverview, MachineTransaction, StoredRecording
+from swashtwin.monitoring.history import Alarm, Judgment, MachineOverview
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.service import record_event
 
@@ -18,8 +18,7 @@ def all_machines(site: Site) -> Sequence[MachineOverview]:
     """Machines of the history, and those of the configuration that sent nothing yet."""
     stored = site.history.read.machines()
     names = {machine.name for machine in stored}
-    silent = [machine.name for machine in site.config.machines if machine.name not in names]
-    return (*stored, *(MachineOverview(name, 0, None, (), None) for name in silent))
+    return [*stored, *(MachineOverview(machine.name) for machine in site.config.machines if machine.name not in names)]
 
 
 def find_machine(site: Site, name: str) -> MachineOverview:
@@ -30,7 +29,7 @@ def find_machine(site: Site, name: str) -> MachineOverview:
     raise HTTPException(404, f"There is no machine {name[:100]}.")
 
 
-def find_recording(site: Site, identity: int) -> StoredRecording:
+def find_recording(site: Site, identity: int) -> Judgment:
     """A stored recording by its id; 404 where there is none."""
     stored = site.history.read.recording(identity) if 0 < identity < 2**31 else None
     if stored is None:
@@ -49,37 +48,31 @@ def find_alarm(site: Site, identity: int) -> Alarm:
 def acknowledge(site: Site, identity: int, who: str, note: str) -> None:
     """Acknowledge an open alarm; 409 where somebody else did."""
     alarm = find_alarm(site, identity)
-    with site.history.machine(alarm.machine) as machine:
-        if not any(other.id == identity and other.state == "open" for other in machine.alarms()):
-            raise HTTPException(409, f"Alarm {identity} is acknowledged or closed already.")
-        machine.acknowledge(identity, who, note)
+    try:
+        with site.history.machine(alarm.machine) as machine:
+            machine.acknowledge(identity, who, note)
+    except InputError as error:
+        raise HTTPException(409, str(error)) from None
 
 
 def silence(site: Site, name: str, hours: float, who: str, note: str) -> None:
     """Send no message of a machine for so many hours."""
-    until = site.clock() + timedelta(hours=hours)
-    _change(site, name, lambda machine: machine.silence(until, who, note))
+    find_machine(site, name)
+    with site.history.machine(name) as machine:
+        machine.silence(site.clock() + timedelta(hours=hours), who, note)
 
 
 def end_silence(site: Site, name: str) -> None:
     """Send messages of a machine again."""
-    _change(site, name, lambda machine: machine.end_silence())
+    find_machine(site, name)
+    with site.history.machine(name) as machine:
+        machine.end_silence()
 
 
 def add_event(site: Site, name: str, kind: str, who: str, note: str) -> None:
     """Add an event to a machine's history; after ``maintenance`` its healthy baselines are learned anew."""
-
     find_machine(site, name)
     try:
         record_event(site.config, site.history, name, who=who, note=note, maintenance=kind == "maintenance")
-    except InputError as error:
-        raise HTTPException(422, str(error)) from None
-
-
-def _change(site: Site, name: str, change: Callable[[MachineTransaction], object]) -> None:
-    find_machine(site, name)
-    try:
-        with site.history.machine(name) as machine:
-            change(machine)
     except InputError as error:
         raise HTTPException(422, str(error)) from None

@@ -9,6 +9,7 @@ from pathlib import Path
 from fastapi import APIRouter, HTTPException, Request
 from starlette.datastructures import UploadFile
 from starlette.formparsers import MultiPartException
+from starlette.requests import ClientDisconnect
 
 from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.page.security.guard import UPLOAD_PATH
@@ -82,6 +83,8 @@ async def _take(site: Site, request: Request) -> str:
         return await asyncio.to_thread(site.upload, path, safe_name(name), machine, facts)
     except SwashTwinError as error:
         raise HTTPException(422, str(error)) from None
+    except ClientDisconnect:
+        raise HTTPException(400, "The upload was interrupted.") from None
     except OSError:
         raise HTTPException(507, "There is no space for the recording at the moment.") from None
     finally:

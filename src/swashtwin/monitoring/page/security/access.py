@@ -2,22 +2,20 @@
 
 import hashlib
 import hmac
-import ipaddress
+import math
 import secrets
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from itertools import product
-from pathlib import Path
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.page.security.throttle import Throttle
+from swashtwin.monitoring.config import PageSettings
 from swashtwin.monitoring.page.security.users import UserFile
 
 COOKIE = "swashtwin_visit"
@@ -25,6 +23,13 @@ SESSION_SECONDS = 12 * 3600.0
 """How long a login lasts without a request [s]."""
 LONGEST_SESSION_SECONDS = 7 * 24 * 3600.0
 """How long a login lasts at most [s]."""
+FREE_ATTEMPTS = 5
+"""Wrong passwords in a row before the first wait."""
+FIRST_WAIT = 2.0
+"""Length of the first wait [s]; each further wrong password doubles it."""
+LONGEST_WAIT = 900.0
+"""Longest wait [s], and how long a quiet key is remembered."""
+_MOST_KEYS = 10_000
 _MOST_SESSIONS = 1000
 
 
@@ -38,48 +43,97 @@ class Visitor:
     """How we know; ``control``: by a token that may acknowledge, silence and note events."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Session:
     name: str
     """Name of the person."""
     mark: str
     """Mark of the password with which the person logged in."""
-    end: float
-    """When it ends without a request [s]."""
     last_end: float
     """When it ends at the latest [s]."""
+    end: float
+    """When it ends without a request [s]."""
+
+
+@dataclass
+class Throttle:
+    """Fewer and fewer attempts to log in after wrong passwords, by key, such as an address or a user's name."""
+
+    clock: Callable[[], float] = time.monotonic
+    """Time [s]."""
+    _failures: OrderedDict[str, tuple[int, float]] = field(default_factory=OrderedDict, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
+
+    def attempt(self, *keys: str) -> int:
+        """Whole seconds until the next attempt; 0 where one is made now, which counts as wrong until `succeed`.
+
+        So guesses that come at the same time do not all pass before the first is counted.
+        """
+        now = self.clock()
+        with self._lock:
+            wait = max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
+            if not wait:
+                for key in keys:
+                    count, last = self._failures.pop(key, (0, now))
+                    self._failures[key] = (count + 1 if now - last < LONGEST_WAIT else 1, now)
+                _shorten(self._failures, _MOST_KEYS)
+            return wait
+
+    def wait(self, *keys: str) -> int:
+        """Whole seconds until the next attempt under all of these keys; 0 where it may be made now."""
+        now = self.clock()
+        with self._lock:
+            return max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
+
+    def succeed(self, *keys: str) -> None:
+        """Forget the failures under each key."""
+        with self._lock:
+            for key in keys:
+                self._failures.pop(key, None)
+
+    def _until(self, key: str, now: float) -> float:
+        count, last = self._failures.get(key, (0, -math.inf))
+        if count < FREE_ATTEMPTS:
+            return now
+        return last + min(FIRST_WAIT * 2.0 ** min(count - FREE_ATTEMPTS, 20), LONGEST_WAIT)
 
 
 @dataclass
 class Access:
     """Logins, sessions and form tokens of one page."""
 
-    users: tuple[UserFile, ...]
-    """Files of people and tokens; none where the page is open to this computer only."""
-    is_secure: bool = False
-    """Whether cookies are sent over TLS only."""
-    proxy: str | None = None
-    """Address of the proxy before the page, whose word on the address of a client is taken."""
+    settings: PageSettings
+    """Where the page is served."""
     throttle: Throttle = field(default_factory=Throttle)
     """Failed logins."""
+    users: UserFile | None = field(init=False)
+    """People and programs; None where the page is open to this computer only."""
     _key: bytes = field(default_factory=lambda: secrets.token_bytes(32), init=False)
     _sessions: OrderedDict[str, _Session] = field(default_factory=OrderedDict, init=False)
     _familiar: OrderedDict[tuple[str, str], None] = field(default_factory=OrderedDict, init=False)
     """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
+    def __post_init__(self) -> None:
+        path = self.settings.users
+        self.users = None if path is None else UserFile(path)
+        if self.users is not None and self.users.count() == 0:
+            raise InputError(f"{path} names no user and no token; add one with swashtwin watch user.")
+        if self.users is None and not self.settings.is_local:
+            raise InputError(
+                f"[page] host = {self.settings.host!r} can be reached by other computers, so the page needs users: add "
+                'one with swashtwin watch user and state users = "users.json" under [page]; or use host = "127.0.0.1".'
+            )
+
     def visitor(self, request: HTTPConnection) -> Visitor | None:
         """Who sent this request; None where nobody who may use the page."""
-        if not self.users:
+        if self.users is None:
             return Visitor("", "local")
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
-            kinds: tuple[Literal["control", "token"], ...] = ("control", "token")
-            for file, kind in product(self.users, kinds):
-                if program := file.token_name(token.strip(), control=kind == "control"):
-                    return Visitor(program, kind)
-            return None
-        person = self._session(request.cookies.get(COOKIE, ""))
+            program = self.users.program(token.strip())
+            return None if program is None else Visitor(program.name, program.kind)
+        person = self._session(self.users, request.cookies.get(COOKIE, ""))
         return None if person is None else Visitor(person, "person")
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
@@ -88,26 +142,22 @@ class Access:
         keys = [f"address {address}"]
         if (address, person) not in self._familiar:  # else strangers who guess could lock a person out
             keys.append(f"name {person}")
-        wait = self.throttle.wait(*keys)
-        if wait or not self.users:
+        if self.users is None:
+            return 0
+        if wait := self.throttle.attempt(*keys):
             return wait
-        marks = (file.checked_mark(name, password) for file in self.users)
-        mark = next(filter(None, marks), None)
+        mark = self.users.checked_mark(name, password)
         if mark is None:
-            self.throttle.fail(*keys)
             return self.throttle.wait(*keys)
         self.throttle.succeed(*keys)
         session = secrets.token_urlsafe(32)
         now = time.monotonic()
         with self._lock:
             self._familiar[address, person] = None
-            while len(self._familiar) > _MOST_SESSIONS:
-                self._familiar.popitem(last=False)
-            self._sessions[_fingerprint(session)] = _Session(
-                name, mark, now + SESSION_SECONDS, now + LONGEST_SESSION_SECONDS
-            )
-            while len(self._sessions) > _MOST_SESSIONS:
-                self._sessions.popitem(last=False)
+            _shorten(self._familiar, _MOST_SESSIONS)
+            entry = _Session(name, mark, now + LONGEST_SESSION_SECONDS, now + SESSION_SECONDS)
+            self._sessions[_fingerprint(session)] = entry
+            _shorten(self._sessions, _MOST_SESSIONS)
         return session
 
     def logout(self, request: HTTPConnection) -> None:
@@ -130,59 +180,31 @@ class Access:
         Scripts can not read it, and no form of another site sends it. A link in a message does (``Lax``), so that an
         alarm's mail leads to the alarm and not to the login.
         """
-        response.set_cookie(COOKIE, visit, httponly=True, samesite="lax", secure=self.is_secure, path="/")
+        response.set_cookie(COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.secure, path="/")
 
-    def _session(self, visit: str) -> str | None:
+    def _session(self, users: UserFile, visit: str) -> str | None:
         """Name of the person whose session has that id; None where it ended or the password is another one now."""
         now = time.monotonic()
         with self._lock:
             key = _fingerprint(visit)
-            session = self._sessions.get(key)
-            if session is None:
+            session = self._sessions.pop(key, None)
+            if session is None or min(session.end, session.last_end) < now or users.mark(session.name) != session.mark:
                 return None
-            is_current = any(file.mark(session.name) == session.mark for file in self.users)
-            del self._sessions[key]
-            if min(session.end, session.last_end) < now or not is_current:
-                return None
-            self._sessions[key] = replace(session, end=now + SESSION_SECONDS)  # at the end: the oldest goes first
+            session.end = now + SESSION_SECONDS
+            self._sessions[key] = session  # at the end: the oldest goes first
             return session.name
 
     def _address(self, request: HTTPConnection) -> str:
         """Address that a request came from; the proxy states it last in ``X-Forwarded-For``."""
         address = request.client.host if request.client else "unknown"
         stated = ",".join(request.headers.getlist("x-forwarded-for"))
-        return stated.rpartition(",")[2].strip() if stated and address == self.proxy else address
+        return stated.rpartition(",")[2].strip() if stated and address == self.settings.proxy else address
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this computer can reach an address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
-
-
-def required_users(host: str, paths: Iterable[Path | None]) -> tuple[UserFile, ...]:
-    """The files of users and tokens that a page at `host` asks; none where it is open to this computer only.
-
-    Raises
-    ------
-    InputError
-        The page can be reached by other computers and no file is stated, or the files name nobody.
-    DataError
-        A file is absent or damaged.
-    """
-    users = tuple(UserFile(path) for path in dict.fromkeys(paths) if path is not None)
-    if users and sum(map(UserFile.count, users)) == 0:
-        raise InputError(f"{users[0].path} names no user and no token; add one with swashtwin watch user.")
-    if not users and not is_loopback(host):
-        raise InputError(
-            f"[page] host = {host!r} can be reached by other computers, so the page needs users: add one with "
-            'swashtwin watch user and state users = "users.json" under [page]; or use host = "127.0.0.1".'
-        )
-    return users
+def _shorten(items: OrderedDict[Any, Any], most: int) -> None:
+    """Drop the oldest items beyond so many."""
+    while len(items) > most:
+        items.popitem(last=False)
 
 
 def _fingerprint(session: str) -> str:

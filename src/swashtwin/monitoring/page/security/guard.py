@@ -116,7 +116,7 @@ class Guard:
             return _refused(503, "The file of users cannot be read.")
         scope.setdefault("state", {})["visitor"] = visitor
         path: str = scope["path"]
-        if visitor is not None or path in ("/login", "/language", "/health") or path.startswith("/static/"):
+        if visitor is not None or path in ("/login", "/health") or path.startswith("/static/"):
             return None
         if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics", "/live", "/charts/")):
             query = scope["query_string"].decode("latin-1")

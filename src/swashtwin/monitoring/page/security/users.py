@@ -11,26 +11,39 @@ import os
 import re
 import secrets
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
+import msgspec
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from swashtwin.foundation import DataError, InputError, MissingFileError
+from swashtwin.foundation import DataError, InputError, MissingFileError, from_table, to_table
+from swashtwin.monitoring.sources import lock_file
 
 LEAST_PASSWORD = 10
 """Characters that a password needs."""
 
 _NAME = re.compile(r"[\w.@ -]{1,64}")
-_FORM = "swashtwin-page-users-1"
 _HASHER = PasswordHasher()
-_KINDS = ("users", "tokens", "control")
-"""People; programs that read and upload; programs that also acknowledge, silence and note events."""
 _CHECKING = threading.Lock()
 """One password at a time: a check takes 64 MiB."""
+
+Kind = Literal["person", "token", "control"]
+"""People see and acknowledge; tokens read and upload; tokens for control acknowledge, silence and note events too."""
+
+
+class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One person or program."""
+
+    name: str
+    kind: Kind
+    hash: str
+    """Of the password or the token."""
 
 
 def add_user(path: Path, name: str, password: str) -> None:
@@ -43,7 +56,7 @@ def add_user(path: Path, name: str, password: str) -> None:
     """
     if not LEAST_PASSWORD <= len(password) <= 1000:
         raise InputError(f"The password needs {LEAST_PASSWORD} to 1000 characters; this one has {len(password)}.")
-    _change(path, "users", name, _HASHER.hash(password))
+    _replace(path, Entry(name, "person", _HASHER.hash(password)))
 
 
 def add_token(path: Path, name: str, *, control: bool = False) -> str:
@@ -59,7 +72,7 @@ def add_token(path: Path, name: str, *, control: bool = False) -> str:
         A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space.
     """
     token = f"st_{secrets.token_urlsafe(32)}"
-    _change(path, "control" if control else "tokens", name, _digest(token))
+    _replace(path, Entry(name, "control" if control else "token", _digest(token)))
     return token
 
 
@@ -71,12 +84,11 @@ def remove_entry(path: Path, name: str) -> None:
     InputError
         Nobody there has that name.
     """
-    entries = _read(path)
-    if not any(name in entries[kind] for kind in _KINDS):
-        raise InputError(f"{path} has no user and no token called {name!r}.")
-    for kind in _KINDS:
-        entries[kind].pop(name, None)
-    _write(path, entries)
+    with _changing(path) as entries:
+        kept = [entry for entry in entries if entry.name != name]
+        if len(kept) == len(entries):
+            raise InputError(f"{path} has no user and no token called {name!r}.")
+        entries[:] = kept
 
 
 @dataclass
@@ -86,7 +98,7 @@ class UserFile:
     path: Path
     """Where it is."""
     _stamp: tuple[int, int, int] | None = field(default=None, init=False)
-    _entries: dict[str, dict[str, str]] = field(default_factory=dict, init=False)
+    _entries: list[Entry] = field(default_factory=list, init=False)
 
     def count(self) -> int:
         """Number of people and tokens.
@@ -96,30 +108,36 @@ class UserFile:
         DataError
             The file is damaged or absent.
         """
-        return sum(map(len, self._current().values()))
+        return len(self._current())
 
     def mark(self, name: str) -> str | None:
         """Text that changes with the password of the person `name` and does not tell it; None where nobody's name."""
-        stored = self._current()["users"].get(name)
-        return None if stored is None else _digest(stored)
+        return next(
+            (_digest(item.hash) for item in self._current() if (item.kind, item.name) == ("person", name)), None
+        )
 
     def checked_mark(self, name: str, password: str) -> str | None:
         """Mark of the person `name` where the password is right; takes as long for a name that nobody has."""
-        stored = self._current()["users"].get(name)
+        hashes = self._hashes(name)
         with _CHECKING:
             try:
-                _HASHER.verify(stored or _nobody(), password[:1000])
+                _HASHER.verify(hashes[0] if hashes else _nobody(), password[:1000])
             except (VerificationError, InvalidHashError):
                 return None
-        return None if stored is None else _digest(stored)
+        return _digest(hashes[0]) if hashes else None
 
-    def token_name(self, token: str, *, control: bool) -> str | None:
-        """Name of the program whose token this is, among those with `control` or the others; None where nobody's."""
-        digest, entries = _digest(token), self._current()["control" if control else "tokens"]
-        names = [name for name, stored in entries.items() if secrets.compare_digest(stored, digest)]
-        return names[0] if names else None
+    def program(self, token: str) -> Entry | None:
+        """The program whose token this is; None where nobody's."""
+        digest = _digest(token)
+        fitting = [
+            item for item in self._current() if item.kind != "person" and secrets.compare_digest(item.hash, digest)
+        ]
+        return fitting[0] if fitting else None
 
-    def _current(self) -> dict[str, dict[str, str]]:
+    def _hashes(self, name: str) -> list[str]:
+        return [item.hash for item in self._current() if (item.kind, item.name) == ("person", name)]
+
+    def _current(self) -> list[Entry]:
         try:
             status = self.path.stat()
         except FileNotFoundError:
@@ -142,43 +160,42 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _change(path: Path, kind: str, name: str, value: str) -> None:
-    if not _NAME.fullmatch(name) or name != name.strip():
+def _replace(path: Path, new: Entry) -> None:
+    """Put an entry into the file in place of the person, or the program, of the same name."""
+    if not _NAME.fullmatch(new.name) or new.name != new.name.strip():
         raise InputError(
-            f"The name {name!r} is none: use up to 64 letters, digits, '.', '@', '-', '_' or spaces, none at the ends."
+            f"The name {new.name!r} is none: use up to 64 letters, digits, '.', '@', '-', '_' or spaces, none at the "
+            "ends."
         )
-    entries = _read(path) if Path(path).exists() else {kind: {} for kind in _KINDS}
-    if kind != "users":  # a program has one token
-        for others in _KINDS[1:]:
-            entries[others].pop(name, None)
-    entries[kind][name] = value
-    _write(path, entries)
+    with _changing(path) as entries:
+        same = ("person",) if new.kind == "person" else ("token", "control")
+        entries[:] = [entry for entry in entries if entry.name != new.name or entry.kind not in same] + [new]
 
 
-def _read(path: Path) -> dict[str, dict[str, str]]:
-    try:
-        content: Any = json.loads(Path(path).read_text(encoding="utf-8"))
-        entries = {kind: content[kind] for kind in _KINDS[:2]} | {"control": content.get("control", {})}
-        is_ours = content["form"] == _FORM and all(
-            isinstance(named, dict) and all(isinstance(value, str) for value in named.values())
-            for named in entries.values()
-        )
-    except (ValueError, KeyError, TypeError, AttributeError):
-        is_ours = False
-    if not is_ours:
-        raise DataError(f"{path} is no file of users; write one with swashtwin watch user.")
-    return entries
-
-
-def _write(path: Path, entries: dict[str, dict[str, str]]) -> None:
-    path = Path(path)
+@contextmanager
+def _changing(path: Path) -> Iterator[list[Entry]]:
+    """Entries of the file, to be changed in the block; two commands at once change it one after the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    with lock_file(path.with_name(f".{path.name}.lock")):
+        entries = _read(path) if path.exists() else []
+        yield entries
+        _write(path, entries)
+
+
+def _read(path: Path) -> list[Entry]:
+    try:
+        return from_table(json.loads(path.read_text(encoding="utf-8")), list[Entry])
+    except ValueError as cause:
+        raise DataError(f"{path} is no file of users; write one with swashtwin watch user.") from cause
+
+
+def _write(path: Path, entries: list[Entry]) -> None:
     owner = (path if path.exists() else path.parent).stat()
     temporary = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)  # never readable by others
         with open(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            json.dump({"form": _FORM, **entries}, file, indent=1)
+            json.dump(to_table(entries), file, indent=1)
             file.flush()
             os.fsync(file.fileno())
         if hasattr(os, "geteuid") and os.geteuid() == 0:  # else the user of a service could not read what root wrote

@@ -1,0 +1,350 @@
+"""Tables of the history, alike in SQLite and PostgreSQL; a row is a dataclass. All times are aware and in UTC."""
+
+import math
+import sys
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Dialect,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    TypeDecorator,
+    UniqueConstraint,
+)
+from sqlalchemy.orm import DeclarativeBase, Mapped, MappedAsDataclass, mapped_column
+
+
+class Moment(TypeDecorator[datetime]):
+    """An aware time, kept in UTC."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """`value` in UTC; SQLite keeps no zone."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError(f"time {value} has no zone; the history keeps times in UTC.")
+        value = value.astimezone(UTC)
+        return value.replace(tzinfo=None) if dialect.name == "sqlite" else value
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """`value` in UTC."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Real(TypeDecorator[float]):
+    """A number that both databases hold: NaN is nothing, infinity the largest."""
+
+    impl = Float(53)
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
+        """`value`, finite or None."""
+        if value is None or math.isnan(value):
+            return None
+        return max(-sys.float_info.max, min(float(value), sys.float_info.max))
+
+
+_Number = BigInteger().with_variant(Integer(), "sqlite")
+_Document = JSON(none_as_null=True)
+
+
+class Row(MappedAsDataclass, DeclarativeBase, kw_only=True):
+    """What all rows have in common."""
+
+    type_annotation_map = {  # noqa: RUF012
+        int: _Number,
+        float: Real,
+        datetime: Moment,
+        dict[str, Any]: _Document,
+        list[str]: _Document,
+        list[list[str]]: _Document,
+    }
+
+
+def _id() -> Any:
+    return mapped_column(primary_key=True, init=False)
+
+
+def _machine(**options: Any) -> Any:
+    """Column of the machine's name, which the transaction fills in."""
+    return mapped_column(ForeignKey("machines.name"), init=False, **options)
+
+
+class Version(Row, kw_only=True):
+    """The version of the tables: one row."""
+
+    __tablename__ = "swashtwin_history"
+    version: Mapped[int] = mapped_column(primary_key=True)
+
+
+class Machine(Row, kw_only=True):
+    """A machine; the one with an empty name counts rejections of machines that nobody knows."""
+
+    __tablename__ = "machines"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    sequence: Mapped[int]
+    """Grows with each transaction; its change locks the machine."""
+    last: Mapped[int | None] = mapped_column(default=None)
+    """The newest recording by time of measurement."""
+
+
+class Judgment(Row, kw_only=True):
+    """One recording of a machine: its facts, and what the watch concluded."""
+
+    __tablename__ = "recordings"
+    id: Mapped[int] = _id()
+    """Number in the history, by order of filing."""
+    machine: Mapped[str] = _machine()
+    """Name of its machine."""
+    content: Mapped[str]
+    """SHA-256 of the bytes that were delivered; one machine has no content twice."""
+    time: Mapped[datetime]
+    """When it was measured."""
+    received: Mapped[datetime]
+    """When it was delivered."""
+    source: Mapped[str]
+    """Name of the source."""
+    file: Mapped[str]
+    """Name of the file as delivered."""
+    channels: Mapped[list[str]]
+    """Name of each channel."""
+    unit: Mapped[str]
+    """Unit of every channel."""
+    sample_rate: Mapped[float]
+    """Samples per second and channel [Hz]."""
+    duration: Mapped[float]
+    """Length [s]."""
+    state: Mapped[str]
+    """``learning``, ``normal``, ``unusual``, ``alarm`` or ``sensor``."""
+    point: Mapped[str | None] = mapped_column(default=None)
+    """Name of the operating point, where it is known."""
+    speed: Mapped[float | None] = mapped_column(default=None)
+    """Angular speed of the shaft [rad/s]."""
+    pressure: Mapped[float | None] = mapped_column(default=None)
+    """Discharge pressure [Pa]."""
+    label: Mapped[str | None] = mapped_column(default=None)
+    """Class of the model's verdict: the likeliest, or ``normal`` and ``abnormal`` of a detector."""
+    probability: Mapped[float | None] = mapped_column(default=None)
+    """Its probability; of a detector the p-value."""
+    confidence: Mapped[float | None] = mapped_column(default=None)
+    """Share of the windows that say the same."""
+    ood_p: Mapped[float | None] = mapped_column(default=None)
+    """p-value of the recording among those of the training."""
+    model: Mapped[str | None] = mapped_column(default=None)
+    """Fingerprint of the model."""
+    alarm_p: Mapped[float | None] = mapped_column(default=None)
+    """p-value against the machine's own healthy baseline."""
+    capital: Mapped[float | None] = mapped_column(default=None)
+    """Evidence of the sequential test after this recording."""
+    reasons: Mapped[dict[str, Any]] = mapped_column(default_factory=dict)
+    """Further evidence, as JSON can hold it."""
+    waveform: Mapped[str | None] = mapped_column(default=None)
+    """Path of its samples below the folder of waveforms, or None where none are kept."""
+    retention: Mapped[str | None] = mapped_column(default=None)
+    """Why they are kept: ``alarm``, ``day``, ``last``."""
+
+    __table_args__ = (UniqueConstraint("machine", "content"), Index("recordings_by_time", "machine", "time"))
+
+
+_KEPT = Judgment.__table__.c.waveform.is_not(None)
+Index(
+    "recordings_by_retention", Judgment.machine, Judgment.retention, Judgment.time,
+    sqlite_where=_KEPT, postgresql_where=_KEPT,
+)  # fmt: skip
+
+
+class Tally(Row, kw_only=True):
+    """Recordings by machine and state, so that nobody counts millions of rows."""
+
+    __tablename__ = "tallies"
+    machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
+    state: Mapped[str] = mapped_column(primary_key=True)
+    recordings: Mapped[int] = mapped_column(default=0)
+
+
+class Layout(Row, kw_only=True):
+    """Names of indicators, once for all recordings that have the same."""
+
+    __tablename__ = "layouts"
+    id: Mapped[int] = _id()
+    machine: Mapped[str] = _machine()
+    digest: Mapped[str]
+    names: Mapped[list[list[str]]]
+    """Channel and name of each."""
+
+    __table_args__ = (UniqueConstraint("machine", "digest"),)
+
+
+class Indicators(Row, kw_only=True):
+    """Indicators of a recording, packed: a tenth of the space of a row each."""
+
+    __tablename__ = "indicators"
+    recording: Mapped[int] = mapped_column(ForeignKey("recordings.id"), primary_key=True)
+    layout: Mapped[int] = mapped_column(ForeignKey("layouts.id"))
+    values: Mapped[bytes]
+    """float32, little-endian, in the order of the layout."""
+
+
+class Point(Row, kw_only=True):
+    """An operating point of a machine, with the small state of its test."""
+
+    __tablename__ = "points"
+    machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
+    name: Mapped[str] = mapped_column(primary_key=True)
+    """Unique within the machine."""
+    speed: Mapped[float | None] = mapped_column(default=None)
+    """Angular speed of the shaft [rad/s]."""
+    pressure: Mapped[float | None] = mapped_column(default=None)
+    """Discharge pressure [Pa]."""
+    test: Mapped[dict[str, Any] | None] = mapped_column(default=None)
+    """What changes with each recording: the state of the test."""
+
+
+class Baseline(Row, kw_only=True):
+    """Learned levels of an operating point, apart because they are large and change rarely."""
+
+    __tablename__ = "baselines"
+    machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
+    point: Mapped[str] = mapped_column(primary_key=True)
+    baseline: Mapped[dict[str, Any]]
+
+
+class Alarm(Row, kw_only=True):
+    """An alarm of a machine."""
+
+    __tablename__ = "alarms"
+    id: Mapped[int] = _id()
+    """Number in the history."""
+    machine: Mapped[str] = _machine()
+    """Name of its machine."""
+    point: Mapped[str | None]
+    """Operating point."""
+    kind: Mapped[str]
+    """``pump`` or ``sensor``."""
+    state: Mapped[str] = mapped_column(default="open")
+    """``open``, ``acknowledged`` or ``closed``."""
+    opened: Mapped[datetime]
+    """Time of the recording that raised it."""
+    evidence: Mapped[dict[str, Any]]
+    """Why, as JSON can hold it."""
+    recording: Mapped[int | None]
+    """Recording that raised it."""
+    cleared: Mapped[datetime | None] = mapped_column(default=None)
+    """Since when its cause is gone, or None."""
+    who: Mapped[str | None] = mapped_column(default=None)
+    """Who acknowledged it."""
+    acknowledged: Mapped[datetime | None] = mapped_column(default=None)
+    """When it was acknowledged."""
+    note: Mapped[str] = mapped_column(default="")
+    """What that person noted."""
+    closed: Mapped[datetime | None] = mapped_column(default=None)
+    """When it was both acknowledged and cleared."""
+
+
+_NOT_CLOSED = Alarm.__table__.c.closed.is_(None)
+Index("alarms_not_closed", Alarm.machine, sqlite_where=_NOT_CLOSED, postgresql_where=_NOT_CLOSED)
+
+
+class Silence(Row, kw_only=True):
+    """A time in which a machine sends no messages."""
+
+    __tablename__ = "silences"
+    id: Mapped[int] = _id()
+    """Number in the history."""
+    machine: Mapped[str] = _machine(index=True)
+    """Name of its machine."""
+    since: Mapped[datetime]
+    """When it began."""
+    until: Mapped[datetime]
+    """When it ends, or ended."""
+    who: Mapped[str]
+    """Who asked for it."""
+    note: Mapped[str]
+    """Why."""
+
+
+class Event(Row, kw_only=True):
+    """What happened to a machine, as a person said it."""
+
+    __tablename__ = "events"
+    id: Mapped[int] = _id()
+    """Number in the history."""
+    machine: Mapped[str] = _machine(index=True)
+    """Name of its machine."""
+    time: Mapped[datetime]
+    """When it happened."""
+    kind: Mapped[str]
+    """``maintenance``, ``note`` or another word."""
+    who: Mapped[str]
+    """Who said so."""
+    note: Mapped[str]
+    """What happened."""
+
+
+class Rejection(Row, kw_only=True):
+    """A delivery that became no recording."""
+
+    __tablename__ = "rejections"
+    id: Mapped[int] = _id()
+    """Number in the history."""
+    received: Mapped[datetime]
+    """When it was delivered last."""
+    source: Mapped[str]
+    """Name of the source."""
+    file: Mapped[str]
+    """Name of the file as delivered."""
+    machine: Mapped[str]
+    """Machine as stated; empty where none was."""
+    content: Mapped[str]
+    """SHA-256 of the bytes that were delivered."""
+    reason: Mapped[str]
+    """One word: ``late``, ``double``, ``broken``, ``rate``, ``channels``, ``machine``, ..."""
+    detail: Mapped[str]
+    """One line for a person."""
+    copy: Mapped[str | None] = mapped_column(default=None)
+    """Name of the file among the rejected ones, where it was kept."""
+    times: Mapped[int] = mapped_column(default=1)
+    """How often it was delivered."""
+
+    __table_args__ = (UniqueConstraint("content", "machine", "reason"),)
+
+
+class Message(Row, kw_only=True):
+    """A message that waits to be sent, or was sent."""
+
+    __tablename__ = "outbox"
+    id: Mapped[int] = _id()
+    """Number in the history."""
+    machine: Mapped[str] = _machine()
+    """Name of its machine."""
+    alarm: Mapped[int | None]
+    """Alarm that it is about."""
+    channel: Mapped[str]
+    """Name of the channel."""
+    body: Mapped[dict[str, Any]]
+    """What to send."""
+    created: Mapped[datetime]
+    """When it was posted."""
+    due: Mapped[datetime]
+    """When it is sent at the earliest."""
+    attempts: Mapped[int] = mapped_column(default=0)
+    """How often it was claimed."""
+    error: Mapped[str | None] = mapped_column(default=None)
+    """Why the last attempt failed."""
+    sent: Mapped[datetime | None] = mapped_column(default=None)
+    """When it was sent."""
+
+
+_NOT_SENT = Message.__table__.c.sent.is_(None)
+Index("outbox_waiting", Message.id, sqlite_where=_NOT_SENT, postgresql_where=_NOT_SENT)

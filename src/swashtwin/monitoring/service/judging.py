@@ -1,0 +1,405 @@
+"""From a file in the spool to its verdict in the history, in one transaction."""
+
+import logging
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swashtwin.foundation import DataError, InputError, SwashTwinError, sha256_of
+from swashtwin.monitoring.alarms import (
+    AlarmMessage,
+    Change,
+    OperatingPoint,
+    PointJudgment,
+    PointMonitor,
+    PointState,
+    choose_point,
+)
+from swashtwin.monitoring.config import Machine, WatchConfig
+from swashtwin.monitoring.history import History, HistoryError, Judgment, MachineTransaction, Rejection
+from swashtwin.monitoring.sources import Contents, SpoolFile, Tags, UnfitError, read_contents, safe_name
+from swashtwin.recordings import Recording
+
+if TYPE_CHECKING:
+    from swashtwin.diagnosis import AnomalyDetector
+    from swashtwin.learning import FittedClassifier
+
+_LATE = timedelta(minutes=5)
+"""How much older than the machine's newest recording one may be: sources deliver side by side."""
+_MOST_POINTS = 200
+"""Operating points of a machine: more come of a speed or a pressure that does not stand still."""
+_MOST_REJECTED, _MOST_REJECTED_BYTES = 1000, 1 << 30
+"""Rejected files that are kept, and bytes of them."""
+_DIGITS = 16
+"""Hexadecimal digits of a model's fingerprint."""
+_log = logging.getLogger("swashtwin.watch")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a recording."""
+
+    machine: str
+    """Machine that it was stated to be of; empty where none was."""
+    file: str
+    """Name of its file."""
+    state: str
+    """``learning``, ``normal``, ``unusual``, ``alarm``, ``sensor``, or ``rejected``."""
+    sentence: str
+    """The same for a person, in one line."""
+    has_failed: bool = False
+    """Whether an error of ours stopped it."""
+
+
+class Pipeline:
+    """Judges one recording after the other."""
+
+    def __init__(self, config: WatchConfig, history: History) -> None:
+        self._config = config
+        self._history = history
+        self._models = Models()
+        self._rejected = RejectedFiles(config.folder / "rejected")
+        self._tags = {machine.name: Tags(machine.tags) for machine in config.machines if machine.tags is not None}
+
+    def load_models(self) -> list[str]:
+        """Load the models of all machines; what is wrong with them, one line each."""
+        return [problem for machine in self._config.machines if (problem := self._models.problem(machine))]
+
+    def judge(self, file: SpoolFile) -> Outcome:
+        """What became of a recording, which is now in the history as judged or as rejected.
+
+        Raises
+        ------
+        HistoryError, OSError
+            The database is not reached or the disk is full: to be tried again.
+        """
+        try:
+            machine = self._machine(file)
+            contents = read_contents(file, machine, self._tags.get(machine.name))
+            verdict = self._models.diagnose(machine, contents.recording)
+            with self._history.machine(machine.name) as transaction:
+                stored = transaction.recording_of(contents.digest)
+                if stored is None:
+                    return self._file(transaction, file, contents, verdict)
+            delivery = file.delivery
+            if (stored.source, stored.received) == (delivery.source, delivery.received):
+                # a kill came between the verdict and the removal from the spool
+                return Outcome(machine.name, delivery.file, stored.state, "was judged before the restart")
+            raise UnfitError("double", f"it holds what recording {stored.id} holds.")
+        except UnfitError as cause:
+            return self._reject(file, cause.reason, str(cause))
+        except (HistoryError, OSError):
+            raise
+        except Exception as cause:  # nothing in a recording may stop the watch
+            _log.exception("judging %s of %s failed", file.delivery.file, file.delivery.machine)
+            reason = f"an error of swashtwin ({type(cause).__name__}: {cause}); please report it"
+            return self._reject(file, "error", reason)
+
+    def _machine(self, file: SpoolFile) -> Machine:
+        name = file.delivery.machine
+        if name is None and len(self._config.machines) == 1:
+            return self._config.machines[0]
+        machine = None if name is None else self._config.machine(name)
+        if machine is None:
+            stated = (
+                "states no machine" if name is None else f"is of {name!r}, which is no machine of the configuration"
+            )
+            raise UnfitError("machine", f"it {stated}; there are {_listed(self._config)}.")
+        return machine
+
+    def _file(
+        self, transaction: MachineTransaction, file: SpoolFile, contents: Contents, verdict: dict[str, Any]
+    ) -> Outcome:
+        """File a recording that the history does not have: its judgment, the state of its point, alarms, messages."""
+        recording, delivery = contents.recording, file.delivery
+        newest = transaction.newest()
+        if newest is not None and newest <= delivery.received and contents.time < newest - _LATE:
+            raise UnfitError(
+                "late",
+                f"it is of {contents.time:%Y-%m-%d %H:%M:%S}, and {newest:%Y-%m-%d %H:%M:%S} was judged already.",
+            )
+        point = _bounded_point(recording, transaction)
+        stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
+        state = PointState(baseline, stored.test) if stored and stored.test and baseline is not None else None
+        settings = self._config.alarms
+        monitor = PointMonitor(transaction.name, false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
+        try:
+            found = monitor.judge(recording, state, point=point.name)
+        except DataError as cause:
+            raise UnfitError("unfit", str(cause)) from cause
+        stated = OperatingPoint.of(recording)
+        answer = verdict.pop("answer", None) or {}
+        judgment = Judgment(
+            content=contents.digest,
+            time=contents.time,
+            received=delivery.received,
+            source=delivery.source,
+            file=delivery.file,
+            channels=list(recording.channels),
+            unit=recording.unit,
+            sample_rate=recording.sample_rate,
+            duration=recording.duration,
+            point=point.name,
+            speed=stated.speed,
+            pressure=stated.pressure,
+            state=_state(found),
+            alarm_p=found.p_value,
+            capital=found.capital,
+            reasons={
+                "sentences": list(found.reasons),
+                "notes": [*contents.notes, *found.notes],
+                "findings": [finding.to_dict() for finding in found.findings],
+                "moved": [change.to_dict() for change in found.moved],
+                "score": found.score,
+                "learned": found.learned,
+                "learning": settings.learning,
+                "verdict": answer,
+                "probabilities": answer.get("probabilities", {}),
+                "is_unknown": bool((answer.get("trust") or {}).get("unknown")),
+                "no_verdict": verdict.pop("no_verdict", None),
+            },
+            **verdict,
+        )
+        path = self._history.waveforms.write(transaction.name, contents.time, contents.digest, recording)
+        number = transaction.add_recording(judgment, found.levels, path)
+        is_unchanged = state is not None and found.state.baseline is state.baseline
+        transaction.save_point(
+            point.name,
+            speed=point.speed,
+            pressure=point.pressure,
+            baseline=None if is_unchanged else found.state.baseline,
+            test=found.state.test,
+        )
+        for kind, change in (("pump", found.pump), ("sensor", found.sensor)):
+            if change is not None:
+                self._change_alarm(transaction, kind, change, judgment, found, number)
+        self._tell_after_silence(transaction, judgment)
+        return Outcome(transaction.name, delivery.file, judgment.state, _sentence(found, judgment, self._config))
+
+    def _change_alarm(
+        self,
+        transaction: MachineTransaction,
+        kind: str,
+        change: Change,
+        judgment: Judgment,
+        found: PointJudgment,
+        recording: int,
+    ) -> None:
+        """Open, raise again or clear an alarm, and post the messages about it."""
+        alarms = [alarm for alarm in transaction.alarms() if (alarm.kind, alarm.point) == (kind, judgment.point)]
+        number = alarms[-1].id if alarms else None
+        if change == "raised":
+            event = "opened"
+            if number is None:
+                number = transaction.open_alarm(kind, judgment.point, judgment.time, found.to_dict(), recording)
+            else:
+                transaction.raise_alarm(number)
+        elif number is None:
+            return
+        else:
+            event = "closed" if alarms[-1].state == "acknowledged" else "cleared"
+            transaction.clear_alarm(number, judgment.time)
+        if not transaction.silenced(judgment.received):
+            self._post(transaction, kind, event, number, judgment.point, judgment, found.reasons)
+
+    def _tell_after_silence(self, transaction: MachineTransaction, judgment: Judgment) -> None:
+        """Post the alarms that were raised in a silence and still stand after it."""
+        untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
+        if untold and not transaction.silenced(judgment.received):
+            for alarm in untold:
+                reasons = tuple(alarm.evidence.get("reasons", ()))
+                self._post(transaction, alarm.kind, "opened", alarm.id, alarm.point, judgment, reasons)
+
+    def _post(
+        self,
+        transaction: MachineTransaction,
+        kind: str,
+        event: str,
+        number: int,
+        point: str | None,
+        judgment: Judgment,
+        reasons: tuple[str, ...],
+    ) -> None:
+        message = AlarmMessage(
+            machine=transaction.name,
+            point=point or "any",
+            kind=kind,
+            event=event,
+            time=judgment.time.isoformat(),
+            identity=f"alarm-{number}-{event}-{judgment.content[:16]}",
+            reasons=reasons,
+            link=f"{self._config.page.address}/alarms/{number}",
+        )
+        for channel in self._config.channels:
+            transaction.post(channel.name, asdict(message), number)
+
+    def _reject(self, file: SpoolFile, reason: str, detail: str) -> Outcome:
+        delivery = file.delivery
+        rejection = Rejection(
+            received=delivery.received,
+            source=delivery.source,
+            file=delivery.file,
+            machine=delivery.machine or "",
+            content=sha256_of(file.path),
+            reason=reason,
+            detail=detail,
+            copy=None if reason == "double" else self._rejected.keep(file),
+        )
+        self._history.reject(rejection)
+        sentence = f"filed as {reason}: {detail}"
+        return Outcome(delivery.machine or "", delivery.file, "rejected", sentence, reason == "error")
+
+
+def record_event(config: WatchConfig, history: History, machine: str, *, who: str, note: str, maintenance: bool) -> int:
+    """Number of the event. After maintenance all baselines of the machine are learned anew, and its alarms are closed.
+
+    Raises
+    ------
+    InputError
+        The configuration has no such machine.
+    """
+    if config.machine(machine) is None:
+        raise InputError(f"{config.path} has no machine {machine!r}; there are {_listed(config)}.")
+    with history.machine(machine) as transaction:
+        number = transaction.add_event("maintenance" if maintenance else "note", who, note)
+        if maintenance:
+            transaction.forget_points()
+            for alarm in transaction.alarms():
+                if alarm.state == "open":
+                    transaction.acknowledge(alarm.id, who, note)
+                transaction.clear_alarm(alarm.id, datetime.now(UTC))
+    return number
+
+
+class Models:
+    """Models of machines by path, each loaded when it is first needed."""
+
+    def __init__(self) -> None:
+        self._models: dict[Path, tuple[FittedClassifier | AnomalyDetector, str] | str] = {}
+
+    def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
+        """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
+
+        Empty where the machine has no model.
+        """
+        model = None if machine.model is None else self._model(machine.model)
+        if model is None or isinstance(model, str):
+            return {"no_verdict": model}
+        loaded, fingerprint = model
+        try:
+            return {"model": fingerprint, **_verdict(loaded, recording)}
+        except SwashTwinError as cause:
+            return {"model": fingerprint, "no_verdict": str(cause)}
+
+    def problem(self, machine: Machine) -> str | None:
+        """Why the machine's model cannot be used; None where it can, or there is none."""
+        model = None if machine.model is None else self._model(machine.model)
+        return f"model of {machine.name}: {model}" if isinstance(model, str) else None
+
+    def _model(self, path: Path) -> "tuple[FittedClassifier | AnomalyDetector, str] | str":
+        if path not in self._models:
+            from swashtwin.diagnosis import load_model
+
+            try:
+                self._models[path] = load_model(path), sha256_of(path)[:_DIGITS]
+            except (SwashTwinError, OSError) as cause:
+                self._models[path] = str(cause)
+        return self._models[path]
+
+
+def _verdict(model: "FittedClassifier | AnomalyDetector", recording: Recording) -> dict[str, Any]:
+    from swashtwin.diagnosis import AnomalyDetector, diagnose
+
+    if isinstance(model, AnomalyDetector):
+        verdict = model.diagnose(recording)
+        if verdict.alarm is None:
+            return {"answer": verdict.to_dict(), "no_verdict": verdict.no_verdict}
+        label = "abnormal" if verdict.alarm else "normal"
+        return {"answer": verdict.to_dict(), "label": label, "probability": verdict.p_value}
+    diagnosis = diagnose(model, recording)
+    answer = diagnosis.to_dict()
+    if diagnosis.label is None:
+        return {"answer": answer, "no_verdict": diagnosis.no_verdict}
+    answer.pop("window_labels")
+    return {
+        "answer": answer,
+        "label": diagnosis.label,
+        "probability": diagnosis.probabilities[diagnosis.label],
+        "confidence": diagnosis.agreement,
+        "ood_p": None if diagnosis.trust is None else diagnosis.trust.ood_p_value,
+    }
+
+
+class RejectedFiles:
+    """Files that could not be judged, to be looked at and repaired; the oldest go when there are too many."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        self._sizes = {path: path.stat().st_size for path in files}
+
+    def keep(self, file: SpoolFile) -> str | None:
+        """Name of a copy of a file in the spool; None where the disk has no space for it."""
+        path = self._folder / f"{file.key}-{safe_name(file.delivery.file)}"
+        try:
+            if not path.exists():
+                try:
+                    os.link(file.path, path)
+                except OSError:  # a file system without links
+                    shutil.copyfile(file.path, path)
+            self._sizes[path] = path.stat().st_size
+        except OSError:
+            return None
+        while len(self._sizes) > _MOST_REJECTED or sum(self._sizes.values()) > _MOST_REJECTED_BYTES:
+            oldest = next(iter(self._sizes))
+            with suppress(OSError):
+                oldest.unlink()
+            del self._sizes[oldest]
+        return path.name if path in self._sizes else None
+
+
+def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:
+    """The operating point of a recording, one of the machine's or a new one, if there may be another."""
+    points = transaction.points()
+    point = choose_point(recording, points)
+    if len(points) >= _MOST_POINTS and all(stored.name != point.name for stored in points):
+        raise UnfitError(
+            "points",
+            f"{point.name} would be a new operating point, and {transaction.name} has {len(points)} already, which is "
+            "the most; record it at fewer speeds and pressures, then note a maintenance, which forgets all points.",
+        )
+    return point
+
+
+def _listed(config: WatchConfig) -> str:
+    return ", ".join(machine.name for machine in config.machines[:20])
+
+
+def _state(found: PointJudgment) -> str:
+    if found.stage == "sensor":
+        return "sensor"
+    if found.is_alarm:
+        return "alarm"
+    if found.stage == "learning":
+        return "learning"
+    return "unusual" if found.is_large else "normal"
+
+
+def _sentence(found: PointJudgment, judgment: Judgment, config: WatchConfig) -> str:
+    words = [judgment.state]
+    if judgment.state == "learning":
+        words = [f"learning {found.learned}/{config.alarms.learning}"]
+    elif found.capital is not None:
+        words.append(f"evidence {found.capital:.3g} of {1 / config.alarms.false_alarm_rate:.3g}")
+    if judgment.label is not None:
+        words.append(f"{judgment.label} {judgment.probability:.2f}")
+    changes = (("pump", found.pump), ("sensor", found.sensor))
+    words += [f"{kind} alarm {change}" for kind, change in changes if change is not None]
+    if judgment.state in ("alarm", "unusual", "sensor"):
+        words += found.reasons[:2]
+    return "; ".join(words)

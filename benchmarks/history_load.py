@@ -72,7 +72,7 @@ def file_recordings(url: str, folder: Path, machines: range, first: int, count: 
         started = time.perf_counter()
         path = history.waveforms.write(name, facts.time, facts.content, recording) if waveforms else None
         with history.machine(name) as transaction:
-            transaction.recording_id(facts.content)
+            transaction.recording_of(facts.content)
             transaction.newest()
             transaction.point("1500 rpm, 15 MPa")
             transaction.alarms()

@@ -202,7 +202,7 @@ def settle(history: Any, names: list[str], events: Counter[str], seconds: float 
     end = time.monotonic() + seconds
     missing: set[str] = set(names)
     while missing and time.monotonic() < end:
-        counts = Counter(item.judgment.file for item in history.read.recordings(limit=1_000_000))
+        counts = Counter(item.file for item in history.read.recordings(limit=1_000_000))
         missing = set(names) - counts.keys()
         time.sleep(0.5)
     rejections = Counter(item.reason for item in history.read.rejections(limit=10_000))
@@ -213,7 +213,7 @@ def settle(history: Any, names: list[str], events: Counter[str], seconds: float 
         "lost_count": len(missing),
         "twice": sum(count - 1 for count in counts.values()),
         "rejections": dict(rejections),
-        "states": dict(Counter(item.judgment.state for item in history.read.recordings(limit=1_000_000))),
+        "states": dict(Counter(item.state for item in history.read.recordings(limit=1_000_000))),
     }
 
 

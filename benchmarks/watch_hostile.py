@@ -205,7 +205,7 @@ def attack(folder: Path, count: int, seed: int) -> dict[str, Any]:
     names: set[str] = set()
     end = time.monotonic() + 600
     while not {"sound-file.wav", "message.f32"} <= names and time.monotonic() < end:
-        names = {item.judgment.file for item in history.read.recordings("pump-2", limit=1000)}
+        names = {item.file for item in history.read.recordings("pump-2", limit=1000)}
         time.sleep(0.5)
     stop.set()
     for thread in threads:
@@ -226,7 +226,7 @@ def attack(folder: Path, count: int, seed: int) -> dict[str, Any]:
         "errors": sorted({item.detail for item in history.read.rejections(limit=100_000) if item.reason == "error"})[
             :9
         ],
-        "judged": dict(Counter(item.judgment.state for item in history.read.recordings(limit=100_000))),
+        "judged": dict(Counter(item.state for item in history.read.recordings(limit=100_000))),
         "usage": watch.usage(),
     }
     history.close()

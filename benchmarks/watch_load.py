@@ -41,7 +41,7 @@ def latency(folder: Path, count: int = 40) -> dict[str, Any]:
     history, times = open_history(watch.config), []
     for number in range(count):
         closed = deliver(folder / "incoming" / "pump-1" / f"{number:05}.wav", wav(samples(number)))
-        while not (newest := history.read.recordings(limit=1)) or newest[0].judgment.file != f"{number:05}.wav":
+        while not (newest := history.read.recordings(limit=1)) or newest[0].file != f"{number:05}.wav":
             if time.time() - closed > _WAIT:
                 raise RuntimeError("no verdict")
             time.sleep(0.01)

@@ -142,7 +142,7 @@ def open_history(config: Path) -> Any:
     from swashtwin.monitoring import History, load_watch_config
 
     watch = load_watch_config(config)
-    return History.open(watch.history.reveal(), watch.folder)
+    return History.open(watch.history_url, watch.folder)
 
 
 class Broker:

@@ -1,6 +1,7 @@
 """Alarm conditions: raised by persistence with evidence, cleared after quiet recordings, the same after a restart."""
 
 import json
+from dataclasses import asdict
 
 from hypothesis import given
 from hypothesis import strategies as some
@@ -54,7 +55,7 @@ def test_a_condition_survives_a_restart_at_every_recording(course: list[tuple[bo
     condition = other = Condition()
     for is_large, is_proven in course:
         condition, change = condition.after(is_large, is_proven=is_proven)
-        other = Condition.from_dict(json.loads(json.dumps(other.to_dict())))
+        other = Condition(**json.loads(json.dumps(asdict(other))))
         assert other.after(is_large, is_proven=is_proven) == (condition, change)
         other = condition
 

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi import FastAPI
+from judgments import rejection
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import MPa, rpm
 from swashtwin.monitoring.alarms import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.config import WatchConfig, load_watch_config
-from swashtwin.monitoring.history import Estimate, History, Judgment, Rejection
+from swashtwin.monitoring.history import History, Judgment
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.service import SourceStatus, WatchStatus
 from swashtwin.pump import OperatingCondition
@@ -84,7 +85,7 @@ class Plant:
                 received=time + timedelta(seconds=1),
                 source="http",
                 file=f"{name}-{index}.h5".replace("/", "-"),
-                channels=recording.channels,
+                channels=list(recording.channels),
                 unit=recording.unit,
                 sample_rate=recording.sample_rate,
                 duration=2.0,
@@ -104,7 +105,8 @@ class Plant:
                     "findings": [finding.to_dict() for finding in point_judgment.findings],
                     "moved": [change.to_dict() for change in point_judgment.moved],
                     "learned": point_judgment.learned,
-                    "verdict": {"probabilities": shares, "trust": {"unknown": False}},
+                    "probabilities": shares,
+                    "is_unknown": False,
                 },
             )
             identity = machine.add_recording(judgment, point_judgment.levels, waveform)
@@ -154,11 +156,9 @@ def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plant.add("presse-4", 16, flat_from=13)
     with history.machine("pump-2") as machine:
         machine.add_event("note", "Ada", "Oil changed <b>twice</b>", NOW - timedelta(days=3))
-        for days, value in ((9, 1.1e8), (4, 1.2e8)):
-            estimate = Estimate("K_v", value, 0.9 * value, 1.1 * value, "N/m")
-            machine.add_recalibration(NOW - timedelta(days=days), (estimate,))
+    detail = "no machine is called pump-9"
     history.reject(
-        Rejection(NOW, "http", "x<script>.csv", "pump-9", "0" * 64, "machine", "no machine is called pump-9")
+        rejection("x<script>.csv", "0" * 64, received=NOW, machine="pump-9", reason="machine", detail=detail)
     )
     history.close()
     return folder

@@ -6,20 +6,22 @@ import os
 import stat
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
+from starlette.requests import HTTPConnection
 from starlette.testclient import TestClient
-from swashtwin.monitoring.page.security.throttle import FREE_ATTEMPTS, Throttle
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.monitoring.config import PageSettings
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.routes import live
 from swashtwin.monitoring.page.security import access as access_module
-from swashtwin.monitoring.page.security.access import COOKIE, is_loopback, required_users
+from swashtwin.monitoring.page.security.access import COOKIE, FREE_ATTEMPTS, Access, Throttle
 from swashtwin.monitoring.page.security.users import UserFile, add_token, add_user, remove_entry
+from swashtwin.monitoring.page.site import local_path
 
 PASSWORD = "correct horse battery"
 HOST = "http://127.0.0.1:8642"
@@ -48,6 +50,11 @@ def form_token(client: TestClient, address: str = "/login") -> str:
     return text.split('name="form_token" value="')[1].split('"')[0]
 
 
+def named(file: UserFile, token: str) -> str | None:
+    program = file.program(token)
+    return None if program is None else program.name
+
+
 def log_in(client: TestClient, password: str = PASSWORD, name: str = "ada"):
     return client.post("/login", data={"name": name, "password": password, "form_token": form_token(client)})
 
@@ -59,7 +66,7 @@ def test_the_file_of_users_holds_no_password_and_only_its_owner_reads_it(users: 
     assert token not in text
     assert "$argon2id$" in text
     assert stat.S_IMODE(users.stat().st_mode) == 0o600
-    assert list(users.parent.glob(".users*")) == []
+    assert list(users.parent.glob(".users.json-*")) == []
 
 
 def test_a_password_and_a_token_are_known_again_and_no_other_is(users: Path) -> None:
@@ -68,17 +75,17 @@ def test_a_password_and_a_token_are_known_again_and_no_other_is(users: Path) -> 
     assert file.checked_mark("ada", PASSWORD) == file.mark("ada")
     assert file.checked_mark("ada", PASSWORD + "!") is None
     assert file.checked_mark("bob", PASSWORD) is file.mark("bob") is None
-    assert file.token_name(token, control=False) == "grafana"
-    assert file.token_name(token[:-1], control=False) is None
-    assert file.token_name("\udcff", control=False) is None
+    assert named(file, token) == "grafana"
+    assert named(file, token[:-1]) is None
+    assert named(file, "\udcff") is None
 
 
 def test_an_entry_that_is_removed_is_refused_at_once(users: Path) -> None:
     token = add_token(users, "grafana")
     file = UserFile(users)
-    assert file.token_name(token, control=False)
+    assert named(file, token)
     remove_entry(users, "grafana")
-    assert file.token_name(token, control=False) is None
+    assert named(file, token) is None
     with pytest.raises(InputError, match="no user and no token called 'grafana'"):
         remove_entry(users, "grafana")
 
@@ -94,7 +101,7 @@ def test_a_short_password_is_refused(tmp_path: Path) -> None:
         add_user(tmp_path / "users.json", "ada", "short")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"form": "swashtwin-page-users-1", "users": [], "tokens": {}}'])
+@pytest.mark.parametrize("text", ["", "{}", '[{"name": "ada"}]', '[{"name": "ada", "kind": "root", "hash": ""}]'])
 def test_a_damaged_file_of_users_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "users.json"
     path.write_text(text)
@@ -105,19 +112,19 @@ def test_a_damaged_file_of_users_is_refused_in_one_line(tmp_path: Path, text: st
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "plant.example"])
 def test_beyond_this_computer_the_page_needs_users(host: str, users: Path) -> None:
     with pytest.raises(InputError, match="the page needs users"):
-        required_users(host, (None, None))
-    assert len(required_users(host, (users, users))) == 1
+        Access(PageSettings(host=host))
+    assert Access(PageSettings(host=host, users=users)).users is not None
 
 
 def test_a_file_that_names_nobody_is_refused(users: Path) -> None:
     remove_entry(users, "ada")
     with pytest.raises(InputError, match="names no user and no token"):
-        required_users("127.0.0.1", (users,))
+        Access(PageSettings(users=users))
 
 
 def test_loopback_is_told_from_other_addresses() -> None:
-    assert all(map(is_loopback, ("127.0.0.1", "127.8.8.8", "::1", "localhost")))
-    assert not any(map(is_loopback, ("0.0.0.0", "::", "10.0.0.1", "localhost.evil.example")))
+    assert all(PageSettings(host=host).is_local for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost"))
+    assert not any(PageSettings(host=host).is_local for host in ("0.0.0.0", "::", "10.0.0.1", "localhost.evil.example"))
 
 
 @pytest.mark.parametrize("address", PAGES)
@@ -247,8 +254,8 @@ def test_a_program_with_a_token_reads_and_changes_nothing(guarded: TestClient, u
 def test_a_program_has_one_token(users: Path) -> None:
     first, second = add_token(users, "scada", control=True), add_token(users, "scada")
     file = UserFile(users)
-    assert file.token_name(first, control=True) is None
-    assert file.token_name(second, control=False) == "scada"
+    assert named(file, first) is None
+    assert named(file, second) == "scada"
 
 
 def test_a_program_with_control_reads_and_acknowledges(guarded: TestClient, users: Path, plant) -> None:
@@ -306,32 +313,44 @@ def test_only_the_proxys_word_on_an_address_is_taken(guarded: TestClient) -> Non
     assert answer.status_code == 429
 
 
-def test_a_stranger_chooses_the_language_of_the_login(guarded: TestClient) -> None:
-    data = {"form_token": form_token(guarded), "code": "de", "next": "/login"}
-    assert guarded.post("/language", data=data).status_code == 303
-    assert "Anmelden" in guarded.get("/login").text
-
-
 def test_the_wait_doubles_and_ends() -> None:
     now = [0.0]
     throttle = Throttle(clock=lambda: now[0])
-    for _ in range(FREE_ATTEMPTS):
-        throttle.fail("a")
-    first = throttle.wait("a")
-    throttle.fail("a")
+    assert [throttle.attempt("a") for _ in range(FREE_ATTEMPTS)] == [0] * FREE_ATTEMPTS
+    first = throttle.attempt("a")
+    assert first > 0
+    now[0] += first
+    assert throttle.attempt("a") == 0
     assert throttle.wait("a") == 2 * first
     assert throttle.wait("b") == 0
     now[0] += 2 * first
     assert throttle.wait("a", "b") == 0
     throttle.succeed("a")
-    throttle.fail("a")
-    assert throttle.wait("a") == 0
+    assert throttle.attempt("a") == throttle.wait("a") == 0
+
+
+def test_guesses_at_the_same_time_pass_the_limit_no_more_than_one_after_the_other(
+    users: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    access = Access(PageSettings(users=users))
+    checked: list[str] = []
+    monkeypatch.setattr(UserFile, "checked_mark", lambda _, name, password: checked.append(password))
+    request = HTTPConnection({"type": "http", "headers": [], "client": ("192.0.2.66", 5000)})
+    with ThreadPoolExecutor(20) as pool:
+        list(pool.map(lambda number: access.login(request, "ada", f"guess {number}"), range(41)))
+    assert len(checked) == FREE_ATTEMPTS
+
+
+def test_commands_at_the_same_time_lose_no_entry(users: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        tokens = list(pool.map(lambda number: add_token(users, f"program-{number}"), range(16)))
+    assert [named(UserFile(users), token) for token in tokens] == [f"program-{number}" for number in range(16)]
 
 
 def test_the_throttle_forgets_the_oldest_of_many_names() -> None:
     throttle = Throttle()
     for index in range(10_100):
-        throttle.fail(str(index))
+        throttle.attempt(str(index))
     assert len(throttle._failures) == 10_000
 
 
@@ -400,8 +419,9 @@ def test_no_page_has_a_script_or_style_in_its_text(reader: TestClient, address: 
 
 @pytest.mark.parametrize("target", ["//evil.example", "https://evil.example", "/\\evil.example", "/a\nb", "evil"])
 def test_no_form_leads_to_another_site(reader: TestClient, target: str) -> None:
-    data = {"form_token": form_token(reader), "code": "de", "next": target}
-    assert reader.post("/language", data=data).headers["location"] == "/"
+    text = reader.get("/login", params={"next": target}).text
+    assert 'name="next" value="/"' in text
+    assert local_path(target) == "/"
 
 
 def test_large_bodies_are_refused_with_and_without_their_length(reader: TestClient) -> None:
@@ -409,10 +429,10 @@ def test_large_bodies_are_refused_with_and_without_their_length(reader: TestClie
         for _ in range(70):
             yield b"x" * 1024
 
-    assert reader.post("/language", content=b"x" * 70_000).status_code == 413
+    assert reader.post("/login", content=b"x" * 70_000).status_code == 413
     kind = {"content-type": "application/x-www-form-urlencoded"}
-    assert reader.post("/language", content=pieces(), headers=kind).status_code in (400, 413)
-    assert reader.post("/language", headers={"content-length": "-1"}).status_code == 400
+    assert reader.post("/login", content=pieces(), headers=kind).status_code in (400, 413)
+    assert reader.post("/login", headers={"content-length": "-1"}).status_code == 400
     assert reader.post("/api/recordings", headers={"content-length": str(10**11)}).status_code == 413
 
 

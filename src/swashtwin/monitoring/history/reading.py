@@ -268,7 +268,7 @@ class Reads:
             )
 
 
-def _pairs(session: Session, query: Select[Any]) -> dict[str, Any]:
+def _pairs(session: Session, query: Any) -> dict[str, Any]:
     return {row[0]: row[1] for row in session.execute(query)}
 
 

@@ -191,6 +191,7 @@ RUN = {
 """Command lines of each page that are run."""
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("document", RUN)
 def test_the_commands_of_a_page_run_in_their_order(
     document: str, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

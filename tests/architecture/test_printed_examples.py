@@ -14,6 +14,8 @@ from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
 from swashtwin.synthesis.registry import FILLERS
 
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).parents[2]
 
 

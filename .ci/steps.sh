@@ -1,0 +1,33 @@
+# What .ci/run and .ci/nightly share: a clean folder, a fresh virtual environment, and steps that state their time.
+work=$(mktemp -d)
+trap 'test $? = 0 && rm -rf "$work" || echo "what was run stays in $work"' EXIT
+bin="$work/venv/bin"
+export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE
+unset PYTHONPATH
+if [ -z "${SWASHTWIN_DATA:-}" ] && [ -d ../shared/data ]; then
+  SWASHTWIN_DATA=$(cd ../shared/data && pwd)
+  export SWASHTWIN_DATA
+fi
+
+step() {
+  local name=$1 started=$SECONDS
+  shift
+  echo "== $name"
+  "$@"
+  echo "== $name: $((SECONDS - started)) s"
+}
+
+install() {
+  python3 -m venv "$work/venv"
+  "$bin/pip" install -qq --disable-pip-version-check -r requirements-test.txt -r requirements-docs.txt
+}
+
+tests() {
+  # the options of pyproject.toml, and those given
+  "$bin/python" -m pytest --durations=15 "$@" 2>&1 | tee "$work/pytest.txt"
+}
+
+site() {
+  # with the options given
+  "$bin/python" -m sphinx -q -W --keep-going "$@" -b html docs "$work/site"
+}

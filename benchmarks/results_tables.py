@@ -71,7 +71,7 @@ FURTHER: Mapping[str, Sequence[tuple[Change, Change]]] = {
     "augmentation": [
         *(
             (at_budget(name, "150"), at_budget(*other))
-            for name in ("every_class", "calibrated", "posterior", "residual", "nominal", "wgan_gp", "cvae", "jitter")
+            for name in ("every_class", "calibrated", "posterior", "nominal", "wgan_gp", "cvae", "jitter")
             for other in (("measured", "0"), ("nominal", "150"), ("wgan_gp", "150"))
             if name != other[0]
         ),

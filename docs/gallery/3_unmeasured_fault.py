@@ -45,9 +45,8 @@ calibration
 # A recess of 0.07 mm in the swash plate. The windows carry a mark that they are synthetic: swashtwin refuses them in a
 # test set.
 
-condition = gap[0].condition
 fault = st.SwashPlateDefect(depth=st.mm(0.07))
-synthetic = st.synthesize(calibration, fault, count=60, like=measured, condition=condition, seed=0)
+synthetic = st.synthesize(calibration, fault, count=60, like=measured, pressure=high, seed=0)
 synthetic
 
 # %%

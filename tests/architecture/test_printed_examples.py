@@ -12,7 +12,7 @@ import swashtwin
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
-from swashtwin.synthesis.registry import FILLERS
+from swashtwin.synthesis import FILLERS
 
 pytestmark = pytest.mark.nightly
 

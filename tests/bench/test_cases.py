@@ -10,6 +10,7 @@ import pytest
 from tiny_case import TINY, tiny
 
 from swashtwin.bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
+from swashtwin.bench.fillers.distortion import Jitter
 from swashtwin.bench.results.runs import Embedding, load_run
 from swashtwin.bench.rivals.models import DEFAULT
 from swashtwin.bench.studies.dataset import calibration_tasks
@@ -19,7 +20,6 @@ from swashtwin.bench.studies.training_sets import TrainingSet
 from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
-from swashtwin.synthesis import Jitter
 
 SETS = ("measured", "nominal", "calibrated")
 MEASURED = {"measured": TrainingSet()}

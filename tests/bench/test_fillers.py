@@ -11,26 +11,21 @@ from hypothesis import strategies as st
 from swashtwin.bench import FILLERS
 from swashtwin.bench.fillers.cvae import CVAE
 from swashtwin.bench.fillers.diffusion import Diffusion
+from swashtwin.bench.fillers.distortion import Jitter
+from swashtwin.bench.fillers.duplicates import Duplicate, NoisyDuplicate
+from swashtwin.bench.fillers.interpolation import ADASYN, SMOTE, NoNeighborsError
+from swashtwin.bench.fillers.log_spectra import SpectralForm, log_amplitude, with_amplitude
+from swashtwin.bench.fillers.periodic_extension import (
+    close_period,
+    cut_extensions,
+    extension_length,
+    periodic_extensions,
+    read_extension,
+)
 from swashtwin.bench.fillers.wgan_gp import WGANGP
 from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
 from swashtwin.learning import WindowSet
-from swashtwin.synthesis import (
-    ADASYN,
-    SMOTE,
-    Duplicate,
-    Filler,
-    Jitter,
-    NoisyDuplicate,
-    NoNeighborsError,
-    SpectralForm,
-    cut_extensions,
-    extension_length,
-    in_cell,
-    periodic_extensions,
-    sources_of,
-)
-from swashtwin.synthesis.log_spectra import log_amplitude, with_amplitude
-from swashtwin.synthesis.periodic_extension import close_period, read_extension
+from swashtwin.synthesis import Filler, in_cell, sources_of
 
 CLASSES = ("normal", "piston")
 PERIOD = 256

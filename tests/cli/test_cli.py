@@ -88,29 +88,14 @@ def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dic
     assert set(windows.manifest) == set(chain["split"]["train_recordings"])
 
 
-def test_synthetic_windows_lie_over_the_residual_of_measured_ones_where_told(
-    chain: dict[str, dict[str, Any]], tmp_path: Path
-) -> None:
-    words = ("synthesize", chain["calibrate"]["calibration"], "--like", chain["split"]["train"])
-    facts = (*words, "--count", 3, "--out", tmp_path / "made.safetensors")
-    run(*facts, "--background", "residual")
-    signal = load_windows(tmp_path / "made.safetensors").signal
-    assert np.abs(signal - load_windows(chain["synthesize"]["windows"]).signal).max() > 0.01
-    assert "residual" in run(*facts, "--background", "guess", code=2).stderr
-
-
-def test_a_fault_s_change_is_laid_over_healthy_windows_and_its_fidelity_printed(
-    chain: dict[str, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_the_fidelity_of_synthetic_windows_is_printed(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
     words = ("synthesize", chain["calibrate"]["calibration"], "--like", chain["split"]["train"], "--count", 3)
-    facts = (*words, "--out", tmp_path / "made.safetensors", "--background", "healthy")
+    facts = (*words, "--out", tmp_path / "made.safetensors", "--background", "none")
     printed = run(*facts).stdout
     assert "fidelity: " in printed
     assert "Features that tell them most" in printed
     answer = run_json(*facts, "--nominal")
     assert {"auroc", "features", "spectral_distance_db"} <= set(answer["fidelity"])
-    windows = load_windows(tmp_path / "made.safetensors")
-    assert all("_normal_15MPa_" in name for name in windows.recording_id)
 
 
 def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:

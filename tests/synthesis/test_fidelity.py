@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from swashtwin.bench.fillers.duplicates import Duplicate, NoisyDuplicate
 from swashtwin.foundation import DataError, InputError, MPa, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
-    Duplicate,
-    NoisyDuplicate,
     copied_share,
     discriminative_score,
     measure_fidelity,
     spectral_distance,
 )
-from swashtwin.synthesis.fidelity import train_synthetic_test_real
 
 CLASSES = ("normal", "piston")
 
@@ -80,22 +78,6 @@ def test_copies_are_found_shifted_and_noisy_ones_too_and_new_windows_are_a_half(
     assert copied_share(train, NoisyDuplicate(snr_db=20.0)(train, **cell)) == 1.0
     assert 0.3 < copied_share(train, synthetic_windows(1, tone=0.1)) < 0.7
     assert copied_share(train, synthetic_windows(1, tone=0.3)) < 0.1
-
-
-def test_trees_that_learned_from_copies_score_as_those_of_measured_windows() -> None:
-    train, test = windows(0, tone=0.1), windows(1, tone=0.1)
-    synthetic, real = train_synthetic_test_real(Duplicate(), train, test, per_cell=30, seed=0)
-    assert synthetic.macro_recall == real.macro_recall == 1.0
-
-
-def test_trees_that_learned_from_the_wrong_tone_fail_on_measured_windows() -> None:
-    def wrong(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        synthetic = synthetic_windows(7, tone=0.1, per_recording=2 * count, recordings=2)
-        swapped = synthetic.subset(synthetic.label != label)  # each class made as the other
-        return replace(swapped, target=np.full(len(swapped), CLASSES.index(label), dtype=np.int64))
-
-    scores, _ = train_synthetic_test_real(wrong, windows(0, tone=0.1), windows(1, tone=0.1), per_cell=30, seed=0)
-    assert scores.macro_recall < 0.1
 
 
 def test_what_cannot_be_compared_is_refused() -> None:

@@ -17,16 +17,16 @@ from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefec
 from swashtwin.synthesis import (
     FILLERS,
     Filler,
-    TwinFiller,
     Variation,
+    fill_cell,
     has_filler,
     register_filler,
     simulate_windows,
+    sources_of,
     synthesize,
 )
 from swashtwin.synthesis import twin_windows as synthesis
 from swashtwin.synthesis.background import background_noise
-from swashtwin.synthesis.synchronous import remove_synchronous
 
 STILL = Variation(
     speed=0.0, pressure=0.0, severity=0.0, angle=0.0, temperature=(318.15, 318.15), interfaces=0.0, sensor=0.0
@@ -102,7 +102,7 @@ def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(tw
     noise = 0.01 * stream(0, "noise").normal(size=(1, measured.signal.shape[1], 2048))
     line = 100 * np.sin(2 * np.pi * 100.5 * np.arange(2048) / 2048)
     loud = replace(measured.subset(np.array([0])), signal=(noise + line).astype(np.float32))
-    background = background_noise(loud, twin, "spectrum").draw(stream(0, "drawn"))
+    background = background_noise(loud, twin).draw(stream(0, "drawn"))
     far = [np.abs(np.fft.rfft(signal, axis=-1))[..., 400:-1] for signal in (background, noise[0])]
     assert np.sqrt(np.mean(far[0] ** 2)) < 1.5 * np.sqrt(np.mean(far[1] ** 2))
 
@@ -187,76 +187,6 @@ def test_each_twin_has_its_own_posterior(twin: Twin, measured: WindowSet, poster
         simulate_windows(pair, count=4, **still, posterior=posterior)
 
 
-def test_without_its_synchronous_part_a_steady_machine_is_its_noise() -> None:
-    rng, period, length = stream(0, "synchronous"), 250.0, 300
-    rate = 1 + 0.004 * rng.uniform(-1, 1, 40)
-    angle = 2 * np.pi * (rng.random((40, 1)) + np.arange(length) * rate[:, None] / period)
-    turning = np.stack([np.sin(7 * angle) + np.cos(angle), 2 * np.cos(14 * angle + 1)], axis=1)
-    noise = 0.3 * rng.normal(size=turning.shape)
-    residual = remove_synchronous(turning + noise, period)
-    np.testing.assert_allclose(residual.std(axis=(0, 2)), 0.3, rtol=0.1)
-    correlation = [np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in zip(residual, noise, strict=True)]
-    assert np.median(correlation) > 0.9
-
-
-def test_a_residual_is_laid_under_the_windows_as_it_was_measured(twin: Twin, measured: WindowSet) -> None:
-    over, bare = (
-        simulate_windows(twin, count=12, like=measured, seed=0, background=kind).signal.astype(float)
-        for kind in ("residual", "none")
-    )
-    spectrum = np.abs(np.fft.rfft(over - bare, axis=2)) ** 2
-    at_15 = measured.discharge_pressure == MPa(15)
-    normal = np.abs(np.fft.rfft(measured.signal[at_15 & (measured.label == "normal")], axis=2)) ** 2
-    above = np.sqrt(spectrum[:, :, 500:].mean(axis=(0, 2)) / normal[:, :, 500:].mean(axis=(0, 2)))
-    np.testing.assert_allclose(above, 1.0, rtol=0.25)  # above 6 kHz there is only noise
-    passing = np.round(7 * twin.condition.shaft_frequency * np.arange(1, 6) * measured.length / measured.sample_rate)
-    assert (
-        spectrum[:, :, passing.astype(int)].mean(axis=(0, 2))
-        < 0.5 * normal[:, :, passing.astype(int)].mean(axis=(0, 2))
-    ).all()
-
-
-def test_a_specimen_lends_its_noise_to_its_twin(twin: Twin, measured: WindowSet) -> None:
-    loud = replace(measured, signal=measured.signal * np.float32(20), specimen=np.full(len(measured), "loud"))
-    both = measured + loud
-    settings = {"count": 4, "like": both, "seed": 0}
-    quiet = str(measured.specimen[0])
-    bare = simulate_windows([twin, twin], background="none", **settings).signal
-    level = [
-        (simulate_windows([twin, twin], specimens=pair, **settings).signal - bare).std(axis=(1, 2))
-        for pair in ((quiet, quiet), (quiet, "loud"))
-    ]
-    np.testing.assert_array_equal(level[0][::2], level[1][::2])
-    np.testing.assert_allclose(level[1][1::2], 20 * level[0][1::2], rtol=1e-3)
-    with pytest.raises(InputError, match="1 specimens for 2 twins"):
-        simulate_windows([twin, twin], specimens=["loud"], **settings)
-    with pytest.raises(InputError, match="no measured window of p9"):
-        simulate_windows([twin], specimens=["p9"], **settings)
-
-
-def test_a_residual_takes_several_windows_of_a_recording(twin: Twin, measured: WindowSet) -> None:
-    few = measured.subset(np.arange(2))
-    with pytest.raises(InputError, match="4 windows of one recording"):
-        simulate_windows(twin, count=1, like=few, seed=0, background="residual")
-
-
-def test_twins_stand_behind_the_same_protocol_as_data(twin: Twin, measured: WindowSet, posterior: Posterior) -> None:
-    healthy = twin.with_fault(None)
-    filler = TwinFiller([healthy, twin], background="none", variation=STILL)
-    assert isinstance(filler, Filler)
-    filled = filler(measured, label="swash_plate", pressure=MPa(10), count=3, seed=0)
-    at_10 = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
-    simulated = simulate_windows(at_10, count=3, like=measured, seed=0, background="none", variation=STILL)
-    np.testing.assert_array_equal(filled.signal, simulated.signal)
-    np.testing.assert_array_equal(filled.discharge_pressure, MPa(10))
-    drawing = replace(filler, posterior=[posterior, posterior])
-    varied = drawing(measured, label="swash_plate", pressure=float("nan"), count=3, seed=0)
-    np.testing.assert_array_equal(varied.discharge_pressure, MPa(15))
-    assert np.abs(varied.signal.std(axis=2) / filled.signal.std(axis=2) - 1).max() > 0.01
-    with pytest.raises(InputError, match="no twin simulates 'piston'"):
-        filler(measured, label="piston", pressure=MPa(10), count=3, seed=0)
-
-
 @pytest.fixture(scope="module")
 def calibration(pump: Pump) -> Calibration:
     """Calibration of a healthy pump at 10 and 15 MPa."""
@@ -280,17 +210,8 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     assert windows.fidelity is not None
     assert (windows.fidelity.pressures, windows.fidelity.n_synthetic) == ((MPa(10), MPa(15)), 4)
     assert len(measured + windows) == len(measured) + 4
-    elsewhere = twins[0].condition.replaced(discharge_pressure=MPa(5))
-    np.testing.assert_array_equal(
-        synthesize(calibration, None, count=2, like=measured, condition=elsewhere).discharge_pressure, MPa(5)
-    )
-
-
-def test_a_fault_is_laid_over_healthy_windows_where_asked(calibration: Calibration, measured: WindowSet) -> None:
-    fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
-    for options, beginning in ({}, "synthetic_"), ({"background": "healthy"}, "changed_"):
-        windows = synthesize(calibration, fault, count=2, like=measured, **options)
-        assert all(name.startswith(beginning) for name in windows.recording_id)
+    elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
+    np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
 
 
 def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: Twin, pump: Pump) -> None:
@@ -309,11 +230,12 @@ def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: 
 def test_a_filler_of_ones_own_is_registered_and_used_by_name(
     measured: WindowSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin.synthesis.registry.FILLERS", names := dict(FILLERS))
+    monkeypatch.setattr("swashtwin.synthesis.filler.FILLERS", names := dict(FILLERS))
 
     def fill_with_silence(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        windows = FILLERS["duplicate"](train, label=label, pressure=pressure, count=count, seed=seed)
-        return replace(windows, signal=0 * windows.signal)
+        sources = sources_of(train, label, pressure)[:count]
+        silence = 0 * train.signal[sources]
+        return fill_cell(silence, sources, train=train, name="silence", label=label, pressure=pressure, seed=seed)
 
     register_filler("silence", fill_with_silence)
     windows = names["silence"](measured, label="normal", pressure=MPa(15), count=3, seed=0)
@@ -324,15 +246,18 @@ def test_a_filler_of_ones_own_is_registered_and_used_by_name(
 
 
 def test_an_installed_filler_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    def copies(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+        return train
+
     class EntryPoint:
         def load(self) -> Filler:
-            return FILLERS["duplicate"]
+            return copies
 
     def entry_points(*, group: str, name: str) -> list[EntryPoint]:
         return [EntryPoint()] if (group, name) == ("swashtwin.fillers", "copies") else []
 
-    monkeypatch.setattr("swashtwin.synthesis.registry.FILLERS", names := dict(FILLERS))
-    monkeypatch.setattr("swashtwin.synthesis.registry.entry_points", entry_points)
+    monkeypatch.setattr("swashtwin.synthesis.filler.FILLERS", names := dict(FILLERS))
+    monkeypatch.setattr("swashtwin.synthesis.filler.entry_points", entry_points)
     assert has_filler("copies")
-    assert names["copies"] is FILLERS["duplicate"]
+    assert names["copies"] is copies
     assert not has_filler("silence")

@@ -1,9 +1,8 @@
 """The command that makes windows with a calibrated twin: synthesize."""
 
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,8 +18,6 @@ class Background(StrEnum):
     """What synthetic windows are laid over."""
 
     spectrum = "spectrum"
-    residual = "residual"
-    healthy = "healthy"
     none = "none"
 
 
@@ -40,10 +37,7 @@ def synthesize(
     ] = True,
     background: Annotated[
         Background,
-        typer.Option(
-            help="What the windows are laid over: noise with the measured spectrum, measured windows less what turns "
-            "with the shaft, measured healthy windows to which only the fault's change is added, or nothing."
-        ),
+        typer.Option(help="What the windows are laid over: noise with the measured spectrum, or nothing."),
     ] = Background.spectrum,
     window: UsualWindow = None,
     seed: Seed = 0,
@@ -55,67 +49,43 @@ def synthesize(
     Where --like has measured windows of the class, the answer says how well they are told from the synthetic ones
     (AUROC, 0.5 is not at all), and by which features.
     """
+    import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse, plural
-    from swashtwin.learning import cut_windows, save_windows
-    from swashtwin.recordings import join_manifests, load_recordings, usual_window
-    from swashtwin.synthesis import (
-        SyntheticWindows,
-        comparable_windows,
-        require_same_machine,
-        simulate_windows,
-        specimen_among,
-    )
-    from swashtwin.synthesis import synthesize as simulate
+    from swashtwin.learning import save_windows
+    from swashtwin.recordings import load_recordings
 
     require_target(out)
     require_files([calibration, like])
     result = load_calibration(calibration)
-    twin = result.nominal if nominal else result.twin
-    if fault is not None:
-        twin = twin.with_fault(fault_from(fault))
-    changes = {}
-    if speed is not None:
-        changes["speed"] = parse(speed, "rad/s", name="--speed")
-    if pressure is not None:
-        changes["discharge_pressure"] = parse(pressure, "Pa", name="--pressure")
-    condition = twin.condition.replaced(**changes) if changes else None
-    conditions = [fit.condition for fit in result.fits] if condition is None else [condition]
-    recordings = load_recordings(like)
-    classes = sorted({recording.label for recording in recordings if recording.label is not None} | {twin.label})
-    measured = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
-    notes = require_same_machine(twin, conditions, recordings, speed=speed is None, pressure=pressure is None)
     is_drawn = draws and not nominal
-    twins = [twin.at(point) for point in conditions]
-    specimen = specimen_among(measured, result.recording_hashes)
-    specimens = [specimen] * len(twins)
-    laid_over = background.value
-    options: dict[str, Any] = {"count": count, "like": measured, "seed": seed, "background": laid_over}
     with progress("synthesizing"):
-        if is_drawn:
-            windows = simulate(result, twin.fault, condition=condition, **options)
-        else:
-            bandwidth = min(twin.bandwidth, measured.sample_rate / 2.56)
-            simulated = simulate_windows(
-                [replace(each, bandwidth=bandwidth) for each in twins],
-                specimens=specimens if laid_over == "healthy" else None,
-                **options,
-            )
-            simulated = replace(simulated, manifest=join_manifests([simulated.manifest, result.recording_hashes]))
-            windows = SyntheticWindows.of(simulated, comparable_windows(measured, simulated, specimen), seed)
+        windows = synthesis.synthesize(
+            result,
+            result.twin.fault if fault is None else fault_from(fault),
+            count=count,
+            like=load_recordings(like),
+            seed=seed,
+            speed=None if speed is None else parse(speed, "rad/s", name="--speed"),
+            pressure=None if pressure is None else parse(pressure, "Pa", name="--pressure"),
+            values="nominal" if nominal else "drawn" if draws else "calibrated",
+            background=background.value,
+            window=window,
+        )
         fidelity = windows.fidelity
+    label = str(windows.label[0])
     save_windows(windows, out)
     answer = {
-        "windows": out, "label": twin.label, "count": len(windows), "length": windows.length,
+        "windows": out, "label": label, "count": len(windows), "length": windows.length,
         "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
-        "background": laid_over, "notes": notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
+        "background": background, "notes": windows.notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
-        for text in notes:
+        for text in windows.notes:
             note(f"note: {text}")
-        say(f"{out}: {plural(len(windows), 'window')} of {twin.label} over background {laid_over}")
-        show_fidelity(fidelity, twin.label)
+        say(f"{out}: {plural(len(windows), 'window')} of {label} over background {background.value}")
+        show_fidelity(fidelity, label)
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 
     tell(answer, as_json, show)

@@ -17,9 +17,8 @@ from sklearn.neighbors import NearestNeighbors
 from sklearn.preprocessing import normalize
 
 from swashtwin.foundation import DataError, InputError, derive_seed
-from swashtwin.learning import Scores, WindowSet, evaluate, extract_features, fit_extra_trees
+from swashtwin.learning import WindowSet, extract_features
 from swashtwin.signals import power_density
-from swashtwin.synthesis.filler import Filler
 
 _FOLDS = 5
 """Folds of the discriminator; fewer where there are fewer measured recordings."""
@@ -175,39 +174,6 @@ def copied_share(train: WindowSet, synthetic: WindowSet) -> float:
     near = NearestNeighbors(n_neighbors=2).fit(points)
     usual = np.median(near.kneighbors(points)[0][:, 1])
     return float(np.mean(near.kneighbors(_shape(synthetic), n_neighbors=1)[0] < usual))
-
-
-def train_synthetic_test_real(
-    filler: Filler, train: WindowSet, test: WindowSet, *, per_cell: int, seed: int
-) -> tuple[Scores, Scores]:
-    """Scores on measured windows of extra trees that saw (synthetic windows only, measured windows only).
-
-    Every cell of `train` (class and pressure) is made anew, and the trees that learn from what was made answer for held
-    out measured windows (Esteban, Hyland and Rätsch 2017, arXiv:1706.02633). Scores below those of the measured
-    windows are what the synthetic ones lack.
-
-    Parameters
-    ----------
-    filler : what makes the windows; it is fitted on `train`.
-    train : training windows.
-    test : held-out measured windows, of recordings that `train` has none of.
-    per_cell : synthetic windows made in each cell.
-    seed : of the filler and the trees.
-    """
-    measured = train.subset(~train.synthetic)
-    synthetic: WindowSet | None = None
-    for (label, pressure), count in measured.counts().items():
-        if count:
-            at = float("nan") if pressure is None else pressure
-            cell = filler(measured, label=label, pressure=at, count=per_cell, seed=seed)
-            synthetic = cell if synthetic is None else synthetic + cell
-    if synthetic is None:
-        raise InputError("train has no measured window.")
-    manifest = measured.recordings
-    synthetic_scores, measured_scores = (
-        evaluate(fit_extra_trees(windows, seed=seed, manifest=manifest), test) for windows in (synthetic, measured)
-    )
-    return synthetic_scores, measured_scores
 
 
 def _shape(windows: WindowSet) -> Float64[np.ndarray, "window value"]:

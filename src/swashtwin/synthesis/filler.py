@@ -1,7 +1,7 @@
-"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its result."""
+"""Fillers of scarce cells: the protocol, their names, the measured windows a filler draws from and its result."""
 
 import math
-from collections.abc import Sequence
+from importlib.metadata import entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -41,6 +41,37 @@ class Filler(Protocol):
         ...
 
 
+FILLERS: dict[str, Filler] = {}
+"""Fillers by name, those of installed packages once they were asked for; `register_filler` adds one."""
+_ENTRY_POINTS = "swashtwin.fillers"
+
+
+def register_filler(name: str, filler: Filler) -> None:
+    """Add a filler under a name by which the studies and ``swashtwin bench augment`` find it.
+
+    A package can have it added automatically, for the command line too, by an entry point `name` of the group
+    ``swashtwin.fillers`` that points at `filler`.
+
+    Raises
+    ------
+    InputError
+        The name is taken, or the filler cannot be called.
+    """
+    if not isinstance(filler, Filler):
+        raise InputError(f"filler {name!r} is {filler!r}, which cannot be called; see Filler.")
+    if name in FILLERS:
+        raise InputError(f"a filler named {name!r} is registered already; choose another name.")
+    FILLERS[name] = filler
+
+
+def has_filler(name: str) -> bool:
+    """Whether a filler has this name, be it registered or offered by the entry point of a package."""
+    if name not in FILLERS:
+        for entry in entry_points(group=_ENTRY_POINTS, name=name):
+            register_filler(name, entry.load())
+    return name in FILLERS
+
+
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
     """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known pressure."""
     is_near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
@@ -66,8 +97,7 @@ def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarra
         is_source = ~train.synthetic & (train.label == label)
     if not is_source.any():
         raise DataError(
-            f"no measured window of {label} to draw from, at any pressure; a twin can make windows of it "
-            "(synthesize, TwinFiller)."
+            f"no measured window of {label} to draw from, at any pressure; a twin can make windows of it (synthesize)."
         )
     return np.flatnonzero(is_source)
 
@@ -88,7 +118,6 @@ def build_windows(
     speed: Float[np.ndarray, " window"],
     specimen: Shaped[np.ndarray, " window"],
     seed: int,
-    source: Sequence[str] | None = None,
 ) -> WindowSet:
     """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
 
@@ -101,16 +130,14 @@ def build_windows(
     pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
     specimen : specimen that each window stands for.
     seed : in their recordings' ids, which each window's number ends.
-    source : measured recording that each was laid over, which ends its id instead: windows over one recording are one.
     """
     count = len(signal)
     at = ["" if math.isnan(p) else f"_{p / 1e6:.4g}MPa" for p in pressure.tolist()]
-    ends = [str(i) for i in range(count)] if source is None else source
     return WindowSet(
         signal=signal.astype(np.float32),
         target=np.full(count, like.classes.index(label), dtype=np.int64),
         classes=like.classes,
-        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{ends[i]}" for i in range(count)], dtype=np.str_),
+        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{i}" for i in range(count)], dtype=np.str_),
         specimen=specimen,
         discharge_pressure=pressure,
         speed=speed,

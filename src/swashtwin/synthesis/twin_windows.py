@@ -1,12 +1,14 @@
 """Windows made with a twin.
 
 The first floor where physics and learning meet. A synthetic window is the twin's steady acceleration with what varies
-from one moment to the next drawn anew, laid over noise as the machine makes it; or a measured healthy window with the
-change that the fault makes in the twin. It carries ``synthetic=True``, which `evaluate` refuses.
+from one moment to the next drawn anew, laid over noise as the machine makes it. It carries ``synthetic=True``, which
+`evaluate` refuses.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
@@ -15,18 +17,39 @@ from swashtwin.calibration import Calibration, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
-from swashtwin.pump import Fault, OperatingCondition, is_same_class
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_same_class, values_match
 from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
-from swashtwin.synthesis.background import Background, BackgroundNoise, background_noise
-from swashtwin.synthesis.fault_change import change_windows
+from swashtwin.synthesis.background import Background, background_noise
+from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
-from swashtwin.synthesis.synthetic_windows import SyntheticWindows, comparable_windows
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
+Values = Literal["drawn", "calibrated", "nominal"]
+"""Whose interface values synthetic windows have: draws of a calibration's posterior, its estimates, or the nominal."""
 _CHUNK = 64
 """Windows simulated at once: this limits memory, and Ctrl-C is handled between chunks."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SyntheticWindows(WindowSet):
+    """Windows of one class that a twin made, and what they can be compared with."""
+
+    measured: WindowSet | None = None
+    """Measured windows of the class; None where there are none."""
+    seed: int = 0
+    """Seed that made them."""
+    notes: tuple[str, ...] = ()
+    """What cannot be known about whether the twin is of the pump that was measured, in sentences."""
+
+    @cached_property
+    def fidelity(self) -> Fidelity | None:
+        """How well they are told from the measured windows, and by what; None where the class was not measured.
+
+        It takes some seconds, and is computed when it is first asked for.
+        """
+        return None if self.measured is None else measure_fidelity(self.measured, self, seed=self.seed)
 
 
 def synthesize(
@@ -36,7 +59,9 @@ def synthesize(
     count: int,
     like: WindowSet | Iterable[Recording],
     seed: int = 0,
-    condition: OperatingCondition | None = None,
+    speed: float | None = None,
+    pressure: float | None = None,
+    values: Values = "drawn",
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     window: int | None = None,
@@ -52,9 +77,11 @@ def synthesize(
     like : measured training windows, or the training recordings; they give layout, classes and noise, and must not be
         test data.
     seed : addresses every draw.
-    condition : operating condition of the windows; by default the source's, which must then be one that the recordings
-        state, as far as they state one (`require_same_machine`). Windows of a calibration at several
-        operating points take turns among these.
+    speed, pressure : shaft speed [rad/s] and absolute discharge pressure [Pa] of the windows; by default the source's,
+        which must then be those that the recordings state, as far as they state them (`require_same_machine`). Where
+        neither is given, windows of a calibration at several operating points take turns among these.
+    values : what of a calibration: ``"drawn"`` for each window from the posterior, the ``"calibrated"`` estimates, or
+        the ``"nominal"`` twin before.
     variation, background : what differs from window to window, and what the windows are laid over, see
         `simulate_windows`.
     window : samples per window where `like` is recordings; by default as in `FaultClassifier` (`usual_window`).
@@ -70,39 +97,57 @@ def synthesize(
     ``synthesize(calibration, SwashPlateDefect(depth=mm(0.07)), count=150, like=train)``
     """
     require_count(count)
-    twin = source.twin if isinstance(source, Calibration) else source
+    calibration = source if isinstance(source, Calibration) else None
+    twin = source if calibration is None else calibration.nominal if values == "nominal" else calibration.twin
     if not isinstance(twin, Twin):
         raise InputError(f"the source is a {type(source).__name__}; it must be a calibration or a twin.")
     twin = twin.with_fault(fault)
-    conditions = [twin.condition] if condition is None else [condition]
-    if condition is None and isinstance(source, Calibration):
-        conditions = [fit.condition for fit in source.fits]
-    is_free = condition is not None
-    if not isinstance(like, WindowSet):
+    named = {"speed": speed, "discharge_pressure": pressure}
+    changes = {name: value for name, value in named.items() if value is not None}
+    conditions = [twin.condition.replaced(**changes)]
+    if calibration is not None and not changes:
+        conditions = [fit.condition for fit in calibration.fits]
+    is_stated = {"speed": speed is None, "pressure": pressure is None}
+    if isinstance(like, WindowSet):
+        measured, notes = like, require_same_machine(twin, conditions, like, **is_stated)
+    else:
         recordings = list(like)
         labels = sorted({recording.label for recording in recordings if recording.label is not None})
         classes = sorted({*labels, _class_among(labels, twin)})
-        like = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
-        require_same_machine(twin, conditions, recordings, speed=not is_free, pressure=not is_free)
-    else:
-        require_same_machine(twin, conditions, like, speed=not is_free, pressure=not is_free)
-    twin = replace(twin, bandwidth=min(twin.bandwidth, like.sample_rate / 2.56))
-    posterior = [source.posterior] * len(conditions) if isinstance(source, Calibration) else None
-    calibrated_on = source.recording_hashes if isinstance(source, Calibration) else {}
-    specimen = specimen_among(like, calibrated_on)
-    twins = [twin.at(condition) for condition in conditions]
+        measured = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
+        notes = require_same_machine(twin, conditions, recordings, **is_stated)
+    twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
+    calibrated_on = {} if calibration is None else calibration.recording_hashes
     windows = simulate_windows(
-        twins,
+        [twin.at(condition) for condition in conditions],
         count=count,
-        like=like,
+        like=measured,
         seed=seed,
         variation=variation,
         background=background,
-        posterior=posterior,
-        specimens=[specimen] * len(twins) if background == "healthy" else None,
+        posterior=[calibration.posterior] * len(conditions) if calibration and values == "drawn" else None,
     )
-    windows = replace(windows, manifest=join_manifests([windows.manifest, calibrated_on]))
-    return SyntheticWindows.of(windows, comparable_windows(like, windows, specimen), seed)
+    facts = {item.name: getattr(windows, item.name) for item in fields(WindowSet)}
+    facts["manifest"] = join_manifests([windows.manifest, calibrated_on])
+    compared = _comparable_windows(measured, windows, calibrated_on)
+    return SyntheticWindows(**facts, measured=compared, seed=seed, notes=notes)
+
+
+def _comparable_windows(like: WindowSet, synthetic: WindowSet, calibrated_on: Iterable[str]) -> WindowSet | None:
+    """Measured windows of the class of synthetic ones, at their pressures where there are some; None without any.
+
+    Where all windows of the recordings calibrated on are of one specimen, they are those of that machine alone.
+    """
+    same = ~like.synthetic & np.isin(like.label, synthetic.label)
+    machines = set(like.specimen[np.isin(like.recording_id, list(calibrated_on))].tolist()) - {""}
+    if len(machines) == 1:
+        same &= like.specimen == machines.pop()
+    near = np.zeros(len(like), dtype=bool)
+    for pressure in np.unique(synthetic.discharge_pressure):
+        near |= np.asarray(values_match(like.discharge_pressure, float(pressure), PRESSURE_TOLERANCE))
+    if (same & near).any():
+        same &= near
+    return like.subset(same) if same.any() else None
 
 
 def simulate_windows(
@@ -114,7 +159,6 @@ def simulate_windows(
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     posterior: Posterior | Sequence[Posterior] | None = None,
-    specimens: Sequence[str | None] | None = None,
 ) -> WindowSet:
     """Synthetic windows of twins as they are, of the layout and the classes of `like`.
 
@@ -126,40 +170,23 @@ def simulate_windows(
     seed : addresses every draw.
     variation : what differs from window to window.
     background : what the windows are laid over. ``"spectrum"``: noise with the spectrum of the measured windows between
-        the piston-pass lines. ``"residual"``: measured windows less their synchronous part. ``"healthy"``: measured
-        healthy windows as they are, to which the twin adds only the fault's change (`fault_change`). ``"none"``:
-        nothing, the bare model as the paper simulates it.
+        the piston-pass lines. ``"none"``: nothing, the bare model as the paper simulates it.
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
-    specimens : specimen that each twin stands for, whose windows alone it is laid over; without, or None, those of all.
 
     Raises
     ------
     InputError
         The twins' class is not among the windows' classes or differs between them, the channels differ, there is
-        nothing to lay the windows over, or there are not as many posteriors or specimens as twins.
+        nothing to lay the windows over, or there are not as many posteriors as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     require_count(count)
     _require_agreement(twins, like)
-    if specimens is not None and len(specimens) != len(twins):
-        raise InputError(f"{len(specimens)} specimens for {len(twins)} twins; name one for each.")
     draw_values = _value_draws(twins, posterior, count, seed)
-    if background == "healthy":
-        return change_windows(
-            twins,
-            draw_values,
-            label=_class_among(like.classes, twins[0]),
-            count=count,
-            like=like,
-            seed=seed,
-            variation=variation,
-            specimens=[None] * len(twins) if specimens is None else specimens,
-            chunk=_CHUNK,
-        )
     sources = [twins[i % len(twins)] for i in range(count)]
-    noises = _noises(twins, like, background, specimens)
+    noises = [background_noise(like, twin) for twin in twins] if background == "spectrum" else []
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
@@ -186,23 +213,6 @@ def simulate_windows(
     )
 
 
-def _noises(
-    twins: Sequence[Twin], like: WindowSet, background: Background, specimens: Sequence[str | None] | None
-) -> list[BackgroundNoise]:
-    """The noise of each twin's windows; none where they are to be bare."""
-    if background == "none":
-        return []
-    names = [None] * len(twins) if specimens is None else specimens
-    keys = [
-        (twin.condition, twin.pump.rotating_group.piston_count, name) for twin, name in zip(twins, names, strict=True)
-    ]
-    noises: dict[tuple[OperatingCondition, int, str | None], BackgroundNoise] = {}
-    for twin, key in zip(twins, keys, strict=True):
-        if key not in noises:
-            noises[key] = background_noise(like, twin, background, key[-1])
-    return [noises[key] for key in keys]
-
-
 def _value_draws(
     twins: Sequence[Twin], posterior: Posterior | Sequence[Posterior] | None, count: int, seed: int
 ) -> Callable[[Twin, int], Twin]:
@@ -223,12 +233,6 @@ def _value_draws(
         return posteriors[number].twin_at(twin, points[number][turn])
 
     return draw_values
-
-
-def specimen_among(like: WindowSet, recordings: Iterable[str]) -> str | None:
-    """The one specimen that these recordings are of, as far as windows of them are in `like`; None where unknown."""
-    names = set(like.specimen[np.isin(like.recording_id, list(recordings))].tolist()) - {""}
-    return str(names.pop()) if len(names) == 1 else None
 
 
 def _class_among(classes: Sequence[str], twin: Twin) -> str:

@@ -11,18 +11,12 @@ import torch
 from jaxtyping import Float, Float64, Int64
 from torch import Tensor, nn
 
+from swashtwin.bench.fillers.duplicates import draw_indices
+from swashtwin.bench.fillers.log_spectra import SpectralForm
+from swashtwin.bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 from swashtwin.foundation import TorchStream, derive_seed, stream
 from swashtwin.learning import WindowSet
-from swashtwin.synthesis import (
-    SpectralForm,
-    cut_extensions,
-    draw_indices,
-    extension_length,
-    fill_cell,
-    periodic_extensions,
-    require_count,
-    sources_of,
-)
+from swashtwin.synthesis import fill_cell, require_count, sources_of
 
 Draw = Callable[[Tensor, torch.Generator], Tensor]
 """Scores of new windows, from the condition of each."""

@@ -6,12 +6,7 @@ TRAINING_SETS = {
     "calibrated": "with calibrated twin",
     "posterior": "with draws of calibrated twins",
     "stated_prior": "with draws of calibrated twins, stated severities",
-    "residual": "with calibrated twin over measured residuals",
     "every_class": "with calibrated twin, every class",
-    "nominal_change": "with nominal twin's change",
-    "change": "with calibrated twin's change",
-    "posterior_change": "with changes of draws of calibrated twins",
-    "every_class_change": "with calibrated twin's change, every class",
     "calibrated_noise": "with calibrated twin, trained with noise",
     "class_weights": "class weights",
 }

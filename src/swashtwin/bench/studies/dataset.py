@@ -117,10 +117,6 @@ class StudyDataset:
         """Calibrations that a class is simulated with, one for each training specimen."""
         return [self.calibrations[key] for key in self._calibrations_of(label)]
 
-    def calibrated_specimens(self, label: str) -> list[str]:
-        """Specimens of `calibrations_for`, in their order."""
-        return [specimen for specimen, _ in self._calibrations_of(label)]
-
     def _calibrations_of(self, label: str) -> list[tuple[str, str]]:
         source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
         if source_label is None:

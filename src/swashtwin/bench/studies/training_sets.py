@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.bench.fillers.registry import FILLERS
+from swashtwin.bench.fillers.twin_filler import TwinFiller
 from swashtwin.bench.studies.dataset import StudyDataset, cut_again
 from swashtwin.calibration import Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
@@ -21,7 +22,6 @@ from swashtwin.synthesis import (
     DEFAULT_VARIATION,
     Background,
     Filler,
-    TwinFiller,
     Variation,
     discriminative_score,
     has_filler,
@@ -64,13 +64,12 @@ class TrainingSet:
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
     stated_prior: bool = False
-    """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`; windows laid over healthy ones
-    always do."""
+    """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`."""
 
     @property
     def variation(self) -> Variation:
         """What differs from one window of twins to the next."""
-        return DEFAULT_VARIATION if self.stated_prior or self.background == "healthy" else RIG_VARIATION
+        return DEFAULT_VARIATION if self.stated_prior else RIG_VARIATION
 
     def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
         """Settings as JSON can hold them, those of whatever fills among them.
@@ -102,18 +101,11 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "calibrated": TrainingSet("calibrated"),
         "posterior": TrainingSet("posterior"),
         "stated_prior": TrainingSet("posterior", stated_prior=True),
-        "residual": TrainingSet("calibrated", background="residual"),
         "every_class": TrainingSet("calibrated", every_class=True),
-        "nominal_change": TrainingSet("nominal", background="healthy"),
-        "change": TrainingSet("calibrated", background="healthy"),
-        "posterior_change": TrainingSet("posterior", background="healthy"),
-        "every_class_change": TrainingSet("calibrated", every_class=True, background="healthy"),
     }
 )
 """What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so with severities
-of a stated prior, as `synthesize` does by default; calibrated, over what the measured windows hold beside their
-synchronous part; calibrated, for every class alike; and, as changes laid over measured healthy windows of the same
-pump, as drawn, calibrated, drawn and for every class."""
+of a stated prior, as `synthesize` does by default; calibrated, for every class alike."""
 
 
 def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
@@ -187,11 +179,7 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
     twins, posteriors = twins_of(dataset, training_set.by, label)
-    specimens = None
-    if training_set.background == "healthy" and training_set.by in CALIBRATED_TWINS:
-        calibrated = dataset.calibrated_specimens(label)
-        specimens = calibrated * (len(twins) // len(calibrated))
-    return TwinFiller(twins, posteriors, training_set.background, specimens, training_set.variation)
+    return TwinFiller(twins, posteriors, training_set.background, training_set.variation)
 
 
 def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:

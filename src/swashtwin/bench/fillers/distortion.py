@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from swashtwin.bench.fillers.duplicates import draw_sources
+from swashtwin.bench.fillers.periodic_extension import close_period, extension_length, read_extension
 from swashtwin.foundation import stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
-from swashtwin.synthesis.duplicates import draw_sources
-from swashtwin.synthesis.filler import fill_cell
-from swashtwin.synthesis.periodic_extension import close_period, extension_length, read_extension
+from swashtwin.synthesis import fill_cell
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import is_same_class
-from swashtwin.synthesis.background import Background
-from swashtwin.synthesis.twin_windows import simulate_windows
-from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation
+from swashtwin.synthesis import DEFAULT_VARIATION, Background, Variation, simulate_windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +22,6 @@ class TwinFiller:
     """What the calibration of each twin leaves open, or None to take the twins' values."""
     background: Background = "spectrum"
     """What the windows are laid over, as in `simulate_windows`."""
-    specimens: Sequence[str] | None = None
-    """Specimen that each twin stands for, whose windows alone it is laid over; None takes those of all."""
     variation: Variation = DEFAULT_VARIATION
     """What differs from window to window."""
 
@@ -46,5 +42,4 @@ class TwinFiller:
             variation=self.variation,
             background=self.background,
             posterior=None if self.posterior is None else [self.posterior[number] for number in numbers],
-            specimens=None if self.specimens is None else [self.specimens[number] for number in numbers],
         )

@@ -8,7 +8,7 @@ import pytest
 
 from swashtwin.foundation import DataError, MissingExtraError
 from swashtwin.recordings import Recording, load_recording, write_recording
-from swashtwin.recordings.formats import subprocess_reader
+from swashtwin.recordings.formats import isolation
 
 SIGNAL = np.random.default_rng(0).standard_normal((2, 400))
 
@@ -90,10 +90,10 @@ def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypat
     path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
     (tmp_path / "asammdf.py").write_text("raise ImportError('asammdf')")
     monkeypatch.syspath_prepend(tmp_path)
-    subprocess_reader.stop()
+    isolation.stop()
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[mdf\]"'):
         load_recording(path)
-    subprocess_reader.stop()
+    isolation.stop()
 
 
 # ---- the time column
@@ -129,10 +129,10 @@ def test_reading_a_file_runs_no_module_of_the_current_folder(tmp_path: Path, mon
     file = write_parquet(tmp_path / "a.parquet", x=SIGNAL[0])
     for name in ("polars", "json"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'was_here')!r}, 'w')\n", encoding="utf-8")
-    subprocess_reader.stop()
+    isolation.stop()
     monkeypatch.chdir(tmp_path)
     try:
         assert load_recording(file, sample_rate=1000.0, unit="1").signal.shape[1] == 400
     finally:
-        subprocess_reader.stop()
+        isolation.stop()
     assert not (tmp_path / "was_here").exists()

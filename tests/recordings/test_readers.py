@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from swashtwin.foundation import InputError, MissingExtraError
 from swashtwin.recordings import Recording, load_recording, load_recordings, write_index, write_recording
-from swashtwin.recordings.formats import registry, subprocess_reader
+from swashtwin.recordings.formats import isolation, registry
 from swashtwin.recordings.formats.raw import snapped_rate
 
 
@@ -132,7 +132,7 @@ def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypa
 
     (tmp_path / "nptdms.py").write_text("raise ImportError('nptdms')")
     monkeypatch.syspath_prepend(tmp_path)
-    subprocess_reader.stop()
+    isolation.stop()
     with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[readers\]"'):
         load_recording(path)
-    subprocess_reader.stop()
+    isolation.stop()

@@ -64,24 +64,11 @@ def _check_names(event: str, arguments: tuple[Any, ...]) -> None:
         raise RuntimeError(f"Windows takes no file {path!r}")
 
 
-class _Process:
-    """A process that takes no memory, as psutil would describe it, which is installed on Windows only."""
-
-    rss = 0
-
-    def __init__(self, process: int) -> None: ...
-
-    def memory_info(self) -> "_Process":
-        """Its memory."""
-        return self
-
 
 def main() -> None:
     """Run each argument as a command line of swashtwin, and end with the first exit code that is not 0."""
     warnings.filterwarnings("error", category=EncodingWarning, module="swashtwin")
     _hide()
-    sys.modules["psutil"] = psutil = types.ModuleType("psutil")
-    psutil.__dict__.update(Process=_Process, NoSuchProcess=OSError)
     sys.addaudithook(_check_names)
     from typer.testing import CliRunner
 

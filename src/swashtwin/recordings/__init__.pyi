@@ -53,9 +53,9 @@ from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
 from .samples import rises_evenly as rises_evenly
-from .series import write_series as write_series
 from .splitting import best_test_rows as best_test_rows
 from .store import is_store as is_store
+from .store import write_series as write_series
 from .store import write_store as write_store
 
 __all__ = [

@@ -16,7 +16,6 @@ from swashtwin.foundation import DataError, InputError, UnitError, parse, requir
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.lossless import condition_in
 from swashtwin.recordings.formats.raw import RATES, Options, RawFile, acceleration_factor
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
@@ -72,7 +71,7 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         )
     stated = raw.facts
     attributes = dict(raw.attributes) | dict(entry.attributes)
-    condition = _condition(entry, condition_in(stated), str(path), attributes)
+    condition = _condition(entry, raw.condition, str(path), attributes)
     name = entry.id or stated.get("recording_id") or stem_of(path)
     samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
     resampling = _resampling(entry, view.rate, str(path))

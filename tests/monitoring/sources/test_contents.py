@@ -15,7 +15,7 @@ from swashtwin.monitoring.sources import Delivery, Spool, SpoolFile, Tags, Unfit
 from swashtwin.monitoring.sources.message import read_message
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
-from swashtwin.recordings.formats import subprocess_reader
+from swashtwin.recordings.formats import isolation
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 PUMP = Machine(name="pump-1")
@@ -63,8 +63,8 @@ def test_a_file_is_not_broken_where_the_computer_has_too_many_open_files(
     def full(*_: object, **__: object) -> None:
         raise OSError(EMFILE, "Too many open files")
 
-    monkeypatch.setattr(subprocess_reader.subprocess, "Popen", full)
-    subprocess_reader._process.stop()
+    monkeypatch.setattr(isolation.subprocess, "Popen", full)
+    isolation.stop()
     with pytest.raises(OSError, match="Too many open files"):
         read_contents(file, PUMP, None)
     monkeypatch.undo()

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import require_memory
-from swashtwin.recordings.formats.hdf5_kinds import is_hdf5
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.formats.variables import sorted_variables
@@ -25,7 +24,9 @@ def read(path: Path, options: Options) -> RawFile:
 
     A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate, or must agree with it.
     """
-    if is_hdf5(path):
+    import h5py
+
+    if h5py.is_hdf5(path):
         _require_data_within(path)
     else:
         require_memory(path, _unpacked_size(path))

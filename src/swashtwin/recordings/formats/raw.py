@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, MissingExtraError, UnitError, is_unit, memory_limit, parse
+from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column
 
 RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
 """What files call their sample rate [Hz], in any case of letters."""
 
+STORE_KIND = "swashtwin store "
+"""What every version of an HDF5 file of many recordings calls itself, before the number."""
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 """Rates that converters divide down [Hz]: a third of 51.2 kHz has no short decimal form."""
 RATES = (1e-3, 1e9)
@@ -55,6 +58,12 @@ class RawFile:
     """Whether samples are shares of an unknown full scale (integer WAV)."""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
+
+    @property
+    def condition(self) -> OperatingCondition | None:
+        """Operating condition that the file states, or None."""
+        stated = self.facts.get("condition")
+        return None if stated is None else OperatingCondition(**stated)
 
 
 def load_extra(module: str, extra: str = "readers") -> Any:

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, replacing
-from swashtwin.recordings.formats.lossless import read_header
+from swashtwin.recordings.formats.isolation import read_in_subprocess
 from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_rates
-from swashtwin.recordings.formats.subprocess_reader import read_in_subprocess
 from swashtwin.recordings.recording import Recording
 
 _FORMATS = {
@@ -191,6 +190,8 @@ def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
     writer = _writer(_require_suffix(path, (".h5", ".hdf5"), "written block by block"))
     with replacing(path) as partial_file:
         writer.write_stream(iter(blocks), partial_file)
+    from swashtwin.recordings.store import read_header
+
     return read_header(path)
 
 
@@ -204,5 +205,4 @@ def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
 
 def _writer(suffix: str) -> Any:
     """Module that writes files of a suffix."""
-    module = _FORMATS[suffix]
-    return import_module(f"swashtwin.recordings.formats.{'hdf5_writer' if module == 'hdf5' else module}")
+    return import_module(f"swashtwin.recordings.formats.{_FORMATS[suffix]}")

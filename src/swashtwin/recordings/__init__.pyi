@@ -1,16 +1,16 @@
 """Names that other rooms import, and where each lives."""
 
 from .checks.channels import clipped_samples as clipped_samples
+from .checks.channels import refuse_unfit as refuse_unfit
+from .checks.comparison import inspect_recording as inspect_recording
+from .checks.comparison import inspect_recordings as inspect_recordings
+from .checks.comparison import layout_findings as layout_findings
 from .checks.comparison import several_healthy as several_healthy
+from .checks.comparison import usual_window as usual_window
+from .checks.comparison import window_findings as window_findings
 from .checks.findings import Finding as Finding
 from .checks.findings import InspectionReport as InspectionReport
 from .checks.findings import RecordingReport as RecordingReport
-from .checks.inspection import inspect_recording as inspect_recording
-from .checks.inspection import inspect_recordings as inspect_recordings
-from .checks.layout import layout_findings as layout_findings
-from .checks.layout import usual_window as usual_window
-from .checks.layout import window_findings as window_findings
-from .checks.usability import refuse_unfit as refuse_unfit
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
 from .columns import BLOCK as BLOCK

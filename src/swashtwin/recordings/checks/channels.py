@@ -1,19 +1,22 @@
-"""What is suspicious about the samples of one channel: clipping, dropouts, offsets."""
+"""What is wrong or suspicious about each channel: missing samples, dead sensors, clipping, dropouts, offsets."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from swashtwin.recordings.checks.channel_statistics import (
-    ChannelStatistics,
-    Extreme,
-    channel_extremes,
-    converter_steps,
-)
+from swashtwin.foundation import DataError
 from swashtwin.recordings.checks.findings import Finding
+from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 
+PART = 1 << 22
+"""Samples of a channel that are looked at together; a stretch across the border of two parts counts as two."""
+_LARGEST = float(np.finfo(np.float32).max)
+"""Windows are in single precision."""
+_NEAR, _AT = 0.01, 1e-6
+"""Distance from an extreme, relative to the range, that counts as near it, and as the extreme itself."""
 _CLIP_RUN = 3
 """Samples in a row at the extreme that count as clipped."""
 _FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
@@ -24,65 +27,150 @@ _FULL_SCALES = tuple(2**bits for bits in range(9, 24))
 """Steps from zero to the end of a converter."""
 
 
-def least_flat(sample_rate: float) -> float:
-    """Samples of one value in a row from which a stretch is flat."""
-    return max(_FLAT_SAMPLES, _FLAT_TIME * sample_rate)
+class ChannelStatistics:
+    """Range, mean, variance and flat stretches of a channel.
+
+    Parameters
+    ----------
+    flat : samples of one value in a row from which a stretch is kept.
+    """
+
+    def __init__(self, flat: float) -> None:
+        self._flat = flat
+        self.bad, self.first_bad, self.count, self._square = 0, 0, 0, 0.0
+        self.least, self.most, self.mean = math.inf, -math.inf, 0.0
+        self.stretches: list[tuple[int, int, float]] = []
+        """Number of samples, number of the first, and value of each flat stretch."""
+
+    def add(self, row: Float[np.ndarray, " time"], position: int) -> None:
+        """Take up the samples from number `position` on."""
+        starts, lengths = _runs(np.flatnonzero(row[1:] == row[:-1]))
+        for at in np.flatnonzero(lengths + 1 >= self._flat):
+            self.stretches.append((int(lengths[at]) + 1, position + int(starts[at]), float(row[starts[at]])))
+        if not math.isfinite(row.min() + row.max()):
+            bad = np.flatnonzero(~np.isfinite(row))
+            self.first_bad = self.first_bad if self.bad else position + int(bad[0]) if bad.size else 0
+            self.bad += bad.size
+            row = np.delete(row, bad)
+        if not row.size:
+            return
+        before, self.count = self.count, self.count + row.size
+        self.least, self.most = min(self.least, float(row.min())), max(self.most, float(row.max()))
+        with np.errstate(over="ignore", invalid="ignore"):  # a sample of 1e300 has no square
+            mean = row.mean()
+            centered = row - mean
+            step = mean - self.mean
+            self._square += float(centered @ centered + step * step * before * row.size / self.count)
+            self.mean += float(step * row.size / self.count)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether every finite sample is the same, or there is none."""
+        return not self.least < self.most
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest sample; NaN without a finite one."""
+        return (self.least, self.most) if self.count else (math.nan, math.nan)
+
+    @property
+    def std(self) -> float:
+        """Standard deviation; NaN without a finite sample."""
+        return math.sqrt(self._square / self.count) if self.count else math.nan
+
+    @property
+    def rms(self) -> float:
+        """Root mean square, offset included; NaN without a finite sample."""
+        return math.hypot(self.mean, self.std)
+
+    @property
+    def key(self) -> tuple[float, ...]:
+        """Figures that are the same, bit for bit, for equal samples."""
+        return self.count, self.least, self.most, self.mean, self._square
 
 
-def channel_findings(recording: Recording, statistics: list[ChannelStatistics]) -> Iterator[Finding]:
-    """Findings of each channel; `statistics` keep runs of `least_flat` samples."""
-    pairs = channel_extremes(recording, statistics)
-    crowds = [[extreme.crowded(_CLIP_RUN) for extreme in extremes] for extremes in pairs]
-    suspects = [
-        number
-        for number, channel in enumerate(statistics)
-        if not (channel.is_constant or any(crowds[number])) and _may_touch_full_scale(channel, pairs[number])
-    ]
-    steps = converter_steps(recording, suspects) if suspects else {}
-    for number, (channel, extremes) in enumerate(zip(statistics, pairs, strict=True)):
-        if not channel.is_constant:
-            is_cut = number in steps and _touches_full_scale(channel, extremes, steps[number])
-            yield from _findings(recording, number, channel, crowds[number], is_cut)
+def channel_statistics(recording: Recording) -> list[ChannelStatistics]:
+    """Statistics of each channel."""
+    flat = max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate)
+    statistics = [ChannelStatistics(flat) for _ in recording.channels]
+    for start in range(0, recording.n_samples, PART):
+        for channel, row in zip(statistics, recording.samples.signal_part(start, start + PART), strict=True):
+            channel.add(row, start)
+    return statistics
 
 
-def _findings(
-    recording: Recording, number: int, channel: ChannelStatistics, crowds: list[int], is_cut: bool
-) -> Iterator[Finding]:
-    name = recording.channels[number]
-    clipped = sum(crowds)
-    if max(crowds) > recording.n_samples / 2:
+def refuse_unfit(recording: Recording) -> None:
+    """Refuse a recording from which nothing can be learned.
+
+    Raises
+    ------
+    DataError
+        Missing samples, a sample beyond single precision, a constant channel, gaps in time, or less than one revolution
+        where the speed is known.
+    """
+    for finding in unfit(recording, channel_statistics(recording)):
+        where = recording.recording_id if finding.channel is None else f"{recording.recording_id}, {finding.channel}"
+        raise DataError(f"{where}: {finding.message}")
+
+
+def unfit(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iterator[Finding]:
+    """Why nothing can be learned from a recording."""
+    for name, channel in zip(recording.channels, statistics, strict=True):
+        if channel.bad:
+            message = (
+                f"{channel.bad} of {recording.n_samples} samples are missing or infinite, the first at "
+                f"{channel.first_bad / recording.sample_rate:.6g} s; cut them out or repair the file."
+            )
+            yield Finding("nan", "error", name, message)
+        elif (peak := max(channel.most, -channel.least)) > _LARGEST:
+            message = (
+                f"a sample of {peak:.3g} {recording.unit} is larger than a window can hold ({_LARGEST:.2g}); cut it "
+                "out, or repair the file."
+            )
+            yield Finding("too_large", "error", name, message)
+        elif channel.is_constant:
+            yield Finding("constant", "error", name, f"every sample is {channel.least:g}: a dead or unplugged sensor?")
+    if gaps := recording.attributes.get("time_gaps"):
+        yield Finding("gaps", "error", None, f"the time column has gaps: {gaps}; split the file where they are.")
+    shaft = stated_speed(recording)
+    if shaft and recording.duration * shaft < 1:
         message = (
-            f"{max(crowds)} samples ({max(crowds) / recording.n_samples:.2%}) are as good as equal beside the others, "
-            f"of {channel.least:.4g} to {channel.most:.4g} {recording.unit}: spikes, or the pulses of a tachometer?"
+            f"{recording.duration:.4g} s is shorter than one revolution at {shaft * 60:.5g} rev/min "
+            f"({1 / shaft:.4g} s); record longer, or correct the sample rate."
         )
-        yield Finding("spikes", "warning", name, message)
-    elif clipped:
-        share = clipped / recording.n_samples
-        message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
-        yield Finding("clipping", "warning", name, message)
-    elif is_cut:
-        message = (
-            f"samples touch the converter's full scale ({channel.least:.4g} to {channel.most:.4g}): peaks may be cut "
-            "off."
-        )
-        yield Finding("clipping", "warning", name, message)
-    starts, pairs, values = channel.equal_pairs.result()
-    interior = ~np.isclose(values[:, None], (channel.least, channel.most)).any(axis=1)
-    flat = interior | (clipped == 0)
-    if flat.any():
-        longest = int(np.argmax(np.where(flat, pairs, 0)))
-        message = (
-            f"{int(flat.sum())} flat stretches; the longest is {(pairs[longest] + 1) / recording.sample_rate:.4g} s "
-            f"at {starts[longest] / recording.sample_rate:.4g} s: dropouts?"
-        )
-        yield Finding("flat", "warning", name, message)
-    if abs(channel.mean) > _OFFSET_RATIO * channel.std > 0:
-        ratio = abs(channel.mean) / channel.std
-        message = (
-            f"the offset {channel.mean:.4g} {recording.unit} is {ratio:.1f} times the vibration's std "
-            f"{channel.std:.4g}."
-        )
-        yield Finding("offset", "warning", name, message)
+        yield Finding("short", "error", None, message)
+
+
+def channel_findings(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iterator[Finding]:
+    """Clipping, dropouts and offsets of each channel that is not constant."""
+    totals = np.zeros((len(statistics), 2, 3), int)
+    for start in range(0, recording.n_samples, PART):
+        signal = recording.samples.signal_part(start, start + PART)
+        for number, (row, channel) in enumerate(zip(signal, statistics, strict=True)):
+            if not channel.is_constant:
+                totals[number] += _at_extremes(row, channel.least, channel.most)
+    for number, (name, channel) in enumerate(zip(recording.channels, statistics, strict=True)):
+        if channel.is_constant:
+            continue
+        crowds = [_crowd(*counts) for counts in totals[number].tolist()]
+        if (finding := _clipping(recording, number, channel, crowds, totals[number, :, 2])) is not None:
+            yield finding
+        values = np.array([value for _, _, value in channel.stretches])
+        interior = ~np.isclose(values[:, None], (channel.least, channel.most)).any(axis=1)
+        flat = [item for item, inside in zip(channel.stretches, interior, strict=True) if inside or not sum(crowds)]
+        if flat:
+            length, first, _ = max(flat, key=lambda item: item[0])
+            message = (
+                f"{len(flat)} flat stretches; the longest is {length / recording.sample_rate:.4g} s at "
+                f"{first / recording.sample_rate:.4g} s: dropouts?"
+            )
+            yield Finding("flat", "warning", name, message)
+        if abs(channel.mean) > _OFFSET_RATIO * channel.std > 0:
+            message = (
+                f"the offset {channel.mean:.4g} {recording.unit} is {abs(channel.mean) / channel.std:.1f} times the "
+                f"vibration's std {channel.std:.4g}."
+            )
+            yield Finding("offset", "warning", name, message)
 
 
 def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
@@ -90,29 +178,67 @@ def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     low, high = float(np.nanmin(row)), float(np.nanmax(row))
     if not (np.isfinite(low) and np.isfinite(high)):
         return 0
-    extremes = Extreme(low, high - low, -1), Extreme(high, high - low, 1)
-    for extreme in extremes:
-        extreme.add(row, 0)
-    return sum(extreme.crowded(_CLIP_RUN) for extreme in extremes)
+    return sum(_crowd(*counts) for counts in _at_extremes(row, low, high).tolist())
 
 
-def _may_touch_full_scale(channel: ChannelStatistics, extremes: tuple[Extreme, Extreme]) -> bool:
-    lower, upper = extremes
-    is_single = lower.touching == upper.touching == 1
-    return not channel.bad and (not is_single or _spans_a_converter(channel.least, channel.most))
+def _clipping(
+    recording: Recording,
+    number: int,
+    channel: ChannelStatistics,
+    crowds: list[int],
+    touching: Int[np.ndarray, " extreme"],
+) -> Finding | None:
+    name, span = recording.channels[number], f"{channel.least:.4g} to {channel.most:.4g}"
+    if max(crowds) > recording.n_samples / 2:
+        message = (
+            f"{max(crowds)} samples ({max(crowds) / recording.n_samples:.2%}) are as good as equal beside the others, "
+            f"of {span} {recording.unit}: spikes, or the pulses of a tachometer?"
+        )
+        return Finding("spikes", "warning", name, message)
+    if clipped := sum(crowds):
+        share = clipped / recording.n_samples
+        message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
+        return Finding("clipping", "warning", name, message)
+    if touching.sum() > 2 and not channel.bad and _touches_full_scale(recording, number, channel, touching):
+        message = f"samples touch the converter's full scale ({span}): peaks may be cut off."
+        return Finding("clipping", "warning", name, message)
+    return None
 
 
-def _touches_full_scale(channel: ChannelStatistics, extremes: tuple[Extreme, Extreme], step: float) -> bool:
+def _runs(numbers: Int[np.ndarray, " number"]) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """First number and length of each run of consecutive numbers."""
+    if not numbers.size:
+        return numbers, numbers
+    first = np.concatenate(([0], np.flatnonzero(np.diff(numbers) != 1) + 1))
+    return numbers[first], np.diff(np.append(first, numbers.size))
+
+
+def _at_extremes(row: Float[np.ndarray, " time"], least: float, most: float) -> Int[np.ndarray, "extreme 3"]:
+    """Samples in runs at the lower and the upper extreme, samples near it but not at it, and samples that equal it."""
+    counts, span = np.zeros((2, 3), int), most - least
+    for number, (signed, extreme) in enumerate(((-row, -least), (row, most))):
+        near = np.flatnonzero(signed >= extreme - _NEAR * span)
+        at = near[extreme - signed[near] <= _AT * span]
+        _, lengths = _runs(at)
+        counts[number] = lengths[lengths >= _CLIP_RUN].sum(), near.size - at.size, (signed[at] == extreme).sum()
+    return counts
+
+
+def _crowd(in_runs: int, near: int, touching: int) -> int:
+    """Samples in runs at the extreme, where it is crowded as only a stop makes it."""
+    return in_runs if in_runs > max(near, 2 * _CLIP_RUN - 1) else 0
+
+
+def _touches_full_scale(
+    recording: Recording, number: int, channel: ChannelStatistics, touching: Int[np.ndarray, " extreme"]
+) -> bool:
     """Whether several samples are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
-    lower, upper = extremes
-    touching = lower.touching * (round(-channel.least / step) in _FULL_SCALES)
-    touching += upper.touching * (round(channel.most / step) + 1 in _FULL_SCALES)
-    return touching >= 2
-
-
-def _spans_a_converter(least: float, most: float) -> bool:
-    """Whether `least` and `most` can both be full scale, at some number of bits on either side."""
-    if not least < 0 < most:
+    values = np.unique(recording.samples.signal_part(0, PART)[number])
+    if len(values) < 3:
         return False
-    steps = most / -least * np.array(_FULL_SCALES) + 1  # of `most`, where `least` is -2^k steps
-    return bool((np.abs(steps[:, None] - np.array(_FULL_SCALES)) <= 2 + steps[:, None] / 1024).any())
+    step = float(np.diff(values).min())
+    steps = values / step
+    if np.abs(steps[[0, -1]]).max() > 2**24 or np.abs(steps - np.round(steps)).max() > 0.01:
+        return False
+    low = int(touching[0]) * (round(-channel.least / step) in _FULL_SCALES)
+    return low + int(touching[1]) * (round(channel.most / step) + 1 in _FULL_SCALES) >= 2

@@ -1,93 +1,223 @@
-"""What shows only when recordings are compared: unequal rates, units and lengths, copies, thin classes."""
+"""Everything suspicious about recordings: each by itself, and what shows only when they are compared."""
 
 import math
 import statistics as figures
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from swashtwin.foundation import plural
+from swashtwin.foundation import DataError, plural
 from swashtwin.pump import is_healthy
-from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
-from swashtwin.recordings.checks.findings import Finding
-from swashtwin.recordings.checks.layout import by_value, layout_findings, window_findings
+from swashtwin.recordings.checks.channels import ChannelStatistics, channel_findings, channel_statistics, unfit
+from swashtwin.recordings.checks.findings import ChannelReport, Finding, InspectionReport, RecordingReport
+from swashtwin.recordings.checks.speed_and_rate import contradicted_speed, implausible_rate
+from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import hash_channels
 
+_WHOLE = 1 << 24
+"""Samples of all channels up to which a recording is read once and held in memory while it is looked at."""
 _LEVEL_RATIO = 30.0
 """Level over the median of its class from which gain or unit must differ: faults change it less."""
+_LONGEST, _LEAST, _DURATION = 8192, 256, 0.33  # samples, samples, seconds of a window where nobody says
 
 
-class Comparison:
-    """Recordings that are taken up one by one, and what shows only when they are compared.
+def inspect_recording(recording: Recording) -> RecordingReport:
+    """Range of each channel and everything suspicious about the recording."""
+    return _report(recording)[0]
+
+
+def inspect_recordings(
+    recordings: Sequence[Recording],
+    *,
+    window: int = 2048,
+    unreadable: Sequence[Finding] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> InspectionReport:
+    """Ranges and findings of each recording, and what shows only when recordings are compared.
+
+    One recording at a time is in memory, and a long one in parts.
 
     Parameters
     ----------
-    window : samples of the windows that are to be cut.
+    window : samples of the windows that are to be cut; 2048 is what training takes by default.
+    unreadable : what `load_recordings` reported of files that are not among the recordings.
+    progress : called with the number of recordings that are done, and of all.
     """
+    reports, statistics = [], []
+    for number, stored in enumerate(recordings):
+        if progress:
+            progress(number, len(recordings))
+        report, channels = _report(stored.unloaded())
+        reports.append(report)
+        statistics.append(channels)
+    if progress:
+        progress(len(recordings), len(recordings))
+    findings = [
+        *layout_findings(recordings),
+        *window_findings(recordings, window),
+        *_unequal_lengths(recordings),
+        *_duplicates(recordings, statistics),
+        *_odd_levels(recordings, statistics),
+        *several_healthy(recording.label for recording in recordings),
+        *_thin_classes(recordings),
+    ]
+    return InspectionReport(tuple(reports), (*unreadable, *findings))
 
-    def __init__(self, window: int) -> None:
-        self._window = window
-        self._recordings: list[Recording] = []
-        self._statistics: list[list[ChannelStatistics]] = []
 
-    def add(self, recording: Recording, statistics: list[ChannelStatistics]) -> None:
-        """Take up a recording; its samples are not held."""
-        self._recordings.append(recording)
-        self._statistics.append(statistics)
+def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatistics]]:
+    if recording.n_samples * recording.n_channels <= _WHOLE:
+        recording.samples.signal  # noqa: B018 - read once, for all that follows
+    statistics = channel_statistics(recording)
+    findings: list[Finding] = [*unfit(recording, statistics), *channel_findings(recording, statistics)]
+    findings += [*contradicted_speed(recording, statistics), *implausible_rate(recording)]
+    for key, reason in (("text_columns", "hold text or dates"), ("blank_columns", "are blank")):
+        if names := recording.attributes.get(key):
+            findings.append(Finding("left_out", "note", None, f"columns that {reason} were left out: {names}."))
+    reports = [
+        ChannelReport(name, *channel.extent, channel.rms, channel.std)
+        for name, channel in zip(recording.channels, statistics, strict=True)
+    ]
+    report = RecordingReport(
+        recording.recording_id,
+        recording.sample_rate,
+        recording.duration,
+        recording.unit,
+        recording.label,
+        tuple(reports),
+        tuple(findings),
+    )
+    return report, statistics
 
-    def findings(self) -> Iterator[Finding]:
-        """Findings of all recordings together."""
-        yield from layout_findings(self._recordings)
-        yield from window_findings(self._recordings, self._window)
-        yield from unequal_lengths(self._recordings)
-        yield from self._duplicates()
-        yield from self._odd_levels()
-        yield from several_healthy(recording.label for recording in self._recordings)
-        yield from thin_classes(self._recordings)
 
-    def _duplicates(self) -> Iterator[Finding]:
-        """Channels that hold the same samples; only those of equal figures are compared by their content."""
-        rows = {}
-        for number, channels in enumerate(self._statistics):
-            for channel, figures_of in enumerate(channels):
-                if not figures_of.is_constant:
-                    rows[number, channel] = figures_of.key
-        counts = Counter(rows.values())
-        alike = [where for where, key in rows.items() if counts[key] > 1]
-        groups = by_value((_hash(self._recordings[number], channel), self._recordings[number])
-                           for number, channel in alike)  # fmt: skip
-        groups.pop("", None)
-        reported = set()
-        for group in groups.values():
-            ids = tuple(recording.recording_id for recording in group)
-            if len(ids) > 1 and ids not in reported:
-                reported.add(ids)
-                message = (
-                    f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its "
-                    "answer."
-                )
-                yield Finding("duplicate", "error", None, message)
+def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """An error for each of rate, channels and unit that is not the same in all recordings."""
+    for kind, noun, words, advice in (
+        ("rate", "sample rates", lambda recording: f"{recording.sample_rate:g} Hz",
+         'a network would learn the rate; give resample = "..." in the index'),
+        ("channels", "channels", lambda recording: ", ".join(recording.channels),
+         'pick the same in each with channels = ["..."], and give them the same names = ["..."] in the index'),
+        ("unit", "units", lambda recording: recording.unit,
+         'state what one sample is in each with calibration_factor = "..." in the index'),
+    ):  # fmt: skip
+        groups = _by_value((words(recording), recording) for recording in recordings)
+        if len(groups) > 1:
+            listed = "; ".join(
+                f"{value}: {_listed([recording.recording_id for recording in group])} ({_labels(group)})"
+                for value, group in groups.items()
+            )
+            yield Finding(kind, "error", None, f"{noun} differ ({listed}): {advice}.")
 
-    def _odd_levels(self) -> Iterator[Finding]:
-        """Recordings whose level is far from that of their class, channel by channel."""
-        levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
-        for recording, channels in zip(self._recordings, self._statistics, strict=True):
-            for name, channel in zip(recording.channels, channels, strict=True):
-                if channel.std > 0 and math.isfinite(channel.std):
-                    key = recording.label, recording.unit, name
-                    levels.setdefault(key, []).append((channel.std, recording))
-        for (label, unit, name), members in levels.items():
-            usual = figures.median_low([level for level, _ in members])
-            odd = [(level, recording) for level, recording in members
-                   if abs(math.log(level / usual)) > math.log(_LEVEL_RATIO)]  # fmt: skip
-            if odd:
-                level, recording = odd[0]
-                names = _listed([recording.recording_id for _, recording in odd])
-                message = (
-                    f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
-                    f"{label or 'no class'}: another unit, range or calibration factor?"
-                )
-                yield Finding("level", "warning", name, message)
+
+def window_findings(
+    recordings: Sequence[Recording], length: int, *, allow_partial_revolution: bool = False
+) -> Iterator[Finding]:
+    """A warning where recordings are too short for one window, or a window is shorter than one turn of the shaft."""
+    short = sorted((item for item in recordings if item.n_samples < length), key=lambda item: item.n_samples)
+    if short:
+        message = (
+            f"{short[0].recording_id} has {short[0].n_samples} samples ({short[0].duration:.3g} s), too few for one "
+            f"window of {length}{_more(short)}; shorten the window or leave the recording out."
+        )
+        yield Finding("short_window", "warning", None, message)
+    turns = [(_turn(recording), recording) for recording in recordings if recording.condition is not None]
+    partial = [recording for samples, recording in turns if samples > length]
+    if partial and not allow_partial_revolution:
+        slowest = max(partial, key=_turn)
+        message = (
+            f"a window of {length} samples is shorter than one revolution of {slowest.recording_id}{_more(partial)} "
+            f"({60 * (stated_speed(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); take length "
+            f"{_turn(slowest)} or more, or allow_partial_revolution=True."
+        )
+        yield Finding("partial_turn", "warning", None, message)
+
+
+def usual_window(recordings: Sequence[Recording]) -> int:
+    """Samples of the windows that recordings are cut into where nobody says: a power of two.
+
+    0.32 s or more, 8,192 samples at least, so that a spectrum tells the shaft's orders apart; but no more than a
+    quarter of most recordings, nor than the shortest recording holds.
+
+    Raises
+    ------
+    DataError
+        There is no recording.
+    """
+    if not recordings:
+        raise DataError("no recording to cut windows from; check the folder or the selection.")
+    counts = [recording.n_samples for recording in recordings]
+    rate = max(recording.sample_rate for recording in recordings)
+    longest = max(_LONGEST, _power_of_two(_DURATION * rate))
+    usual = min(longest, _power_of_two(figures.median(counts) / 4))
+    return max(_LEAST, min(usual, _power_of_two(min(counts))))
+
+
+def _power_of_two(samples: float) -> int:
+    """The greatest power of two that is not above it; 1 at least."""
+    return 1 << max(0, math.floor(math.log2(max(samples, 1.0))))
+
+
+def _more(recordings: Sequence[Recording]) -> str:
+    count = len(recordings) - 1
+    return f" ({count} other recording{'s' * (count > 1)} too)" if count else ""
+
+
+def _turn(recording: Recording) -> int:
+    """Samples of one revolution, 0 where the speed is not stated."""
+    shaft = stated_speed(recording)
+    return math.ceil(recording.sample_rate / shaft * (1 - 1e-9)) if shaft else 0
+
+
+def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recording]]:
+    """Recordings of each value."""
+    groups: dict[str, list[Recording]] = {}
+    for value, recording in pairs:
+        groups.setdefault(value, []).append(recording)
+    return groups
+
+
+def _duplicates(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
+    """Channels that hold the same samples; only those of equal figures are compared by their content."""
+    rows = {}
+    for number, channels in enumerate(statistics):
+        for channel, figures_of in enumerate(channels):
+            if not figures_of.is_constant:
+                rows[number, channel] = figures_of.key
+    counts = Counter(rows.values())
+    alike = [where for where, key in rows.items() if counts[key] > 1]
+    groups = _by_value((_hash(recordings[number], channel), recordings[number])
+                       for number, channel in alike)  # fmt: skip
+    groups.pop("", None)
+    reported = set()
+    for group in groups.values():
+        ids = tuple(recording.recording_id for recording in group)
+        if len(ids) > 1 and ids not in reported:
+            reported.add(ids)
+            message = (
+                f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
+            )
+            yield Finding("duplicate", "error", None, message)
+
+
+def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
+    """Recordings whose level is far from that of their class, channel by channel."""
+    levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
+    for recording, channels in zip(recordings, statistics, strict=True):
+        for name, channel in zip(recording.channels, channels, strict=True):
+            if channel.std > 0 and math.isfinite(channel.std):
+                key = recording.label, recording.unit, name
+                levels.setdefault(key, []).append((channel.std, recording))
+    for (label, unit, name), members in levels.items():
+        usual = figures.median_low([level for level, _ in members])
+        odd = [(level, recording) for level, recording in members
+               if abs(math.log(level / usual)) > math.log(_LEVEL_RATIO)]  # fmt: skip
+        if odd:
+            level, recording = odd[0]
+            names = _listed([recording.recording_id for _, recording in odd])
+            message = (
+                f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
+                f"{label or 'no class'}: another unit, range or calibration factor?"
+            )
+            yield Finding("level", "warning", name, message)
 
 
 def _hash(recording: Recording, channel: int) -> str:
@@ -99,7 +229,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def unequal_lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
+def _unequal_lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """A warning where the lengths differ much."""
     lengths = [recording.duration for recording in recordings]
     if lengths and max(lengths) > 3 * min(lengths):
@@ -118,8 +248,9 @@ def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:
         yield Finding("several_healthy", "note", None, message)
 
 
-def thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    for label, group in by_value((recording.label or "", recording) for recording in recordings).items():
+def _thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Classes of one recording or one specimen, and recordings without a class."""
+    for label, group in _by_value((recording.label or "", recording) for recording in recordings).items():
         if not label:
             yield Finding("unlabeled", "note", None, f"{plural(len(group), 'recording')} without a class.")
             continue

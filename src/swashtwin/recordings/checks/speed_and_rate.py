@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.recordings.checks.channel_statistics import ChannelStatistics
+from swashtwin.recordings.checks.channels import ChannelStatistics
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording

@@ -64,7 +64,6 @@ def _check_names(event: str, arguments: tuple[Any, ...]) -> None:
         raise RuntimeError(f"Windows takes no file {path!r}")
 
 
-
 def main() -> None:
     """Run each argument as a command line of swashtwin, and end with the first exit code that is not 0."""
     warnings.filterwarnings("error", category=EncodingWarning, module="swashtwin")

@@ -14,7 +14,6 @@ that its memory is its own peak.
 import argparse
 import json
 import math
-import multiprocessing
 import resource
 import time
 from collections.abc import Callable
@@ -22,6 +21,8 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import torch
+from peers.measuring import alone, seconds, settle
+from peers.problem import FACTORS, Probe, pump_twin
 from torch import Tensor
 
 from swashtwin.calibration import (
@@ -33,15 +34,12 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.foundation import MPa, mm, rpm
 from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
 from swashtwin.physics.solvers.runge_kutta import rk4_limits, state_matrix
-from swashtwin.pump import Interfaces, OperatingCondition, SwashPlateDefect, load_pump
+from swashtwin.pump import Interfaces
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
 
-FACTORS = np.array([1, 1, 1.6, 0.7, 2.5, 1])
-"""Truth over nominal values."""
 REVOLUTIONS = 4
 """The rival's simulated revolutions: three die away, the fourth is compared."""
 STEPS = 400
@@ -60,11 +58,9 @@ class Row:
     error: float
 
 
-def twin_at_15() -> Twin:
-    """The paper's pump, condition and defect."""
-    condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-    defect = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
-    return Twin(load_pump("25scy14-1b"), condition, defect, bandwidth=2600)
+def narrow_twin() -> Twin:
+    """The paper's pump, condition and defect, in the band that is compared."""
+    return replace(pump_twin(), bandwidth=2600)
 
 
 def recording_of(twin: Twin, factors: np.ndarray, seed: int = 0) -> Recording:
@@ -76,19 +72,8 @@ def recording_of(twin: Twin, factors: np.ndarray, seed: int = 0) -> Recording:
 
 def objective() -> Objective:
     """What every row minimizes."""
-    twin = twin_at_15()
+    twin = narrow_twin()
     return objective_of(twin, measure(twin, [recording_of(twin, FACTORS)]))
-
-
-def seconds(run: Callable[[], object], repeats: int) -> float:
-    """Median time of a call [s], after one to warm up."""
-    run()
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))
 
 
 def memory() -> float:
@@ -105,42 +90,42 @@ def loss_row(name: str, solver: SteadySolver) -> Row:
     def gradient() -> Tensor:
         return torch.autograd.grad(target.spectrum_loss(point, solver=solver), point)[0]
 
-    value_s = seconds(lambda: target.spectrum_loss(target.start, solver=solver), 20)
-    gradient_s = seconds(gradient, 20)
+    value_s = seconds(lambda: target.spectrum_loss(target.start, solver=solver))
+    gradient_s = seconds(gradient)
     exact = target.spectrum_loss(target.start, solver=HarmonicBalance()).item()
     error = abs(target.spectrum_loss(target.start, solver=solver).item() / exact - 1)
     return Row(name, value_s, gradient_s, memory() - before, error)
 
 
-class Probe:
-    """A solver that solves nothing, but keeps the equations it was given."""
+@dataclass(frozen=True)
+class Lines:
+    """Matrices and force lines of the equations, with their gradients."""
 
-    def steady_state(
-        self, mass: Tensor, damping: Tensor, stiffness: Tensor, frequency: Tensor, force: Tensor
-    ) -> Tensor:
-        """Zero motion."""
-        self.mass, self.damping, self.stiffness = mass, damping.reshape(13, 13), stiffness.reshape(13, 13)
-        self.frequency, self.force = frequency.reshape(-1), force.reshape(-1, 13)
-        return torch.zeros_like(force)
+    mass: Tensor
+    damping: Tensor
+    stiffness: Tensor
+    frequency: Tensor
+    force: Tensor
 
 
-def equations(target: Objective, values: Tensor) -> Probe:
-    """Matrices and force lines at the values, with their gradients."""
+def equations(target: Objective, values: Tensor) -> Lines:
+    """Those at the values."""
     probe = Probe()
     target.twin.acceleration(values, solver=probe)
-    return probe
+    mass, damping, stiffness, frequency, force = probe.given
+    return Lines(mass, damping.reshape(13, 13), stiffness.reshape(13, 13), frequency.reshape(-1), force.reshape(-1, 13))
 
 
-def forces_in_time(probe: Probe, step: float, n: int) -> Tensor:
+def forces_in_time(lines: Lines, step: float, n: int) -> Tensor:
     """Forces [N, N m] at every half step."""
     time_of = step / 2 * torch.arange(2 * n + 1, dtype=torch.float64)
-    return (torch.exp(1j * time_of[:, None] * probe.frequency) @ probe.force).real
+    return (torch.exp(1j * time_of[:, None] * lines.frequency) @ lines.force).real
 
 
-def eager_states(probe: Probe, step: float, n: int) -> Tensor:
+def eager_states(lines: Lines, step: float, n: int) -> Tensor:
     """States after each of `n` Runge-Kutta steps from rest, as a loop that autograd records."""
-    state = state_matrix(probe.mass, probe.damping, probe.stiffness)
-    force = forces_in_time(probe, step, n) / probe.mass.diagonal()
+    state = state_matrix(lines.mass, lines.damping, lines.stiffness)
+    force = forces_in_time(lines, step, n) / lines.mass.diagonal()
     push = torch.cat([torch.zeros_like(force), force], dim=1).unbind(0)
     x, states = torch.zeros(26, dtype=torch.float64), []
     for i in range(n):
@@ -168,12 +153,12 @@ def eager_row() -> Row:
     """The rival's loss, extrapolated from a few hundred steps."""
     target = objective()
     values = target.twin.values.requires_grad_()
-    probe = equations(target, values.detach())
-    step = 0.8 * float(rk4_limits(state_matrix(probe.mass, probe.damping, probe.stiffness)))
+    lines = equations(target, values.detach())
+    step = 0.8 * float(rk4_limits(state_matrix(lines.mass, lines.damping, lines.stiffness)))
     share = STEPS / math.ceil(REVOLUTIONS * target.twin.condition.period / step)
-    value_s = seconds(lambda: eager_loss(target, values.detach(), step, STEPS), 3) / share
+    value_s = seconds(lambda: eager_loss(target, values.detach(), step, STEPS)) / share
     before = memory()
-    gradient_s = seconds(lambda: torch.autograd.grad(eager_loss(target, values, step, STEPS), values), 3) / share
+    gradient_s = seconds(lambda: torch.autograd.grad(eager_loss(target, values, step, STEPS), values)) / share
     peak = (memory() - before) / share
     return Row("one loss, eager Runge-Kutta loop (extrapolated)", value_s, gradient_s, peak, math.nan)
 
@@ -185,7 +170,7 @@ def method_row(name: str, method: IPINN | GaussNewton) -> Row:
     started = time.perf_counter()
     result = method.search(target, seed=0)
     wall = time.perf_counter() - started
-    value_s = seconds(lambda: target.spectrum_loss(target.start), 20) * result.simulations
+    value_s = seconds(lambda: target.spectrum_loss(target.start)) * result.simulations
     ratio = result.values / (target.space.nominal * FACTORS)
     return Row(name, value_s, wall, memory() - before, float(np.abs(ratio[[2, 4]] - 1).max()))
 
@@ -196,24 +181,21 @@ ROWS: tuple[tuple[Callable[..., Row], tuple[object, ...]], ...] = (
     (eager_row, ()),
     (method_row, ("IPINN, 500 epochs, harmonic balance", IPINN(epochs=EPOCHS))),
     (method_row, ("IPINN, 500 epochs, RK4 as its exact map", IPINN(epochs=EPOCHS, solver=RK4()))),
-    (method_row, ("IPINN.improved, 500 epochs, harmonic balance", IPINN.improved(epochs=EPOCHS))),
     (method_row, ("Gauss-Newton, 4 starts", GaussNewton())),
 )
 
 
-def _measured(index: int) -> Row:
-    torch.set_num_threads(1)
+def measured(index: int) -> Row:
+    """Row of this number, in this process."""
+    settle()
     make, arguments = ROWS[index]
     return make(*arguments)
 
 
 def table() -> dict[str, object]:
     """All rows and the ratios."""
-    rows = []
-    for index in range(len(ROWS)):
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows.append(pool.apply(_measured, (index,)))
-    exact, _, eager, ipinn, ipinn_rk4, _, newton = rows
+    rows = [alone(measured, index) for index in range(len(ROWS))]
+    exact, _, eager, ipinn, ipinn_rk4, newton = rows
     rival_run = ipinn.gradient_s + EPOCHS * (eager.gradient_s - exact.gradient_s)
     ratios = {
         "eager": rival_run / ipinn.gradient_s,
@@ -228,7 +210,7 @@ def table() -> dict[str, object]:
 def recovery(seeds: int) -> None:
     """Print in how many of `seeds` runs each method finds C_v and C_Hz within 10 % and K_v within 30 %."""
     torch.set_num_threads(1)
-    twin = twin_at_15()
+    twin = narrow_twin()
     truths = {
         "C_v x1.6, K_v x0.7, C_Hz x2.5": FACTORS,
         "paper: C_sw x0.42, C_Hz x4.5": np.array([0.778 / 1.86, 1, 1, 1, 4.5, 1]),
@@ -238,8 +220,6 @@ def recovery(seeds: int) -> None:
     methods = {
         "IPINN (the paper's)": IPINN(),
         "IPINN, 1e-3": IPINN(learning_rate=1e-3),
-        "IPINN.improved": IPINN.improved(),
-        "IPINN.improved, 1e-3": IPINN.improved(learning_rate=1e-3),
         "GaussNewton": GaussNewton(),
     }
     print(f"{'truth over nominal':34}{'method':24}{'found':>7}{'K_sw flagged':>14}{'loss':>9}{'wall s':>8}")

@@ -1,16 +1,13 @@
-"""Attack the readers and the models, and make one table of what comes of it.
+"""Attack the readers with damaged, lying and greedy files, and make one table of what comes of it.
 
     python benchmarks/fuzz_readers.py --jobs 2 --out docs/reference/robustness.md
 
-Parts of it replace their rows of the table only: `--format csv,models,kills`.
-
-Of the files of each format three quarters are mutated (bytes changed, left out, repeated; files cut off), and one
-quarter is whole but lies (`lying_files`): rates, units, shapes, number types and facts that cannot be or contradict.
-Then come files that ask for too much memory or time (`bombs`), models whose card or weights were changed and sealed
-again (`hostile_models`), commands that are killed (`kill_and_resume`), and trainings in threads.
+Of the files of each format three quarters are damaged (bytes changed, left out, repeated; files cut off), and one
+quarter is whole but lies: rates, units, shapes and number types that cannot be or contradict. Then come small files
+that ask for too much memory or time (`bombs`).
 
 A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length and the samples that
-it states. A mutated file of a format without a checksum may hold other samples, but not another rate. The only
+it states. A damaged file of a format without a checksum may hold other samples, but not another rate. The only
 exceptions, counted apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, and
 uncompressed MATLAB files, in which nothing has a checksum, so that changed bytes (not missing ones) that state the
 rate, or say where it stands, cannot be told from true ones unless the rate is absurd; and TDMS files of which only one
@@ -21,23 +18,29 @@ wrong is a failure. Each format is fuzzed in a process of its own, so that a cra
 import argparse
 import gzip
 import json
+import os
+import resource
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
+import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
 from select import select
+from typing import Any
 
 import h5py
 import numpy as np
-from lying_files import LIES, Truth
+from numpy.lib import format as npy
 
-from swashtwin.foundation import SwashTwinError
+from swashtwin.foundation import MEMORY_VARIABLE, SwashTwinError
 from swashtwin.recordings import Recording, join_blocks, load_recording, load_recordings, write_recording, write_store
 
 RATE = 25600.0
@@ -47,11 +50,9 @@ CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
 """Formats with checksums of everything, which must never be read as anything else than what was written."""
 FAILURES = ("wrong_rate", "wrong_samples", "wrong_unit", "exception", "two_lines", "crash", "hang")
 SILENT = ("wrong_rate", "wrong_samples", "wrong_unit")
-_PATIENCE = 90.0
-ATTACKS = {"bombs": ("hostile_files", 35), "models": ("hostile_models", 320), "threads": ("hostile_models", 8)}
-"""What is tried beside the formats: the module, and how often."""
-KILLS = "kills"
-"""Name of the commands that are killed (`kill_and_resume`), as a part."""
+PATIENCE = 90.0
+MEMORY_KB = 1_500_000
+"""Memory that a process may take with a greedy file [KiB]."""
 MARK = "<!-- table of benchmarks/fuzz_readers.py -->"
 HEADER = (
     "| what | tried | refused | crashes | tracebacks | silent wrong | hangs | seconds |\n"
@@ -155,8 +156,6 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "mdf": _plain("mf4"),
 }
 """Writer of a valid file of each format."""
-PARTS = (*FORMATS, *ATTACKS, KILLS)
-"""Lines of the table."""
 
 
 def mutated(content: bytes, generator: np.random.Generator) -> bytes:
@@ -194,14 +193,22 @@ def loaded(name: str, path: Path, *, in_blocks: bool) -> tuple[Recording, np.nda
     return result, join_blocks(result.blocks()).signal if in_blocks else result.signal
 
 
-def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple[str, str]:
-    """Class of what came of reading a mutated file, and what was said."""
+def attempt(name: str, path: Path, *, in_blocks: bool) -> tuple[Recording, np.ndarray] | tuple[str, str]:
+    """What was read, or the class of the error and its message."""
     try:
-        result, signal = loaded(name, path, in_blocks=in_blocks)
+        return loaded(name, path, in_blocks=in_blocks)
     except SwashTwinError as error:
         return ("two_lines" if "\n" in str(error) else "refused"), str(error)
     except Exception as error:  # what is looked for
         return "exception", f"{type(error).__name__}: {error}"
+
+
+def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple[str, str]:
+    """Class of what came of reading a mutated file, and the message."""
+    result, signal = attempt(name, path, in_blocks=in_blocks)
+    if isinstance(result, str):
+        return result, str(signal)
+    assert isinstance(signal, np.ndarray)
     if abs(result.sample_rate / RATE - 1) > 1e-6:
         unchecked = name in TELLS_ONCE and len(path.read_bytes()) >= len(original)
         alone = name == "tdms" and result.n_channels == 1  # the one whose rate would contradict is lost as well
@@ -213,14 +220,12 @@ def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple
     return "same" if signal.shape == (2, 60) and path.read_bytes() == original else "read", ""
 
 
-def outcome_of_lie(name: str, path: Path, truth: Truth | None, *, in_blocks: bool) -> tuple[str, str]:
-    """Class of what came of reading a lying file, and what was said."""
-    try:
-        result, signal = loaded(name, path, in_blocks=in_blocks)
-    except SwashTwinError as error:
-        return ("two_lines" if "\n" in str(error) else "refused"), str(error)
-    except Exception as error:  # what is looked for
-        return "exception", f"{type(error).__name__}: {error}"
+def outcome_of_lie(name: str, path: Path, truth: "Truth | None", *, in_blocks: bool) -> tuple[str, str]:
+    """Class of what came of reading a lying file, and the message."""
+    result, signal = attempt(name, path, in_blocks=in_blocks)
+    if isinstance(result, str):
+        return result, str(signal)
+    assert isinstance(signal, np.ndarray)
     if truth is None:
         return "wrong_samples", f"read at {result.sample_rate:g} Hz in {result.unit}, but contradicts itself"
     if not abs(result.sample_rate / truth.rate - 1) <= 1e-5:
@@ -232,8 +237,329 @@ def outcome_of_lie(name: str, path: Path, truth: Truth | None, *, in_blocks: boo
     return "read", ""
 
 
+FACTORS = {"g": 9.80665, "m/s^2": 1.0, "mm/s^2": 1e-3, "mg": 9.80665e-3, "Pa": 1.0, "V": 1.0}
+"""What one of each unit is in the unit that a reader gives."""
+_JUNK = ("bananas", "", "\x1b[31mg", "=1+1", "g" * 500, "none")
+_RATES = (25600.0, 12800.0, 51200 / 3, 1000.0)
+_ABSURD = (0.0, -25600.0, float("nan"), float("inf"), 1e12, 1e-9, None)
+_NAMES = ("x", "y", "z", "../../etc/passwd", "a\x1b[2Jb", "e\u0301", "\u202egnp", "-1", "=1+1", "n" * 300)
+_TYPES = ("<f8", ">f8", "<f4", "<i2", ">i4", "<u1", "<i8")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a reader may get from a file."""
+
+    signal: np.ndarray
+    rate: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Case:
+    """Channels and what is stated of each."""
+
+    names: list[str]
+    values: list[np.ndarray]
+    rates: list[float | None]
+    units: list[str]
+
+    def truth(self) -> Truth | None:
+        """What may be read; None where the file must be refused."""
+        rate, lengths = self.rates[0], {len(values) for values in self.values}
+        units = {"m/s^2" if unit not in ("Pa", "V") else unit for unit in self.units}
+        plausible = isinstance(rate, float) and 1e-3 <= rate <= 1e9 and len(set(self.rates)) == 1
+        if not plausible or len(lengths) > 1 or len(units) > 1 or any(unit not in FACTORS for unit in self.units):
+            return None
+        assert rate is not None
+        rows = [FACTORS[unit] * values.astype(float) for unit, values in zip(self.units, self.values, strict=True)]
+        return Truth(np.stack(rows), rate, units.pop())
+
+
+def case(rng: np.random.Generator, *, types: tuple[str, ...] = _TYPES, same_length: bool = False) -> Case:
+    """Channels of which something may be wrong."""
+    count = int(rng.integers(1, 4))
+    names = [str(name) for name in rng.choice(_NAMES, count, replace=False)]
+    lengths = [60] * count if same_length or rng.random() < 0.85 else [int(n) for n in rng.integers(5, 70, count)]
+    kind = str(rng.choice(types))
+    values = [np.round(20 * rng.standard_normal(length)).clip(0, 200).astype(kind) for length in lengths]
+    draw = rng.random()
+    rates: list[float | None] = [float(rng.choice(_RATES))] * count
+    if draw > 0.75:
+        rates[int(rng.integers(count))] = _ABSURD[int(rng.integers(len(_ABSURD)))]
+    elif draw > 0.5:
+        rates = [float(rate) for rate in rng.choice(_RATES, count)]
+    draw = rng.random()
+    units = [str(rng.choice(list(FACTORS)))] * count
+    if draw > 0.85:
+        units[int(rng.integers(count))] = str(rng.choice(_JUNK))
+    elif draw > 0.65:
+        units = [str(unit) for unit in rng.choice(list(FACTORS), count)]
+    return Case(names, values, rates, units)
+
+
+def _stated(rate: float | None, name: str = "fs") -> dict[str, float]:
+    return {} if rate is None else {name: rate}
+
+
+def archive(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """NPZ."""
+    lie = case(rng)
+    content: dict[str, Any] = {}
+    for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+        content |= {f"s{number}": values, f"s{number}_unit": unit, **_stated(rate, f"s{number}_fs")}
+    np.savez(folder / "lie.npz", **content)
+    return folder / "lie.npz", lie.truth()
+
+
+def matlab(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """MATLAB version 5."""
+    from scipy.io import savemat
+
+    lie = case(rng)
+    content = {
+        f"s{number}": {"x": values, "unit": unit, **_stated(rate)}
+        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True))
+    }
+    savemat(folder / "lie.mat", content, do_compression=bool(rng.random() < 0.5))
+    return folder / "lie.mat", lie.truth()
+
+
+def foreign(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """HDF5 of another program."""
+    lie, truth = case(rng), None
+    damage = str(rng.choice(["none", "none", "none", "unwritten", "virtual", "external", "link"]))
+    with h5py.File(folder / "lie.h5", "w") as file:
+        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+            name, chunk = f"g{number}/x", int(rng.integers(1, 100))
+            extra: dict[str, Any] = {}
+            if rng.random() < 0.5:
+                extra = {"chunks": (min(chunk, len(values)),), "compression": "gzip"}
+            if number == 0 and damage == "virtual":
+                layout = h5py.VirtualLayout(values.shape, values.dtype)
+                layout[:] = h5py.VirtualSource("absent.h5", "x", values.shape)
+                data = file.create_virtual_dataset(name, layout)
+            elif number == 0 and damage == "external":
+                data = file.create_dataset(
+                    name, values.shape, values.dtype, external=[("absent.bin", 0, values.nbytes)]
+                )
+            elif number == 0 and damage == "unwritten":
+                data = file.create_dataset(name, values.shape, values.dtype, chunks=(3,))
+            else:
+                data = file.create_dataset(name, data=values, **extra)
+            holder = data if rng.random() < 0.5 else data.parent
+            holder.attrs.update(_stated(rate))
+            data.attrs["unit"] = unit
+        if damage == "link":
+            file["elsewhere"] = h5py.ExternalLink("absent.h5", "x")
+        truth = lie.truth() if damage == "none" else None
+    return folder / "lie.h5", truth
+
+
+def measurement(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """TDMS."""
+    import nptdms
+
+    lie = case(rng, types=("<f8", "<f4", "<i2", "<i4", "<u1"))
+    channels = []
+    for name, values, rate, unit in zip(lie.names, lie.values, lie.rates, lie.units, strict=True):
+        step = {} if rate is None else {"wf_increment": float(np.divide(1.0, rate))}
+        channels.append(nptdms.ChannelObject("g", name, values, properties={**step, "unit_string": unit}))
+    with nptdms.TdmsWriter(str(folder / "lie.tdms")) as writer:
+        writer.write_segment(channels)
+    return folder / "lie.tdms", lie.truth()
+
+
+def universal(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """UFF 58."""
+    import pyuff
+
+    lie = case(rng, types=("<f8",))
+    sets = []
+    for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+        step = 0.0 if rate is None else float(np.divide(1.0, rate))
+        sets.append(
+            pyuff.prepare_58(
+                id1=f"s{number}", func_type=1, rsp_node=number, rsp_dir=1, ref_node=0, ref_dir=0, ord_data_type=4,
+                num_pts=len(values), abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=step,
+                abscissa_spec_data_type=17, ordinate_spec_data_type=12, orddenom_spec_data_type=0,
+                ordinate_axis_units_lab=unit[:20], data=values, x=np.arange(len(values)) * step,
+            )
+        )  # fmt: skip
+    pyuff.UFF(str(folder / "lie.uff")).write_sets(sets, mode="overwrite")
+    return folder / "lie.uff", lie.truth()
+
+
+def _timed(lie: Case) -> tuple[dict[str, np.ndarray], Truth | None]:
+    """A time column and channels; one that cannot be where the first rate is absurd."""
+    rate = lie.rates[0]
+    count = len(lie.values[0])
+    columns = {} if rate is None else {"time [s]": np.arange(count) * float(np.divide(1.0, rate))}
+    for number, (values, unit) in enumerate(zip(lie.values, lie.units, strict=True)):
+        columns[f"s{number} [{unit}]"] = values.astype(float)
+    return columns, Case(lie.names, lie.values, [rate] * len(lie.rates), lie.units).truth()
+
+
+def parquet(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """Parquet."""
+    import polars
+
+    columns, truth = _timed(case(rng, same_length=True))
+    polars.DataFrame(columns).write_parquet(folder / "lie.parquet")
+    return folder / "lie.parquet", truth
+
+
+def text(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """Text tables."""
+    columns, truth = _timed(case(rng, same_length=True))
+    separator = str(rng.choice([",", ";", "\t"]))
+    rows = [separator.join(columns)]
+    rows += [separator.join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True)]
+    (folder / "lie.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return folder / "lie.csv", truth
+
+
+def sound(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """WAV: one field of the header is another, or the rate with all that depends on it."""
+    values = np.round(20 * rng.standard_normal((2, 60)))
+    path = write_recording(Recording(values, 25600.0, "a", channels=("x", "y")), folder / "lie.wav")
+    content = bytearray(path.read_bytes())
+    at = content.index(b"fmt ") + 8
+    rate = int(rng.choice([8000, 12800, 48000, 51200]))
+    truth = None
+    if rng.random() < 0.4:
+        content[at + 4 : at + 12] = np.uint32([rate, 8 * rate]).tobytes()
+        truth = Truth(values, float(rate), "m/s^2")
+    else:
+        field, size = ((2, 2), (4, 4), (8, 4), (12, 2), (14, 2))[int(rng.integers(5))]
+        wrong = int(rng.integers(1, 1 << (8 * size - 1)))
+        if content[at + field : at + field + size] == wrong.to_bytes(size, "little"):
+            wrong += 1
+        content[at + field : at + field + size] = wrong.to_bytes(size, "little")
+    path.write_bytes(content)
+    return path, truth
+
+
+def vehicle(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
+    """MDF: each channel in a group of its own time."""
+    import asammdf
+
+    lie = case(rng, types=("<f8", "<f4", "<i2", "<u1"))
+    with asammdf.MDF(version="4.10") as file:
+        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+            time = np.arange(len(values)) * float(np.divide(1.0, rate if rate is not None else 0.0))
+            file.append([asammdf.Signal(values, timestamps=time, name=f"s{number}", unit=unit)])
+        file.save(folder / "lie.mf4", overwrite=True)
+    return folder / "lie.mf4", lie.truth()
+
+
+LIES: dict[str, Callable[[Path, np.random.Generator], tuple[Path, Truth | None]]] = {
+    "csv": text,
+    "mat5": matlab,
+    "hdf5_foreign": foreign,
+    "wav": sound,
+    "tdms": measurement,
+    "uff": universal,
+    "parquet": parquet,
+    "npz": archive,
+    "mdf": vehicle,
+}
+"""Writer of lying files of each format that has a structure to lie in; the others are these formats, packed."""
+
+
+def _hdf5(path: Path, **layout: Any) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("x", **layout).attrs.update({"fs": 25600.0, "unit": "g"})
+
+
+def _huge_chunk(path: Path, count: int) -> None:
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset("x", (count,), "f8", chunks=(min(count, (1 << 29) - 1),), compression="gzip")
+        for start in range(0, count, data.chunks[0]):
+            data.id.write_direct_chunk((start,), zlib.compress(bytes(1000)))
+        data.attrs.update({"fs": 25600.0, "unit": "g"})
+
+
+def _npz(path: Path, shape: tuple[int, ...], megabytes: int) -> None:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("x.npy", "w", force_zip64=True) as file,
+    ):
+        npy.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
+        for _ in range(megabytes):
+            file.write(bytes(1 << 20))
+
+
+def _gzip(path: Path, head: bytes, row: bytes, megabytes: int) -> None:
+    with gzip.open(path, "wb", compresslevel=1) as file:
+        file.write(head)
+        for _ in range(megabytes):
+            file.write(row * ((1 << 20) // len(row)))
+
+
+def _patched(path: Path, old: bytes, new: bytes) -> None:
+    """A valid file in which a number stands for another."""
+    write_recording(Recording(np.zeros((1, 600)), 25600.0, "a", channels=("x",)), path)
+    content = path.read_bytes()
+    assert old in content, path
+    path.write_bytes(content.replace(old, new))
+
+
+def _text(path: Path, text: bytes) -> None:
+    path.write_bytes(text)
+
+
+BOMBS: dict[str, Callable[[Path], object]] = {
+    "ones.npz": lambda path: _npz(path, (150 << 20,), 1200),
+    "lie.npz": lambda path: _npz(path, (10**15,), 1),
+    "chunk.h5": lambda path: _huge_chunk(path, (1 << 29) - 1),
+    "chunks.h5": lambda path: _huge_chunk(path, 10**11),
+    "fill.h5": lambda path: _hdf5(path, shape=(10**12,), dtype="f8", chunks=(1 << 20,), fillvalue=2.0),
+    "square.h5": lambda path: _hdf5(path, shape=(10**6, 10**6), dtype="f8", chunks=(1000, 1000)),
+    "columns.h5": lambda path: _hdf5(path, data=np.zeros((12_000, 12_001), "i1"), compression="gzip"),
+    "rows.csv.gz": lambda path: _gzip(path, b"x\n", b"0\n", 400),
+    "line.csv": lambda path: _text(path, b"x,y\n" + b"1" * 200_000_000),
+    "fields.csv": lambda path: _text(path, (b"1," * 20_000_000 + b"1\n") * 2),
+    "header.csv": lambda path: _text(path, b"# a\n" * 20_000_000 + b"1\n2\n"),
+    "blank.csv": lambda path: _text(path, b"\n" * 100_000_000),
+    "utf16.csv": lambda path: _text(path, b"\xff\xfe" + b"1\x00" * 40_000_000),
+    "count.tdms": lambda path: _patched(path, struct.pack("<Q", 600), struct.pack("<Q", 10**13)),
+    "count.mf4": lambda path: _patched(path, struct.pack("<Q", 600), struct.pack("<Q", 10**13)),
+}
+"""Writer of each small file that asks for too much memory or time."""
+PARTS = (*FORMATS, "bombs")
+"""Lines of the table."""
+
+
+def peak_memory() -> int:
+    """Most memory that this process ever had [KiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def bombs(first: int, count: int, folder: Path, report: Callable[[int, str, str], None]) -> None:
+    """Report the outcome of each file that asks for too much, from number `first` on."""
+    os.environ[MEMORY_VARIABLE] = "0.5"
+    for number in range(first, first + count):
+        name = list(BOMBS)[number]
+        path = folder / name
+        BOMBS[name](path)
+        facts = {} if path.suffix in (".h5", ".mf4", ".tdms") else {"unit": "g", "sample_rate": "25.6 kHz"}
+        before = peak_memory()
+        try:
+            samples = sum(block.n_samples for block in load_recording(path, **facts).blocks())
+            kind, said = "read", f"{samples} samples"
+        except SwashTwinError as error:
+            kind, said = ("two_lines" if "\n" in str(error) else "refused"), str(error)
+        except Exception as error:  # what is looked for
+            kind, said = "exception", f"{type(error).__name__}: {error}"
+        if peak_memory() - before > MEMORY_KB:
+            kind, said = "exception", f"{peak_memory() - before} KiB taken"
+        report(number, kind, f"{name}: {said}")
+        path.unlink()
+
+
 def fuzz(name: str, first: int, count: int, seed: int, folder: Path, report: Callable[[int, str, str], None]) -> None:
-    """Tell the outcome of each of `count` mutations of a file, from number `first` on."""
+    """Report the outcome of each of `count` mutations of a file, from number `first` on."""
     warnings.simplefilter("ignore")
     valid = FORMATS[name](folder)
     content, suffix = valid.read_bytes(), "".join(valid.suffixes)
@@ -264,7 +590,7 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
             assert process.stdout is not None
             asked_at, last = time.perf_counter(), ""
             while True:
-                ready, _, _ = select([process.stdout], [], [], _PATIENCE)
+                ready, _, _ = select([process.stdout], [], [], PATIENCE)
                 last = process.stdout.readline() if ready else "hang"
                 if not last.endswith("\n"):
                     break
@@ -290,31 +616,6 @@ def _run(name: str, count: int, seed: int) -> dict[str, object]:
         "seconds": round(time.perf_counter() - started, 1),
         "slowest_s": round(slowest, 2),
     }
-
-
-def _killed_commands(count: int, seed: int) -> dict[str, object]:
-    """Outcomes of `kill_and_resume`, which ends with 0 where each command went on to the undisturbed result."""
-    started = time.perf_counter()
-    command = [sys.executable, str(Path(__file__).with_name("kill_and_resume.py")), "--count", str(count), "--seed"]
-    run = subprocess.run([*command, str(seed), "--json"], capture_output=True, text=True, check=False)
-    counts: Counter[str] = Counter()
-    failures: list[dict[str, object]] = []
-    try:
-        killed = json.loads(run.stdout)["rows"]
-    except ValueError:
-        killed, said = [], (run.stderr.splitlines() or [""])[-1]
-        failures.append({"number": 0, "kind": "exception", "said": said})
-    for row in killed:
-        for what, kind in (("refused", "exception"), ("different", "wrong_samples"), ("left_behind", "wrong_samples")):
-            failures += [{"number": 0, "kind": kind, "said": f"{row['command']}: {what}: {said}"} for said in row[what]]
-        if row["alive"]:
-            failures.append(
-                {"number": 0, "kind": "hang", "said": f"{row['command']}: {row['alive']} processes live on"}
-            )
-    counts.update(str(failure["kind"]) for failure in failures)
-    seconds = round(time.perf_counter() - started, 1)
-    tried = sum(row["kills"] for row in killed)
-    return {"format": KILLS, "count": tried, "outcomes": dict(counts), "failures": failures, "seconds": seconds}
 
 
 def _lines(rows: list[dict[str, object]]) -> dict[str, str]:
@@ -344,8 +645,7 @@ def _write_table(page: Path, lines: dict[str, str]) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=2000, help="files of each format")
-    parser.add_argument("--format", default=",".join(PARTS), help="parts, such as csv,models; by default all")
-    parser.add_argument("--kills", type=int, default=50, help="commands that are killed")
+    parser.add_argument("--format", default=",".join(PARTS), help="parts, such as csv,bombs; by default all")
     parser.add_argument("--jobs", type=int, default=1, help="parts at the same time")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="page whose lines of these parts are replaced")
@@ -354,18 +654,21 @@ def main() -> int:
     if options.inside:
         name, first, count, seed = options.inside
         with tempfile.TemporaryDirectory() as folder:
-            source = fuzz if name in FORMATS else getattr(import_module(ATTACKS[name][0]), name)
-            source(name, int(first), int(count), int(seed), Path(folder),
-                   lambda *what: print(json.dumps(what), flush=True))  # fmt: skip
+
+            def report(*what: Any) -> None:
+                print(json.dumps(what), flush=True)
+
+            if name == "bombs":
+                bombs(int(first), int(count), Path(folder), report)
+            else:
+                fuzz(name, int(first), int(count), int(seed), Path(folder), report)
         return 0
     names = options.format.split(",")
     if unknown := set(names) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; parts are {', '.join(PARTS)}")
 
     def row(name: str) -> dict[str, object]:
-        if name == KILLS:
-            return _killed_commands(options.kills, options.seed)
-        return _run(name, ATTACKS[name][1] if name in ATTACKS else options.count, options.seed)
+        return _run(name, len(BOMBS) if name == "bombs" else options.count, options.seed)
 
     slowest_first = sorted(names, key=PARTS.index, reverse=True)
     rows = []

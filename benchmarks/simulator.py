@@ -2,8 +2,6 @@
 
     pip install -r benchmarks/requirements.txt
     python benchmarks/simulator.py --json
-    python benchmarks/simulator.py --plot docs/figures
-    python benchmarks/simulator.py --profile
 
 One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on one core, each row
 in a process of its own. Peers step through it with the fourth-order Runge-Kutta method; stability asks for steps of
@@ -21,7 +19,6 @@ import math
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,7 +77,7 @@ def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
                     stepped[timed] = alone(slopes, timed)
                 wanted["slopes"] = stepped[timed]
             row["error"] = relative(gains, wanted["quarter"])
-            row["error_radau"] = None if wanted["radau"] is None else relative(gains, wanted["radau"])
+            row["error_radau"] = relative(gains, wanted["radau"])
             row["error_gradient"] = relative(gradient, wanted["slopes"])
         judged.append(row)
     return judged
@@ -192,7 +189,7 @@ def show(report: dict[str, Any]) -> None:
                 continue
             scaled = "" if row["measured_share"] == 1 else f"  scaled from {row['measured_share']:.1%}"
             errors = (row["error"], row["error_radau"], row["error_gradient"])
-            error_columns = "".join(f"{'-':>9}" if error is None else f"{error:9.1e}" for error in errors)
+            error_columns = "".join(f"{error:9.1e}" for error in errors)
             print(
                 f"{row['name']:44}{row['steps']:8d}{row['value_s']:10.3g}{row['gradient_s']:12.3g}"
                 f"{row['memory_mb']:8.3g}{error_columns}{scaled}"
@@ -216,22 +213,10 @@ def finite(value: Any) -> Any:
 
 
 def main() -> None:
-    """Print the tables, as JSON with ``--json``; or draw or profile instead."""
+    """Print the tables, as JSON with ``--json``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw time against steps and batch size instead")
-    parser.add_argument("--profile", action="store_true", help="print where the time of one gradient goes instead")
     arguments = parser.parse_args()
-    if arguments.plot:
-        from peers.figures import draw_scaling
-
-        draw_scaling(arguments.plot)
-        return
-    if arguments.profile:
-        from peers.profiling import shares
-
-        print(json.dumps(alone(shares), indent=1))
-        return
     report = everything()
     if arguments.json:
         print(json.dumps(finite(report), indent=1, allow_nan=False))

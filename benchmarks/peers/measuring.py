@@ -41,8 +41,6 @@ class Entry:
     """Package without which it cannot run."""
     steps: int | None = None
     """Steps that are timed, and scaled up to those asked for; None times them all."""
-    stride: int = 1
-    """How many of the others' steps one of its own spans."""
     refine: int = 1
     """Into how many of its own one of the others' steps is cut."""
 
@@ -105,10 +103,10 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
     except ImportError:
         return {"key": entry.key, "name": entry.name, "missing": f"pip install {entry.install}"}
     timed = min(n_steps, entry.steps or n_steps)
-    cut = {"per_step": kind.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine // entry.stride}
+    cut = {"per_step": kind.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine}
     values = pump_twin().values.numpy()
     kind.rehearsal(Problem(WARM_UP_STEPS, **cut)).gradient(values)
-    contender = kind(Problem(timed * entry.refine // entry.stride, **cut))
+    contender = kind(Problem(timed * entry.refine, **cut))
     compile_s = contender.prepare(values)
     results: list[tuple[float, np.ndarray]] = []
     memory_mb, gradient_s = peak_memory(lambda: results.append(contender.gradient(values)))
@@ -130,28 +128,10 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         "compile_s": compile_s,
         "loss": loss,
         "slopes": list(slopes * values),
-        "gains": gains(velocities[:: SAMPLED_EVERY * entry.refine // entry.stride]),
+        "gains": gains(velocities[:: SAMPLED_EVERY * entry.refine]),
     }
 
 
 def gains(velocities: np.ndarray) -> np.ndarray:
     """Mean acceleration [m/s^2] of each sensor between the compared moments."""
     return np.diff(velocities, axis=0) / (SAMPLED_EVERY * pump_twin().condition.period / STEPS_PER_REVOLUTION)
-
-
-def times_over_steps(entry: Entry, counts: tuple[int, ...]) -> list[tuple[int, float]]:
-    """Time [s] of one value and gradient for each number of the common steps; empty where the library is missing."""
-    settle()
-    try:
-        kind = contender_class(entry)
-    except ImportError:
-        return []
-    values, times = pump_twin().values.numpy(), []
-    for count in counts:
-        per_revolution = STEPS_PER_REVOLUTION // entry.stride
-        contender = kind(Problem(count // entry.stride, kind.per_step, per_revolution))
-        contender.prepare(values)
-        if not times:
-            contender.gradient(values)
-        times.append((count, seconds(lambda: contender.gradient(values))))  # noqa: B023
-    return times

@@ -41,7 +41,8 @@ class Probe:
     ) -> Tensor:
         """Zero motion."""
         self.given = mass, damping, stiffness, frequency, force
-        self.parts = damping.reshape(13, 13).numpy(), stiffness.reshape(13, 13).numpy(), force.reshape(-1, 13).numpy()
+        parts = damping.reshape(13, 13), stiffness.reshape(13, 13), force.reshape(-1, 13)
+        self.parts = tuple(part.detach().numpy() for part in parts)
         return torch.zeros_like(force)
 
 

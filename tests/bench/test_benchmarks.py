@@ -3,7 +3,6 @@
 import ast
 import importlib
 import importlib.util
-import re
 import sys
 import textwrap
 from collections.abc import Iterator
@@ -12,9 +11,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-
-from swashtwin.bench import StudyResult
-from swashtwin.bench.results.naming import training_set_words
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 STEPS = 60
@@ -49,8 +45,6 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("name", "of_class", "package"),
     [
-        ("ours", "Trajectory", "swashtwin"),
-        ("ours", "TrajectoryOfLines", "swashtwin"),
         ("numba_adjoint", "Numba", "numba"),
         ("jax_side", "JaxScan", "jax"),
         ("jax_side", "JaxScanAgain", "jax"),
@@ -127,21 +121,3 @@ def swashtwin_imports(text: str) -> Iterator[tuple[str, str | None]]:
             yield from ((alias.name, None) for alias in node.names if alias.name.startswith("swashtwin"))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "import" in node.value:
             yield from swashtwin_imports(node.value)
-
-
-def test_the_printed_tables_hold_what_the_study_does(
-    result: StudyResult, out: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    printing = importlib.import_module("results_tables")
-    monkeypatch.setattr(sys, "argv", ["results_tables.py", str(out)])
-    printing.main()
-    printed = capsys.readouterr().out
-    for row in result.rows():
-        numbers = f"{row['accuracy']['mean']:.3f} ± {row['accuracy']['std']:.3f}"
-        assert re.search(rf"\| {row['level']} \| .* \| {training_set_words(row['training_set'])} \| {numbers}", printed)
-    rows = [{name: row[name] for name in result.factors} for row in result.rows() if row["level"] == "L2"]
-    first, second = (next(row for row in rows if row["training_set"] == name) for name in ("calibrated", "measured"))
-    points = 100 * result.contrast(first, second, metric="scarce_recall").mean
-    assert f"with calibrated twin less measured only, recall in the scarce cell: {points:+.1f}" in printed.replace(
-        "**", ""
-    )

@@ -5,20 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile_cards import CONTRADICTIONS, VERSION, hostile_cards, with_confidence
 
 from swashtwin.diagnosis import load_classifier, save_classifier
 from swashtwin.foundation import ArtifactError, read_artifact, write_artifact
 from swashtwin.learning import BiTCN, TrainingSettings, cut_windows, fit
 from swashtwin.recordings import Recording
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture
-def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.syspath_prepend(str(FOLDER))
-    from hostile_models import with_confidence
-
+def saved(tmp_path: Path) -> Path:
     draw = np.random.default_rng(0)
     recordings = [Recording(draw.normal(size=(1, 80)), 1e3, label, label=label) for label in ("normal", "piston")]
     windows = cut_windows(recordings, length=80)
@@ -27,15 +23,13 @@ def saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path):
-    from hostile_models import CONTRADICTIONS, VERSION, hostile_cards
-
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
     load_classifier(write_artifact(tmp_path / "model.safetensors", "classifier", VERSION, card, tensors))
     wrong, count = [], 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for number, (name, changed) in enumerate(hostile_cards(card)):
         if number % 6 and name not in CONTRADICTIONS:
-            continue  # benchmarks/fuzz_readers.py takes all
+            continue
         path = write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, changed, tensors)
         try:
             load_classifier(path)
@@ -67,8 +61,6 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
     ],
 )
 def test_scores_of_a_confidence_that_fit_neither_its_card_nor_the_classes_are_refused(saved, tmp_path, name, change):
-    from hostile_models import VERSION
-
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
     tensors[f"confidence.{name}"] = change(tensors[f"confidence.{name}"]).clone()
     with pytest.raises(ArtifactError, match="confidence"):
@@ -87,8 +79,6 @@ def test_scores_of_a_confidence_that_fit_neither_its_card_nor_the_classes_are_re
     ],
 )
 def test_a_training_reference_whose_tensors_do_not_fit_is_refused(saved, tmp_path, name, change):
-    from hostile_models import VERSION
-
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="")
     tensors[f"training_reference.{name}"] = change(tensors[f"training_reference.{name}"]).clone()
     with pytest.raises(ArtifactError, match="training_reference"):

@@ -13,15 +13,12 @@ from swashtwin.physics import interface_factors, slipper_displacements
 from swashtwin.physics.excitation import (
     bore_lines,
     displacement_lines,
-    impact_lines,
-    impacts,
     slipper_profile,
     stages,
 )
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
-    LooseSlipper,
     OperatingCondition,
     Pump,
     SwashPlateDefect,
@@ -153,40 +150,6 @@ def test_bore_lines_are_the_transform_of_the_displacement(
     np.testing.assert_allclose(bore_lines(pump, at_15, defect, 200), sampled_lines(height, 200), atol=1e-13)
 
 
-def test_the_impacts_of_a_loose_slipper_are_those_tabulated(pump: Pump, at_15: OperatingCondition) -> None:
-    pulled, pressed = impacts(pump, at_15, LooseSlipper(mm(0.2)))
-    assert (pulled.speed, pressed.speed) == pytest.approx((0.281, 1.65), rel=3e-3)
-    assert (pulled.impulse, pressed.impulse) == pytest.approx((-0.0421, 0.247), rel=3e-3)
-    assert (pulled.angle - deg(8)) / at_15.speed == pytest.approx(1.42e-3, rel=5e-3)
-    assert deg(188) < pressed.angle < deg(190)
-    bouncing = impacts(pump, at_15, LooseSlipper(mm(0.2), restitution=0.5))
-    assert bouncing[1].impulse == pytest.approx(1.5 * pressed.impulse)
-
-
-@pytest.mark.parametrize("slipper", [0, 5])
-def test_impact_lines_are_the_transform_of_the_pulses(pump: Pump, at_15: OperatingCondition, slipper: int) -> None:
-    fault = LooseSlipper(mm(0.2), slipper=slipper)
-    turned = at_15.speed * fault.pulse
-
-    def force(angle: np.ndarray) -> np.ndarray:
-        total = np.zeros_like(angle)
-        for impact in impacts(pump, at_15, fault):
-            since = np.mod(angle + 2 * math.pi * slipper / 7 - impact.angle, 2 * math.pi)
-            peak = impact.impulse * math.pi / (2 * fault.pulse)
-            total += peak * np.sin(math.pi * np.minimum(since, turned) / turned)
-        return total
-
-    lines = impact_lines(pump, at_15, fault, 600)
-    np.testing.assert_allclose(lines, sampled_lines(force, 600), atol=1e-5 * np.abs(lines).max())
-
-
-def test_an_infinitely_short_pulse_has_lines_of_one_height(pump: Pump, at_15: OperatingCondition) -> None:
-    sharp = impact_lines(pump, at_15, LooseSlipper(mm(0.2), pulse=0.0), 200)
-    short = impact_lines(pump, at_15, LooseSlipper(mm(0.2), pulse=1e-9), 200)
-    np.testing.assert_allclose(short, sharp, rtol=1e-4)
-    assert np.abs(impact_lines(pump, at_15, LooseSlipper(0.0), 10)).max() == 0
-
-
 def test_a_worn_valve_plate_softens_its_film(pump: Pump) -> None:
     worn = interface_factors(ValvePlateWear(um(10)), pump)
     assert (worn.block_valve.stiffness, worn.block_valve.damping) == pytest.approx((0.5, 0.125))
@@ -205,9 +168,5 @@ def test_excitation_that_does_not_fit_the_pump_is_refused(pump: Pump, at_15: Ope
         bore_lines(pump, at_15, BoreDefect(um(50), bore=7), 7)
     with pytest.raises(InputError, match=r"half_width \(200 deg\) must not exceed 180"):
         bore_lines(pump, at_15, BoreDefect(um(50), half_width=deg(200)), 7)
-    with pytest.raises(InputError, match=r"LooseSlipper.slipper \(8\)"):
-        impact_lines(pump, at_15, LooseSlipper(mm(0.1), slipper=8), 7)
-    with pytest.raises(InputError, match=r"pulse \(0.2 s\) exceeds one revolution"):
-        impact_lines(pump, at_15, LooseSlipper(mm(0.1), pulse=0.2), 7)
     with pytest.raises(InputError, match=r"n_lines \(0\)"):
         displacement_lines(pump, at_15, DEFECT, 0)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from swashtwin.foundation import InputError, deg, mm, um
-from swashtwin.physics import RK4, Scales, SensorPath, Twin, excitation_lines, fault_forces
+from swashtwin.physics import RK4, Scales, SensorPath, Twin
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -59,7 +59,6 @@ def off_piston_pass(twin: Twin) -> np.ndarray:
         ("T1", DamScratch(1e-6), (1.22, 1.51, 0.02)),
         ("T1", GrooveErosion(deg(6)), (1.33, 1.31, 0.01)),
         ("T1", BoreDefect(um(300)), (1.37, 1.76, 0.02)),
-        ("T1", LooseSlipper(mm(0.2), motion="pulses"), (1.41, 1.78, 0.02)),
     ],
 )
 def test_levels_are_those_of_the_reference_model(
@@ -86,21 +85,6 @@ def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
 ) -> None:
     twin = Twin(pump, at_15, fault, bandwidth=WIDE)  # type: ignore[arg-type]
     assert off_piston_pass(twin)[0] == pytest.approx(share, rel=0.03)
-
-
-def test_a_loose_slippers_pulses_are_heard_between_the_piston_pass_lines_in_the_way_their_force_points(
-    pump: Pump, at_15: OperatingCondition
-) -> None:
-    healthy, loose = Twin(pump, at_15), Twin(pump, at_15, LooseSlipper(mm(0.2), motion="pulses"))
-    assert 1e-4 < off_piston_pass(loose)[0] < 6e-3
-    assert off_piston_pass(healthy)[0] < 1e-6
-    farther = Twin(pump, at_15, LooseSlipper(mm(0.4), motion="pulses"))
-    assert off_piston_pass(farther)[0] > 2 * off_piston_pass(loose)[0]
-    lines = excitation_lines(pump, at_15, loose.fault, 3)
-    force = fault_forces(
-        pump, loose.structure, "T1", loose.fault, loose.values, at_15.speed * np.arange(4), lines
-    ).numpy()
-    np.testing.assert_allclose(force, -lines[:, None] * loose.structure.slipper_vector.numpy())
 
 
 def test_even_wear_of_the_valve_plate_softens_its_film(pump: Pump, at_15: OperatingCondition) -> None:

@@ -50,8 +50,6 @@ class Dof(IntEnum):
 N_DOF = len(Dof)
 SHELL = slice(Dof.SHELL_X, Dof.SHELL_TILT_Y + 1)
 """Degrees of freedom of the shell, which the sensors sit on."""
-ROTOR_XY = slice(Dof.ROTOR_X, Dof.ROTOR_Y + 1)
-"""Degrees of freedom on which the unbalance acts."""
 
 Topology = Literal["T1", "T2"]
 """T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in series.

@@ -1,4 +1,4 @@
-"""What faults add to the chamber pressures: displacements and impacts.
+"""The displacements that faults impose, over the shaft angle and as order lines.
 
 Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020),
 docs/explanation/physics.md, sections 3 and 5, for the others. Lines are exact Fourier coefficients, not transforms of
@@ -20,14 +20,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from swashtwin.foundation import InputError
-from swashtwin.pump import BoreDefect, Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
-
-FRICTION = 20.0
-"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""
-PULL_ANGLE = math.radians(8)
-"""Shaft angle [rad] at which the force on a piston changes from pressing to pulling, after top dead center."""
-PRESS_ANGLE = math.radians(188)
-"""Shaft angle [rad] at which it changes back, after bottom dead center."""
+from swashtwin.pump import BoreDefect, Fault, OperatingCondition, Pump, SwashPlateDefect
 
 
 @singledispatch
@@ -103,7 +96,7 @@ def _orders(n_lines: int) -> Int[np.ndarray, " line"]:
     return np.arange(1, n_lines + 1)
 
 
-def _shifted(pump: Pump, index: int, name: str) -> float:
+def angle_ahead(pump: Pump, index: int, name: str) -> float:
     """Shaft angle [rad] by which piston `index` is ahead of piston 0."""
     count = pump.rotating_group.piston_count
     if index >= count:
@@ -192,56 +185,5 @@ def bore_lines(
     if defect.half_width > math.pi:
         raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
     orders = _orders(n_lines).astype(float)
-    middle = defect.angle - _shifted(pump, defect.bore, "BoreDefect.bore")
+    middle = defect.angle - angle_ahead(pump, defect.bore, "BoreDefect.bore")
     return defect.depth / math.pi * np.exp(-1j * orders * middle) * _half_sine(defect.half_width, orders)
-
-
-@dataclass(frozen=True)
-class Impact:
-    """One impact of a loose slipper in its ball joint."""
-
-    angle: float
-    """Shaft angle at which it starts [rad], for the loose piston's own angle."""
-    speed: float
-    """Speed of the impact [m/s]."""
-    impulse: float
-    """Impulse [N s]; positive on the press side, negative on the pull side. As in docs/explanation/physics.md section 5
-    it acts as
-    -F g0, whose sense against the pressure's forces is open: only the two impacts' opposite signs are certain."""
-
-
-def impacts(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[Impact, Impact]:
-    """The two impacts of a revolution: when the piston starts to pull, and when pressure presses it back.
-
-    Pulled, the piston crosses the clearance e with a = R tan(gamma) omega^2 + friction / m: v = sqrt(2 a e). Pressed,
-    it can take no more than the oil that its stroke compresses in the chamber: v = A e sqrt(B / (V m)), V at bottom
-    dead center. Each impulse is m v (1 + restitution), and starts when the clearance is crossed.
-    """
-    group, mass = pump.rotating_group, pump.masses.piston_slipper
-    lift = group.pitch_radius * math.tan(group.swash_angle)
-    pull = lift * condition.speed**2 + FRICTION / mass
-    trapped = group.dead_volume + 2 * group.piston_area * lift
-    rate = group.piston_area * math.sqrt(pump.oil.bulk_modulus / (trapped * mass))
-    pull_speed, press_speed = math.sqrt(2 * pull * fault.clearance), rate * fault.clearance
-    rebound = mass * (1 + fault.restitution)
-    return (
-        Impact(PULL_ANGLE + condition.speed * pull_speed / pull, pull_speed, -rebound * pull_speed),
-        Impact(PRESS_ANGLE + condition.speed * math.pi / (2 * rate), press_speed, rebound * press_speed),
-    )
-
-
-def impact_lines(
-    pump: Pump, condition: OperatingCondition, fault: LooseSlipper, n_lines: int
-) -> Complex[np.ndarray, " line"]:
-    """Order lines [N] of the contact force F of a loose slipper: two half-sine pulses a revolution."""
-    if fault.pulse > condition.period:
-        raise InputError(f"LooseSlipper.pulse ({fault.pulse:g} s) exceeds one revolution ({condition.period:g} s).")
-    orders = _orders(n_lines).astype(float)
-    half_width = condition.speed * fault.pulse / 2
-    shape = _half_sine(half_width, orders) / (4 * half_width / math.pi) if half_width > 0 else np.ones_like(orders)
-    ahead = _shifted(pump, fault.slipper, "LooseSlipper.slipper")
-    lines = np.zeros(n_lines, dtype=complex)
-    for impact in impacts(pump, condition, fault):
-        middle = impact.angle + half_width - ahead
-        lines += condition.speed / math.pi * impact.impulse * shape * np.exp(-1j * orders * middle)
-    return lines

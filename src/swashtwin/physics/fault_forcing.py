@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, impact_lines, recess_of
+from swashtwin.physics.excitation import bore_lines, displacement_lines, recess_of
 from swashtwin.physics.riding import riding_lines
 from swashtwin.physics.solvers.periodic import PeriodicTerm
 from swashtwin.pump import (
@@ -24,7 +24,6 @@ from swashtwin.pump import (
     Fault,
     Interface,
     Interfaces,
-    LooseSlipper,
     OperatingCondition,
     Pump,
     TiltedBlockFace,
@@ -39,7 +38,7 @@ CONTACT_CUTOFF = 4000.0
 def excitation_lines(
     pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
 ) -> Complex[np.ndarray, " line"]:
-    """Lines 0...`n_lines` of a fault's displacement [m] or impacts [N], zero where it has none; without the mean."""
+    """Lines 0...`n_lines` of a fault's displacement [m], zero where it has none; without the mean."""
     return np.concatenate([[0.0], motion_lines(fault, pump, condition, n_lines)])
 
 
@@ -47,7 +46,7 @@ def excitation_lines(
 def motion_lines(
     fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int
 ) -> Complex[np.ndarray, " line"]:
-    """Lines 1...`n_lines` of a fault's displacement [m] or impacts [N], which `fault_action` takes.
+    """Lines 1...`n_lines` of a fault's displacement [m], which `fault_action` takes.
 
     Unless registered otherwise, those of its recess (`recess_of`), or zero.
     """
@@ -62,13 +61,6 @@ def motion_lines(
 @motion_lines.register(BoreDefect)
 def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
     return bore_lines(pump, condition, fault, n_lines)
-
-
-@motion_lines.register(LooseSlipper)
-def _(fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
-    if fault.motion == "pulses":
-        return impact_lines(pump, condition, fault, n_lines)
-    return np.zeros(n_lines, dtype=complex)
 
 
 UNCHANGED = Interfaces.from_values([1.0] * 6)
@@ -161,7 +153,7 @@ def fault_action(
     frequency: Float[np.ndarray, " line"],
     lines: Complex[np.ndarray, " line"],
 ) -> FaultAction:
-    """Action of a fault whose displacement or impact `lines` are given at `frequency` [rad/s], float64.
+    """Action of a fault whose displacement `lines` are given at `frequency` [rad/s], float64.
 
     Unless registered otherwise, that of its recess (`recess_of`), or none.
     """
@@ -206,19 +198,6 @@ def _(
     return replace(no_action(structure, frequency, lines), bore=bore, strains=True)
 
 
-@fault_action.register(LooseSlipper)
-def _(
-    fault: LooseSlipper,
-    pump: Pump,
-    structure: Structure,
-    topology: str,
-    frequency: Float[np.ndarray, " line"],
-    lines: Complex[np.ndarray, " line"],
-) -> FaultAction:
-    idle = no_action(structure, frequency, lines)
-    return replace(idle, direct=-idle.motion, pushes=True) if fault.motion == "pulses" else idle
-
-
 def fault_forces(
     pump: Pump,
     structure: Structure,
@@ -228,7 +207,7 @@ def fault_forces(
     frequency: Float[np.ndarray, " line"],
     lines: Complex[np.ndarray, " line"],
 ) -> Complex[Tensor, "*fault line 13"]:
-    """Force lines [N, N m] of a fault whose displacement or impact `lines` are given at `frequency` [rad/s]."""
+    """Force lines [N, N m] of a fault whose displacement `lines` are given at `frequency` [rad/s]."""
     action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(lambda part: moved(part, values))
     return action.forces(values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1]))
 

@@ -29,12 +29,14 @@ from scipy.optimize import brentq
 from swashtwin.foundation import InputError, SwashTwinError, compiled
 from swashtwin.physics.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, orifice
 from swashtwin.physics.dynamics import N_DOF, Dof
-from swashtwin.physics.excitation import FRICTION, Impact
+from swashtwin.physics.excitation import angle_ahead
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
 from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump
 from swashtwin.signals import fourier_lines
 
+FRICTION = 20.0
+"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""
 STEPS_PER_PULSE = 100
 """Time steps of the march during one impact."""
 START = 1.5 * math.pi
@@ -47,6 +49,18 @@ SLIDING = 0.01
 """Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
 ITERATIONS = 80
 """Newton iterations of the chamber's pressure in one step, at most."""
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One impact of a loose slipper in its ball joint."""
+
+    angle: float
+    """Shaft angle at which it starts [rad], for the loose piston's own angle."""
+    speed: float
+    """Speed of the impact [m/s]."""
+    impulse: float
+    """Impulse [N s]; positive on the press side, negative on the pull side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +103,13 @@ def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
     return int(2 ** max(14, math.ceil(math.log2(STEPS_PER_PULSE * condition.period / fault.pulse))))
 
 
-def _ahead(pump: Pump, fault: LooseSlipper) -> float:
-    count = pump.rotating_group.piston_count
-    if fault.slipper >= count:
-        raise InputError(f"LooseSlipper.slipper ({fault.slipper}) is none of the {count} pistons; count from 0.")
-    return 2 * math.pi * fault.slipper / count
-
-
 def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray) -> np.ndarray:
     """What `_rattle` needs at every shaft angle of the loose piston."""
     group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
     lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
     tight = chamber_pressures([LoadCase(pump, condition)])
-    outlet = np.interp(
-        np.mod(angle - _ahead(pump, fault), 2 * math.pi), tight.angle, tight.discharge[0], period=2 * np.pi
-    )
+    turned = np.mod(angle - angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"), 2 * math.pi)
+    outlet = np.interp(turned, tight.angle, tight.discharge[0], period=2 * np.pi)
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     leakage = (
         slipper_leakage(pump, group.slipper_film, viscosity)
@@ -267,16 +273,8 @@ def contact_lines(
 
 
 @contact_lines.register(LooseSlipper)
-def _(
-    fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str
-) -> Complex[np.ndarray, "line 13"] | None:
-    if fault.motion == "pulses":
-        return None
-    return loose_slipper_lines(pump, condition, fault, n_lines, topology=topology)
-
-
 def loose_slipper_lines(
-    pump: Pump, condition: OperatingCondition, fault: LooseSlipper, n_lines: int, *, topology: str = "T1"
+    fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str = "T1"
 ) -> Complex[np.ndarray, "line 13"]:
     """Order lines 0...`n_lines` [N, N m] of what a loose slipper adds to the forces of a pump without one.
 
@@ -294,7 +292,7 @@ def loose_slipper_lines(
     lines = _lines(_on_slipper(pump, inertia, motion.angle + half), motion.angle[0] + half, n_lines)
     pressed = generalized_forces(pump, pressing[None], motion.angle[None])
     lines += _lines(pressed, motion.angle[0], n_lines)
-    lines *= np.exp(1j * np.arange(n_lines + 1) * _ahead(pump, fault))[:, None]
+    lines *= np.exp(1j * np.arange(n_lines + 1) * angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"))[:, None]
     if topology == "T2":
         lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
         lines[:, Dof.RETAINER_Z] = 0

@@ -300,7 +300,7 @@ class GrooveErosion(Fault):
 
 @dataclass(frozen=True)
 class LooseSlipper(Fault):
-    """Worn ball joint of one slipper: it is pulled and pushed through its play, two impacts per revolution."""
+    """Worn ball joint of one slipper: its piston rattles in the play, with impacts at the stops."""
 
     label: ClassVar[str] = "loose_slipper"
     units: ClassVar[Mapping[str, str]] = MappingProxyType({"clearance": "m", "pulse": "s"})
@@ -314,10 +314,6 @@ class LooseSlipper(Fault):
     """Coefficient of restitution of the impacts, 0...1."""
     pulse: float = 2e-4
     """Duration of one impact [s]; 0.1...0.3 ms."""
-    motion: Literal["simulated", "pulses"] = "simulated"
-    """How its piston moves: marched between the stops of its joint (`physics.loose_slipper`), which gives the force its
-    sense and its moment; or two pulses of a closed form along the shaft's axis, the estimate of
-    docs/explanation/physics.md."""
 
 
 _faults: dict[str, Fault | None] = {"normal": None}

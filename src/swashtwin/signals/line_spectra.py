@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,6 @@ from swashtwin.signals.shaft_angle import ShaftAngle, resampled_by_angle, stated
 from swashtwin.signals.spectra import amplitude_spectrum
 
 LineSpectrumKind = Literal["amplitude", "envelope", "order"]
-KINDS: tuple[LineSpectrumKind, ...] = get_args(LineSpectrumKind)
 """Spectra that `spectrum_of` makes."""
 
 _SHAFT_MARKS, _PISTON_MARKS = 2, 5
